@@ -18,7 +18,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import sasktran2, zones
-from twilight.studies.limb.sight import Sights, limb_elevation_deg, sights
+from twilight.studies.limb.geometry import LimbGeometry, limb_elevation_deg, limb_geometry
 
 WAVELENGTHS_NM = np.array([350.0, 470.0, 675.0])
 CLIMATES = ("pure-air", "continental-average")
@@ -47,14 +47,14 @@ ALL_OF_THEIRS = replace(
 0.5 km move the light of 675 nm at 20 km, in the stratosphere's aerosol, by 0.6 %."""
 
 
-def scan(medium: Medium, sun_deg: float, azimuth_deg: float) -> Sights:
+def scan(medium: Medium, sun_deg: float, azimuth_deg: float) -> LimbGeometry:
     """One observer's lines of sight at one moment: sasktran2 refers Q and U to the vertical of the mean of its suns."""
-    middle = sights(medium, np.array([MIDDLE_KM]), OBSERVER_KM, sun_deg, azimuth_deg)
+    middle = limb_geometry(medium, np.array([MIDDLE_KM]), OBSERVER_KM, sun_deg, azimuth_deg)
     elevation = limb_elevation_deg(medium, TANGENT_KM, OBSERVER_KM)
-    return Sights(elevation, *(np.full(TANGENT_KM.size, float(v[0])) for v in middle[1:]))
+    return LimbGeometry(elevation, *(np.full(TANGENT_KM.size, float(v[0])) for v in middle[1:]))
 
 
-def by_zones(medium: Medium, lines: list[Sights]) -> np.ndarray:
+def by_zones(medium: Medium, lines: list[LimbGeometry]) -> np.ndarray:
     """I, Q and U (suns, lines, 3, W) of light scattered once."""
     suns = [float(x.sun_elevation_deg[0]) for x in lines]
     field = zones.prepare(medium, OURS, observer_altitude_km=OBSERVER_KM, sun_elevations_deg=suns)
@@ -63,19 +63,15 @@ def by_zones(medium: Medium, lines: list[Sights]) -> np.ndarray:
     )
 
 
-def by_sasktran2(medium: Medium, lines: list[Sights]) -> np.ndarray:
-    """The same by sasktran2."""
-    return np.array(
-        [
-            sasktran2._engine(
-                medium, THEIRS, [x.sun_elevation_deg, x.elevation_deg, x.azimuth_deg], OBSERVER_KM, single=1
-            )
-            for x in lines
-        ]
-    )
+def by_sasktran2(
+    medium: Medium, lines: list[LimbGeometry], settings: sasktran2.Sasktran2Settings = THEIRS, single: int = 1
+) -> np.ndarray:
+    """Stokes parameters (suns, lines, 1 or 3, W) by sasktran2: of light scattered once, or of all other light."""
+    angles = [[x.sun_elevation_deg, x.elevation_deg, x.azimuth_deg] for x in lines]
+    return np.array([sasktran2._engine(medium, settings, a, OBSERVER_KM, single=single) for a in angles])
 
 
-def all_by_zones(medium: Medium, lines: list[Sights]) -> np.ndarray:
+def all_by_zones(medium: Medium, lines: list[LimbGeometry]) -> np.ndarray:
     """I (suns, lines, 1, W) of all light."""
     suns = [float(x.sun_elevation_deg[0]) for x in lines]
     field = zones.prepare(medium, ALL_OF_OURS, observer_altitude_km=OBSERVER_KM, sun_elevations_deg=suns)
@@ -83,18 +79,9 @@ def all_by_zones(medium: Medium, lines: list[Sights]) -> np.ndarray:
     return np.array([field.radiance(sun, x.elevation_deg, float(x.azimuth_deg[0])) for sun, x in asked])[:, :, None]
 
 
-def all_by_sasktran2(medium: Medium, lines: list[Sights]) -> tuple[np.ndarray, np.ndarray]:
-    """The same by sasktran2, and the part of it that is scattered once."""
-    parts = [
-        [
-            sasktran2._engine(
-                medium, ALL_OF_THEIRS, [x.sun_elevation_deg, x.elevation_deg, x.azimuth_deg], OBSERVER_KM, single=single
-            )
-            for x in lines
-        ]
-        for single in (1, 0)
-    ]
-    once, more = (np.array(part) for part in parts)
+def all_by_sasktran2(medium: Medium, lines: list[LimbGeometry]) -> tuple[np.ndarray, np.ndarray]:
+    """I (suns, lines, 1, W) of all light by sasktran2, and the part of it that is scattered once."""
+    once, more = (by_sasktran2(medium, lines, ALL_OF_THEIRS, single) for single in (1, 0))
     return once + more, once
 
 
@@ -108,8 +95,8 @@ def rows_of(
     for n, (sun, azimuth) in enumerate(suns):
         for k, tangent in enumerate(TANGENT_KM[: theirs.shape[1]]):
             for w, nm in enumerate(WAVELENGTHS_NM):
-                share = f"{100.0 * (1.0 - once[n, k, 0, w] / theirs[n, k, 0, w]):.1f}" if which == "all" else "0"
-                numbers = [f"{theirs[n, k, 0, w]:.5g}", share, *(f"{v:.3f}" for v in off[n, k, :, w])]
+                more = f"{100.0 * (1.0 - once[n, k, 0, w] / theirs[n, k, 0, w]):.1f}" if which == "all" else "0"
+                numbers = [f"{theirs[n, k, 0, w]:.5g}", more, *(f"{v:.3f}" for v in off[n, k, :, w])]
                 place = [climate, which, f"{sun:g}", f"{azimuth:g}", f"{tangent:g}", f"{nm:g}"]
                 rows.append([*place, *numbers, *[""] * (3 - theirs.shape[2])])
     size = np.abs(off).transpose(2, 0, 1, 3).reshape(theirs.shape[2], -1)
@@ -126,7 +113,7 @@ def main() -> None:
         theirs = by_sasktran2(medium, lines)
         rows += rows_of(climate, "once", SUNS, by_zones(medium, lines), theirs, theirs)
         n = np.count_nonzero(TANGENT_KM <= HIGHEST_OF_ALL_LIGHT_KM)
-        lines = [Sights(*(v[:n] for v in scan(medium, *sun))) for sun in SUNS_OF_ALL_LIGHT]
+        lines = [LimbGeometry(*(v[:n] for v in scan(medium, *sun))) for sun in SUNS_OF_ALL_LIGHT]
         theirs, once = all_by_sasktran2(medium, lines)
         rows += rows_of(climate, "all", SUNS_OF_ALL_LIGHT, all_by_zones(medium, lines), theirs, once)
     columns = ["climate", "scattered", "sun_elevation_deg", "azimuth_deg", "tangent_km", "wavelength_nm",

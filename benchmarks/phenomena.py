@@ -41,8 +41,7 @@ def blue_zenith():
             a = air(climate, **settings)
             x, y = (float(v[0]) for v in see.chromaticity(a.xyz(-5.0, [90.0], [0.0])))
             ratio = see.red_over_blue(a, -5.0, 90.0, 0.0)
-            blue = x < 0.28 and y < 0.30
-            seen = blue
+            seen = x < 0.28 and y < 0.30
             yield ("blue zenith", climate, name, -5.0, "x y", pair(x, y), says, seen)
             yield ("blue zenith", climate, name, -5.0, "L(670)/L(450) over the sun's", f"{ratio:.3f}", says, seen)
 
@@ -80,27 +79,18 @@ def purple_light():
     says = "vivid purple 20 deg up at -4 after eruptions; background aerosol alone does not redden enough (Lee 2003)"
     plain = air("continental-clean", stratosphere__kind="background")
     kinds = ("background", "moderate_volcanic", "high_volcanic", "extreme_volcanic")
-    below: list[float] = []
+    above = {}
     (x0,), (y0,) = see.chromaticity(plain.xyz(-4.0, [20.0], [0.0]))
     for kind in kinds:
         a = air("continental-clean", stratosphere__kind=kind)
         (x,), (y,) = see.chromaticity(a.xyz(-4.0, [20.0], [0.0]))
-        above = see.above_daylight(x, y)
-        text = f"{pair(x, y)}, {above:+.3f} above the daylight locus, {x - x0:+.3f} {y - y0:+.3f} from background"
-        below.append(above)
-        seen = "reference" if kind == "background" else above < below[0] - 0.005
+        above[kind] = see.above_daylight(x, y)
+        text = f"{pair(x, y)}, {above[kind]:+.3f} above the daylight locus, {x - x0:+.3f} {y - y0:+.3f} from background"
+        seen = "reference" if kind == "background" else above[kind] < above["background"] - 0.005
         yield ("purple light", "continental-clean", kind, -4.0, "x y", text, says, seen)
         ratio = see.red_over_blue(a, -4.0, 20.0, 0.0)
-        yield (
-            "purple light",
-            "continental-clean",
-            kind,
-            -4.0,
-            "L(670)/L(450) over the sun's",
-            f"{ratio:.2f}",
-            says,
-            seen,
-        )
+        measure = "L(670)/L(450) over the sun's"
+        yield ("purple light", "continental-clean", kind, -4.0, measure, f"{ratio:.2f}", says, seen)
 
 
 def stripes():
@@ -111,16 +101,8 @@ def stripes():
         text = f"{bands.colour_steps:.0f} steps, at most {bands.steps_per_degree_at_most:.0f} in a degree "
         text += f"(at {bands.fastest_elevation_deg:.1f}); "
         text += "luminance maxima at " + (", ".join(f"{e:.1f}" for e in bands.luminance_maxima) or "none")
-        yield (
-            "horizontal stripes",
-            climate,
-            "",
-            -0.5,
-            "colour over the lowest 8 deg",
-            text,
-            says,
-            bands.steps_per_degree_at_most > 10,
-        )
+        seen = bands.steps_per_degree_at_most > 10
+        yield ("horizontal stripes", climate, "", -0.5, "colour over the lowest 8 deg", text, says, seen)
 
 
 def glow():
@@ -162,16 +144,10 @@ def draw() -> None:
     for climate in ("pure-air", "continental-clean"):
         edge = [see.shadow_edge_deg(air(climate), -d) for d in depression]
         belt = [see.belt_of_venus(air(climate), -d) for d in depression]
-        line = axes[0, 2].plot(
-            depression, [np.nan if e is None else e for e in edge], label=f"shadow's edge, {climate}"
-        )
-        axes[0, 2].plot(
-            depression,
-            [np.nan if b is None else b.elevation_deg for b in belt],
-            "o",
-            color=line[0].get_color(),
-            label=f"Belt of Venus, {climate}",
-        )
+        edge_deg = [np.nan if e is None else e for e in edge]
+        belt_deg = [np.nan if b is None else b.elevation_deg for b in belt]
+        (line,) = axes[0, 2].plot(depression, edge_deg, label=f"shadow's edge, {climate}")
+        axes[0, 2].plot(depression, belt_deg, "o", color=line.get_color(), label=f"Belt of Venus, {climate}")
     axes[0, 2].plot(depression, depression, "k:", label="antisolar point")
     axes[0, 2].set(xlabel="depression of the sun [deg]", ylabel="elevation [deg]", title="the Earth's shadow")
     axes[0, 2].legend(fontsize=8)

@@ -25,7 +25,7 @@ import results
 
 from twilight.atmosphere.measured.ozone import climatological_column_du
 from twilight.config import load
-from twilight.studies.validate.measured.meter import Meter, site_of
+from twilight.studies.validate.measured.meter import SkyQualityMeter, site_of
 from twilight.studies.validate.measured.photometry import Photometer
 from twilight.studies.validate.measured.references import METER_FLOOR_MAG, METER_SITE
 
@@ -101,7 +101,7 @@ def computed() -> np.ndarray:
         ozone = config.climate.gases.ozone.model_copy(update={"column_du": column})
         gases = config.climate.gases.model_copy(update={"ozone": ozone})
         config = config.model_copy(update={"climate": config.climate.model_copy(update={"gases": gases})})
-        meter = Meter(Photometer(config, None, METER_SITE.altitude_km), METER_FLOOR_MAG)
+        meter = SkyQualityMeter(Photometer(config, None, METER_SITE.altitude_km), METER_FLOOR_MAG)
         mags.append([meter.twilight_mag(sun) for sun in SUNS_DEG])
         print(settings, column, np.round(mags[-1], 3), flush=True)
     base, more, low, elevated = np.array(mags)

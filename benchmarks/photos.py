@@ -47,18 +47,10 @@ PHOTOS = {  # file, lowest and highest sun [deg] of the search
     "rooitou_park": ("rooitou_park_1k.hdr", 10.4, 10.4),
 }
 COLUMNS = (
-    "luminance_median_percent",
-    "luminance_rms_percent",
-    "luminance_p95_percent",
-    "solar_meridian_rms_percent",
-    "perpendicular_meridian_rms_percent",
-    "correlation_of_log_luminance",
-    "uv_distance_median",
-    "uv_distance_p95",
-    "ciede2000_median",
-    "ciede2000_p95",
-    "ciede2000_colour_median",
-    "ciede2000_colour_p95",
+    *("luminance_median_percent", "luminance_rms_percent", "luminance_p95_percent"),
+    *("solar_meridian_rms_percent", "perpendicular_meridian_rms_percent", "correlation_of_log_luminance"),
+    *("uv_distance_median", "uv_distance_p95"),
+    *("ciede2000_median", "ciede2000_p95", "ciede2000_colour_median", "ciede2000_colour_p95"),
 )
 
 
@@ -81,7 +73,7 @@ def main() -> None:
             [low] if low == high else [float(sun) for sun in np.arange(low, high + 0.5)],
             CELL_DEG,
             file=given.library / f"{name}_{TYPE}.npz",
-            progress=lambda doing, share: print(doing, flush=True),
+            progress=lambda doing, fraction: print(doing, flush=True),
         )
         print(f"emulated: {library.luminance_error:.4f} in ln(luminance), {library.chromaticity_error:.5f} in u', v'")
         rows = one(name, given.photos, base, library, given.output)
@@ -109,7 +101,7 @@ def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
         [library],
         white_balance=True,
         refine=lambda _, values: sky_to_xyz(run(resolve(scene(values, CELL_DEG))), observer=OBSERVER),
-        progress=lambda doing, share: print(doing, flush=True),
+        progress=lambda doing, fraction: print(doing, flush=True),
     )
     best = found[0]
     rows = [
@@ -124,7 +116,7 @@ def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
         compared = compare(seen.sky, sky, white_balance=white_balance)
         kind = "white balance free" if white_balance else "as it is"
         rows += [[name, f"{key}, {kind}", f"{compared.figures[key]:.4g}", "", "", "", ""] for key in COLUMNS]
-    rows += [[name, f"masked, {cause}", f"{share:.4g}", "", "", "", ""] for cause, share in seen.mask.taken.items()]
+    rows += [[name, f"masked, {cause}", f"{part:.4g}", "", "", "", ""] for cause, part in seen.mask.taken.items()]
     rows.append([name, "sun_azimuth_deg", f"{sun.azimuth_deg:.4g}", f"{sun.uncertainty_deg:.2g}", "", "", sun.method])
     lines = [f"sun {sky.sun_elevation_deg:+.2f} deg; continental aerosol (OPAC average); fitted:"]
     for p in best.parameters:
@@ -132,14 +124,8 @@ def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
         lines.append(
             f"  {p.name} {p.value:.3g} +- {p.standard_error:.2g}{unit}{'' if p.constrained else ' (not constrained)'}"
         )
-    write_figure(
-        output / f"{name}.png",
-        compared,
-        seen.panorama,
-        seen.mask,
-        title=f"{name} (Poly Haven, CC0)",
-        lines=tuple(lines),
-    )
+    title = f"{name} (Poly Haven, CC0)"
+    write_figure(output / f"{name}.png", compared, seen.panorama, seen.mask, title=title, lines=tuple(lines))
     for row in rows:
         print(*row, flush=True)
     for sentence in sentences(found):

@@ -195,26 +195,30 @@ def screens() -> None:
     results.write(HERE / "red_twilight_screens.csv", columns, rows, notes=notes)
 
 
-def place() -> None:
-    """`zones`, which counts distances from the lit point, beside `montecarlo`, which has clouds about the observer: the
-    part of the light scattered once that is left, in which neither has noise."""
-    elevation, azimuth = np.array([5.0, 20.0, 90.0, 20.0]), np.array([0.0, 0.0, 0.0, 180.0])
-    suns, rows = (0.0, -2.0, -4.0), []
-    base = air().select(slice(1, 3))
+LATE_SUNS_DEG = (0.0, -2.0, -4.0)
+"""Suns at which `zones` and `montecarlo` are compared behind a screen."""
+
+
+def scattered_once(medium: Medium, elevation: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+    """Light scattered once (2, S, D, W) by `zones` and by `montecarlo`, in which neither has noise."""
     once = replace(zones.QUALITIES["draft"], max_orders=1)
     exact = montecarlo.MonteCarloSettings(target_stderr=None, samples=4, max_orders=1, importance_sweeps=0)
+    fields = zones.prepare(medium, once, sun_elevations_deg=LATE_SUNS_DEG), montecarlo.prepare(medium, exact)
+    return np.array([[field.radiance(sun, elevation, azimuth) for sun in LATE_SUNS_DEG] for field in fields])
 
-    def light(medium: Medium) -> list[np.ndarray]:
-        fields = zones.prepare(medium, once, sun_elevations_deg=suns), montecarlo.prepare(medium, exact)
-        return [np.array([field.radiance(sun, elevation, azimuth) for sun in suns]) for field in fields]
 
-    clear = light(base)
+def place() -> None:
+    """`zones`, which counts distances from the lit point, beside `montecarlo`, which has clouds about the observer: the
+    part of the light scattered once that is left."""
+    elevation, azimuth = np.array([5.0, 20.0, 90.0, 20.0]), np.array([0.0, 0.0, 0.0, 180.0])
+    base, rows = air().select(slice(1, 3)), []
+    clear = scattered_once(base, elevation, azimuth)
     for start in (0.0, 150.0, 300.0):
-        found = light(replace(base, screen=Screen.of_clouds(0.8, 10.0, 1.0, start)))
-        passed = [screened / bare for screened, bare in zip(found, clear, strict=True)]
-        for s, d, w in np.ndindex(passed[0].shape):
-            where = (start, suns[s], elevation[d], azimuth[d], base.wavelength_nm[w])
-            rows.append([*(f"{x:g}" for x in where), *(f"{part[s, d, w]:.3f}" for part in passed)])
+        screened = replace(base, screen=Screen.of_clouds(0.8, 10.0, 1.0, start))
+        left = scattered_once(screened, elevation, azimuth) / clear
+        for s, d, w in np.ndindex(left.shape[1:]):
+            where = (start, LATE_SUNS_DEG[s], elevation[d], azimuth[d], base.wavelength_nm[w])
+            rows.append([*(f"{x:g}" for x in where), *(f"{part:.3f}" for part in left[:, s, d, w])])
         print(start, flush=True)
     columns = ("from_km", "sun_deg", "elevation_deg", "azimuth_deg", "wavelength_nm", "zones", "montecarlo")
     notes = ("clouds to 10 km that stop 80 %: part of the light scattered once that is left",)
@@ -236,23 +240,15 @@ RIDGES = {
 def skylines() -> None:
     """As `place`, of skylines: `zones` has that in the sun's azimuth all round, `montecarlo` each in its own."""
     elevation, azimuth = (np.array(a) for a in ([5.0, 20.0, 90.0, 5.0, 20.0, 20.0], [0.0, 0.0, 0.0, 60.0, 60.0, 180.0]))
-    suns, rows = (0.0, -2.0, -4.0), []
-    base = air().select(slice(1, 2))
-    once = replace(zones.QUALITIES["draft"], max_orders=1)
-    exact = montecarlo.MonteCarloSettings(target_stderr=None, samples=4, max_orders=1, importance_sweeps=0)
-
-    def light(medium: Medium) -> list[np.ndarray]:
-        fields = zones.prepare(medium, once, sun_elevations_deg=suns), montecarlo.prepare(medium, exact)
-        return [np.array([field.radiance(sun, elevation, azimuth)[:, 0] for sun in suns]) for field in fields]
-
-    clear = light(base)
+    base, rows = air().select(slice(1, 2)), []
+    clear = scattered_once(base, elevation, azimuth)
     for name, around in RIDGES.items():
         height = float(np.interp(0.0, *np.array(around)[:, :2].T, period=360.0))
-        found = light(replace(base, screen=Screen.of_skyline(height, 150.0, around)))
-        passed = [screened / bare for screened, bare in zip(found, clear, strict=True)]
-        for s, d in np.ndindex(passed[0].shape):
-            where = (suns[s], elevation[d], azimuth[d])
-            rows.append([name, *(f"{x:g}" for x in where), *(f"{part[s, d]:.3f}" for part in passed)])
+        screened = replace(base, screen=Screen.of_skyline(height, 150.0, around))
+        left = scattered_once(screened, elevation, azimuth)[..., 0] / clear[..., 0]
+        for s, d in np.ndindex(left.shape[1:]):
+            where = (LATE_SUNS_DEG[s], elevation[d], azimuth[d])
+            rows.append([name, *(f"{x:g}" for x in where), *(f"{part:.3f}" for part in left[:, s, d])])
         print(name, flush=True)
     columns = ("skyline", "sun_deg", "elevation_deg", "azimuth_deg", "zones", "montecarlo")
     notes = ("a bank of clouds up to 8 km at 150 km: part of the light scattered once at 550 nm that is left",)

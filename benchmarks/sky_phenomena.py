@@ -23,7 +23,7 @@ NOTICEABLE_UV = 0.0038
 """A just noticeable difference of u', v' side by side: three standard deviations of MacAdam near white."""
 
 LEAST_BELT = 0.002
-"""By how much x of the Belt of Venus exceeds its surroundings at least: half of what can be noticed."""
+"""Least difference of x between the Belt of Venus and its surroundings: half of what can be noticed."""
 
 
 class VerticalCircle(NamedTuple):
@@ -36,7 +36,7 @@ class VerticalCircle(NamedTuple):
 
 
 class Air:
-    """The solved air of a configuration, looked at in single directions."""
+    """The solved air of a configuration: its colours in single directions."""
 
     def __init__(self, config: Config):
         self.config = config

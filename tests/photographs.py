@@ -8,6 +8,8 @@ from twilight.scene import resolve
 from twilight.sky import colour
 from twilight.studies.camera import CameraModel
 from twilight.studies.camera.image import StoredImage
+from twilight.studies.camera.response import srgb_to_linear
+from twilight.studies.validate.photographs.mask import separation_deg
 
 
 def preetham(sun_elevation_deg=12.0, **settings):
@@ -72,10 +74,8 @@ def take(sky, camera, sun_azimuth_deg, *, xyz=None, noise=0.0, ground=0.02, sun=
     down = there & ~up
     rgb[down] = ground * level * np.array([1.2, 1.0, 0.7]) * random.uniform(0.5, 1.5, (down.sum(), 1))
     if sun:
-        turn = np.radians(azimuth - sun_azimuth_deg)
-        e, s = np.radians(elevation), np.radians(sky.sun_elevation_deg)
-        cosine = np.sin(e) * np.sin(s) + np.cos(e) * np.cos(s) * np.cos(turn)
-        rgb[there & (cosine > np.cos(np.radians(0.9)))] = 3e4 * level
+        away = separation_deg(elevation, azimuth, sky.sun_elevation_deg, sun_azimuth_deg)
+        rgb[there & (away < 0.9)] = 3e4 * level
     rgb *= np.nan_to_num(camera.relative_illumination(camera.pixel_centres()))[..., None]
     rgb *= 1.0 + noise * random.standard_normal(rgb.shape)
     scale = 0.8 / np.percentile(rgb[up], 99) if exposure is None else exposure
@@ -88,8 +88,6 @@ def picture(rgb):
 
 
 def eight_bit(rgb):
-    """The same through an 8 bit sRGB file."""
+    """Floats as a photograph that went through an 8 bit sRGB file."""
     z = np.round(255 * colour.srgb_encode(rgb)) / 255
-    from twilight.studies.camera.response import srgb_to_linear
-
     return StoredImage(srgb_to_linear(z).astype(np.float32), (z > 0.98).any(axis=-1), 8, True)

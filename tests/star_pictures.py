@@ -53,13 +53,13 @@ def render_stars(
 
 def _fractions(centre: float, sigma: float, size: int, wrap: bool) -> tuple[np.ndarray, np.ndarray]:
     """Pixels within five sigma, and the fraction of a Gaussian's light that falls on each, in one dimension."""
-    reach = int(np.ceil(min(5.0 * sigma, size / 2 - 1))) + 1
-    first = int(np.floor(centre)) - reach
-    edges = np.arange(first, first + 2 * reach + 2)
+    half_width = int(np.ceil(min(5.0 * sigma, size / 2 - 1))) + 1
+    first = int(np.floor(centre)) - half_width
+    edges = np.arange(first, first + 2 * half_width + 2)
     fraction = np.diff(ndtr((edges - centre) / sigma))
     pixels = edges[:-1]
     if wrap:
         pixels, index = np.unique(np.mod(pixels, size), return_index=True)
         return pixels, fraction[index]
-    kept = (pixels >= 0) & (pixels < size)
-    return pixels[kept], fraction[kept]
+    inside = (pixels >= 0) & (pixels < size)
+    return pixels[inside], fraction[inside]

@@ -250,9 +250,9 @@ def test_what_cannot_be_differentiated_is_refused(medium):
 @pytest.mark.parametrize(
     "table, why",
     [
-        ("altitude_km,ppb\n0,1\n", "needs the columns altitude_km and density_per_cm3"),
+        ("altitude_km,ppb\n0,1\n", "density_per_cm3 is missing; needed are altitude_km, density_per_cm3"),
         ("altitude_km,density_per_cm3\n5,1\n3,1\n", "that increase"),
-        ("altitude_km,density_per_cm3\n0,1\n3,-1\n", "of 0 or more"),
+        ("altitude_km,density_per_cm3\n0,1\n3,-1\n", "line 3: density_per_cm3 is `-1`"),
     ],
 )
 def test_profiles_that_are_none_are_refused(tmp_path, table, why):

@@ -8,15 +8,8 @@ import numpy as np
 import pytest
 
 from twilight.base.errors import TwilightError
-from twilight.studies.camera import (
-    CameraModel,
-    azimuth_elevation,
-    camera_axes,
-    direction,
-    orientation_angles,
-    read_camera,
-    write_camera,
-)
+from twilight.numerics.orientation import azimuth_elevation, camera_axes, direction, orientation_angles
+from twilight.studies.camera import CameraModel, read_camera, write_camera
 from twilight.studies.camera.model import Projection
 
 RADIAL = get_args(Projection)[:-1]
@@ -189,37 +182,29 @@ response: curve.csv
     assert [p.name for p in (tmp_path / "elsewhere").iterdir()] == ["again.yaml"]
 
 
-BASE = "projection: {p}\nimage: {{width_px: 1000, height_px: {h}}}\n"
-
-
 @pytest.mark.parametrize(
-    ("text", "expected"),
+    ("projection", "height", "more", "expected"),
     [
-        (BASE.format(p="fisheye", h=500), "projection must be one of equidistant, equisolid"),
-        (BASE.format(p="equisolid", h=500), "lens needs focal_length_px, focal_length_mm or field_of_view_deg"),
-        (BASE.format(p="latlong", h=400), "image.width_px must be twice image.height_px"),
-        (BASE.format(p="latlong", h=500) + "lens: {focal_length_px: 3}\n", "lens.focal_length_px has no"),
-        (
-            BASE.format(p="perspective", h=500) + "lens: {field_of_view_deg: 180}\n",
-            "lens.field_of_view_deg 180 is more",
-        ),
-        (BASE.format(p="equisolid", h=500) + "lens: {focal_length_mm: 8}\n", "focal_length_mm and sensor_width_mm"),
-        (
-            BASE.format(p="equisolid", h=500) + "lens: {focal_length_px: 8, field_of_view_deg: 90}\n",
-            "lens takes only one of focal_length_px, field_of_view_deg",
-        ),
-        (BASE.format(p="equisolid", h=500) + "lens: {focal_lenght_px: 8}\n", "did you mean focal_length_px"),
-        (BASE.format(p="equisolid", h=500) + "lens: {focal_length_px: -8}\n", "lens.focal_length_px must be"),
-        (
-            BASE.format(p="equisolid", h=500) + "lens: {focal_length_px: 8, principal_point_px: [3]}\n",
-            "lens.principal_point_px must hold at least 2 values",
-        ),
-        (BASE.format(p="latlong", h=500) + "response: no.csv\n", "response must be linear, srgb"),
-        (BASE.format(p="latlong", h=500) + "response: 0\n", "response must be an exponent from 0.1 to 10"),
-        ("image: {width_px: 10, height_px: 5}\n", "projection is missing"),
+        ("fisheye", 500, "", "projection must be one of equidistant, equisolid"),
+        ("equisolid", 500, "", "lens needs focal_length_px, focal_length_mm or field_of_view_deg"),
+        ("latlong", 400, "", "image.width_px must be twice image.height_px"),
+        ("latlong", 500, "lens: {focal_length_px: 3}", "lens.focal_length_px has no"),
+        ("perspective", 500, "lens: {field_of_view_deg: 180}", "lens.field_of_view_deg 180 is more"),
+        ("equisolid", 500, "lens: {focal_length_mm: 8}", "focal_length_mm and sensor_width_mm"),
+        ("equisolid", 500, "lens: {focal_length_px: 8, field_of_view_deg: 90}",
+         "lens takes only one of focal_length_px, field_of_view_deg"),
+        ("equisolid", 500, "lens: {focal_lenght_px: 8}", "did you mean focal_length_px"),
+        ("equisolid", 500, "lens: {focal_length_px: -8}", "lens.focal_length_px must be"),
+        ("equisolid", 500, "lens: {focal_length_px: 8, principal_point_px: [3]}",
+         "lens.principal_point_px must hold at least 2 values"),
+        ("latlong", 500, "response: no.csv", "response must be linear, srgb"),
+        ("latlong", 500, "response: 0", "response must be an exponent from 0.1 to 10"),
+        (None, 500, "", "projection is missing"),
     ],
-)
-def test_errors_name_file_and_key(tmp_path, text, expected):
+)  # fmt: skip
+def test_errors_name_file_and_key(tmp_path, projection, height, more, expected):
+    head = "" if projection is None else f"projection: {projection}\n"
+    text = f"{head}image: {{width_px: 1000, height_px: {height}}}\n{more}\n"
     path = tmp_path / "camera.yaml"
     path.write_text(text)
     with pytest.raises(TwilightError) as raised:

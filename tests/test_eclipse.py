@@ -19,7 +19,7 @@ from twilight.studies.eclipse import danjon
 from twilight.studies.eclipse import shadow as shadow_module
 from twilight.studies.eclipse.circumstances import find_eclipse
 from twilight.studies.eclipse.light import magnitudes, satellite, shadow_light
-from twilight.studies.eclipse.scattered import EDGES_KM, ScatteredLight, above
+from twilight.studies.eclipse.scattered import EDGES_KM, SinglyScatteredLight, above
 from twilight.studies.eclipse.shadow import SUN_RADIUS_DEG, Shadow, without_air
 
 MOON_KM = 384_400.0
@@ -90,7 +90,7 @@ def test_thin_air_scatters_into_the_far_shadow_as_the_closed_form_says():
     radius, distance = medium.earth_radius_km, 1e9
     volume = 4.0 * np.pi * 1e-9 * radius**2 * 8.0 * kve(2, radius / 8.0)
     forward = 3.0 / (8.0 * np.pi)
-    found = ScatteredLight(medium, distance).irradiance(np.zeros(1))[0, 0]
+    found = SinglyScatteredLight(medium, distance).irradiance(np.zeros(1))[0, 0]
     assert found * distance**2 == pytest.approx(volume * forward, rel=0.005)
 
 
@@ -98,7 +98,7 @@ def test_scattered_light_is_even_and_blue_and_clouds_take_some(clear):
     """In the middle more than refraction brings at 450 nm, by far less at 680; the same over the umbra within 5 %."""
     earth = np.arcsin(clear.medium.earth_radius_km / MOON_KM)
     offset = np.array([0.0, 0.62]) * earth
-    middle, rim = ScatteredLight(clear.medium, MOON_KM).irradiance(offset)
+    middle, rim = SinglyScatteredLight(clear.medium, MOON_KM).irradiance(offset)
     refracted = clear.irradiance(offset, MOON_KM)
     assert middle[0] > refracted[0, 0] and middle[2] < 1e-3 * refracted[0, 2]
     assert np.all(middle < 1e-2 * refracted[1])
@@ -107,7 +107,7 @@ def test_scattered_light_is_even_and_blue_and_clouds_take_some(clear):
     assert cut.bottom_km == 8.0
     altitude = np.array([8.0, 8.3, 20.0])
     np.testing.assert_allclose(cut.at(altitude).extinction, clear.medium.at(altitude).extinction, rtol=1e-3)
-    cloudy = ScatteredLight(cut, MOON_KM).irradiance(np.zeros(1))[0]
+    cloudy = SinglyScatteredLight(cut, MOON_KM).irradiance(np.zeros(1))[0]
     assert np.all((cloudy > 0.3 * middle) & (cloudy < middle))
 
 
@@ -116,7 +116,7 @@ def test_zones_scatters_as_much_into_the_shadow():
     """Light of the first order of `zones`, over the same lines of sight, within 2 %; all orders add 3 to 12 %."""
     medium = twilight.medium("pure-air", [440.0, 560.0])
     offset_deg = 0.4
-    expected = ScatteredLight(medium, MOON_KM).irradiance(np.radians([offset_deg]))[0]
+    expected = SinglyScatteredLight(medium, MOON_KM).irradiance(np.radians([offset_deg]))[0]
     edges = np.array([*EDGES_KM, medium.top_km])
     x, w = np.polynomial.legendre.leggauss(3)
     half = 0.5 * np.diff(edges)[:, None]
@@ -175,10 +175,10 @@ def test_light_curves(clear):
     """Eleven magnitudes deep in clear air, as eclipses without volcanic dust are; symmetric to the minute."""
     event = find_eclipse(dt.date(2018, 7, 27))
     light = shadow_light(Shadow(clear.medium.select(slice(1, 2))), event)
-    curve = magnitudes(light, event.places)
+    curve = magnitudes(light, event.moon)
     assert curve.min() == pytest.approx(-12.6, abs=0.25)
     assert -3.5 < curve.max() < -1.5
-    middle = int(np.argmin(event.places.offset_rad))
+    middle = int(np.argmin(event.moon.offset_rad))
     assert abs(int(np.argmax(curve)) - middle) <= 2
     assert np.all(np.diff(light.visual) > -1e-6)
 

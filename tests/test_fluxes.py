@@ -11,6 +11,7 @@ from montecarlo_media import slab
 from typer.testing import CliRunner
 
 import twilight
+from twilight.atmosphere.gases import cross_section
 from twilight.atmosphere.photolysis import REACTIONS, effective_cross_section, excited_oxygen_yield
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
@@ -141,7 +142,6 @@ def test_actinic_flux_in_twilight_beside_monte_carlo():
     for sun in (3.0, -4.0, -8.0):
         for altitude in (0.0, 20.0):
             found, reference = (f.fluxes(sun, altitude, rates=False)["actinic"].values for f in (ours, theirs))
-            print(sun, altitude, found / reference - 1.0)
             np.testing.assert_allclose(found, reference, rtol=0.01, err_msg=f"{sun} deg, {altitude} km")
 
 
@@ -156,8 +156,6 @@ def test_yields_and_cross_sections_are_the_published_ones():
     assert both[0] < 0.3 * both[1]
     nm = np.array([300.0, 320.0, 345.0, 600.0])
     o3 = [effective_cross_section(name, nm, np.array([230.0])) for name in ("o3_o1d", "o3_o3p")]
-    from twilight.atmosphere.gases import cross_section
-
     np.testing.assert_allclose(o3[0] + o3[1], cross_section("o3", nm, 230.0), rtol=1e-12)
     no2 = effective_cross_section("no2", np.array([390.0, 404.0, 425.0]), room)[0]
     assert no2[0] > 5.5e-19 and no2[1] == pytest.approx(0.44 * cross_section("no2", 404.0, 298.0)[0, 0], rel=1e-6)

@@ -20,9 +20,9 @@ from twilight.engine import Problem
 from twilight.numerics.phase import rayleigh_phase
 from twilight.scene import Scene
 from twilight.solvers import montecarlo, zones
+from twilight.studies.limb.geometry import field_of_view, limb_geometry
 from twilight.studies.limb.limb import limb_of
 from twilight.studies.limb.occultation import occultation
-from twilight.studies.limb.sight import field_of_view, sights
 
 WAVELENGTHS = [470.0, 675.0]
 SCALE_KM = 8.0
@@ -38,10 +38,7 @@ def field():
 def once():
     """Light scattered once."""
     return twilight.solve(
-        "pure-air",
-        wavelength_nm=WAVELENGTHS,
-        quality="draft",
-        settings={"solver.max_orders": 1, "ground.albedo": 0.0},
+        "pure-air", wavelength_nm=WAVELENGTHS, quality="draft", settings={"solver.max_orders": 1, "ground.albedo": 0.0}
     )
 
 
@@ -53,7 +50,7 @@ def exponential():
 @pytest.mark.parametrize("sun, azimuth", [(30.0, 0.0), (-4.0, 60.0), (50.0, 135.0), (10.0, 180.0)])
 def test_the_sun_of_the_observer_is_that_of_the_tangent_point(exponential, sun, azimuth):
     """By vectors in space: the angles between sun, vertical and line of sight, at both ends."""
-    found = sights(exponential, np.array([25.0]), OBSERVER_KM, sun, azimuth)
+    found = limb_geometry(exponential, np.array([25.0]), OBSERVER_KM, sun, azimuth)
     low, high = exponential.earth_radius_km + np.array([25.0, OBSERVER_KM])
     s, a = np.radians(sun), np.radians(azimuth)
     to_sun = np.array([np.cos(s) * np.cos(a), np.cos(s) * np.sin(a), np.sin(s)])
@@ -100,7 +97,7 @@ def test_exponential_thin_air_falls_by_its_scale_height(exponential):
 
 def test_random_paths_see_the_same_limb(field):
     settings = montecarlo.MonteCarloSettings(target_stderr=None, samples=400)
-    line = sights(field.medium, np.array([20.0]), OBSERVER_KM, 20.0, 60.0)
+    line = limb_geometry(field.medium, np.array([20.0]), OBSERVER_KM, 20.0, 60.0)
     walk = montecarlo.prepare(field.medium.select(slice(0, 1)), settings, observer_altitude_km=OBSERVER_KM)
     question = [a.item() for a in (line.sun_elevation_deg, line.elevation_deg, line.azimuth_deg)]
     found = walk.radiance_with_error(*question)

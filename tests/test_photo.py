@@ -10,9 +10,10 @@ from photographs import eight_bit, fisheye, latlong, perspective, picture, preet
 
 from twilight.base.errors import TwilightError
 from twilight.sky import colour
+from twilight.studies.camera.image import read_image
 from twilight.studies.validate.photographs import mask as masks
 from twilight.studies.validate.photographs import photo as comparing
-from twilight.studies.validate.photographs.panorama import make_panorama
+from twilight.studies.validate.photographs.panorama import make_panorama, mask_image_on
 from twilight.studies.validate.photographs.photograph import Photograph
 from twilight.studies.validate.photographs.sun_azimuth import find_sun_azimuth
 
@@ -103,8 +104,6 @@ def test_profile_mask_image_and_saturation():
     assert not mask.valid[rows < edge - 0.3].any() and mask.valid[rows > edge + 0.6].all()
     shown = np.ones((180, 360))
     shown[:, 100:150] = 0.0  # azimuths 280 to 330 of the camera
-    from twilight.studies.validate.photographs.panorama import mask_image_on
-
     image = mask_image_on(panorama, shown, camera)
     world = np.mod(panorama.azimuth_deg + 30.0, 360.0)
     above = panorama.elevation_deg > 0
@@ -141,12 +140,8 @@ def test_growing_a_mask_is_round_on_the_sphere():
     row = np.abs(panorama.elevation_deg - 60.25).argmin()
     one[row, 3] = True
     grown = masks.dilate(one, panorama, 3.0)
-    away = masks.separation_deg(
-        panorama.elevation_deg[:, None],
-        panorama.azimuth_deg[None],
-        panorama.elevation_deg[row],
-        panorama.azimuth_deg[3],
-    )
+    centre = panorama.elevation_deg[row], panorama.azimuth_deg[3]
+    away = masks.separation_deg(panorama.elevation_deg[:, None], panorama.azimuth_deg[None], *centre)
     assert grown[away < 2.5].all() and not grown[away > 3.8].any()
 
 
@@ -155,8 +150,7 @@ def test_growing_a_mask_is_round_on_the_sphere():
 
 @pytest.mark.parametrize("azimuth", [3.0, 147.3, 301.6])
 def test_the_azimuth_is_found_by_symmetry(azimuth):
-    shot = photograph(latlong(), azimuth, sun=False, noise=0.01)
-    found = shot.sun
+    found = photograph(latlong(), azimuth, sun=False, noise=0.01).sun
     assert found.method == "symmetry"
     assert abs((found.azimuth_deg - azimuth + 180) % 360 - 180) < max(1.0, 3 * found.uncertainty_deg)
     assert found.uncertainty_deg < 3.0
@@ -181,34 +175,29 @@ def test_a_sky_without_a_meridian_has_no_azimuth():
 
 def test_the_sun_of_the_panoramas():
     """The disc stands at 36.0 deg in the one; the symmetry finds it within 2 deg, and 47.8 in the other, at dawn."""
-    from twilight.studies.camera.image import read_image
-
-    shots = [
-        Photograph(read_image(PANORAMAS / f"{n}_256.hdr"), latlong(), 3.0) for n in ("rooitou_park", "kiara_1_dawn")
-    ]
-    assert shots[0].sun.method == "disc" and shots[0].sun.azimuth_deg == pytest.approx(36.0, abs=1.0)
-    assert shots[0].sun.symmetry_deg == pytest.approx(36.0, abs=3.0)
-    assert shots[1].sun.method == "symmetry" and shots[1].sun.azimuth_deg == pytest.approx(47.8, abs=2.5)
+    files = (PANORAMAS / f"{name}_256.hdr" for name in ("rooitou_park", "kiara_1_dawn"))
+    day, dawn = (Photograph(read_image(file), latlong(), 3.0).sun for file in files)
+    assert day.method == "disc" and day.azimuth_deg == pytest.approx(36.0, abs=1.0)
+    assert day.symmetry_deg == pytest.approx(36.0, abs=3.0)
+    assert dawn.method == "symmetry" and dawn.azimuth_deg == pytest.approx(47.8, abs=2.5)
 
 
 # Comparison -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    "camera, through, worst",
-    [(latlong(720), picture, 2.0), (fisheye(500), picture, 2.0), (latlong(720), eight_bit, 2.0)],
+    "camera, through",
+    [(latlong(720), picture), (fisheye(500), picture), (latlong(720), eight_bit)],
     ids=["latlong", "fisheye", "8 bit"],
 )
-def test_a_rendered_sky_agrees_with_itself(camera, through, worst):
+def test_a_rendered_sky_agrees_with_itself(camera, through):
     shot = photograph(camera, 130.0, through, noise=0.01)
-    found = comparing.compare(shot.seen(130.0, 12.0).sky, sky())
-    assert found.figures["luminance_rms_percent"] < worst
-    assert found.figures["luminance_median_percent"] < 0.5
-    assert found.figures["solar_meridian_rms_percent"] < 2 * worst
-    assert found.figures["uv_distance_p95"] < 0.002
-    assert found.figures["ciede2000_p95"] < 1.0
-    assert found.figures["correlation_of_log_luminance"] > 0.999
-    assert found.figures["fraction_of_hemisphere"] > 0.7
+    found = comparing.compare(shot.seen(130.0, 12.0).sky, sky()).figures
+    assert found["luminance_median_percent"] < 0.5 and found["luminance_rms_percent"] < 2.0
+    assert found["solar_meridian_rms_percent"] < 4.0
+    assert found["uv_distance_p95"] < 0.002 and found["ciede2000_p95"] < 1.0
+    assert found["correlation_of_log_luminance"] > 0.999
+    assert found["fraction_of_hemisphere"] > 0.7
 
 
 def test_exposure_and_white_balance_are_recovered():
@@ -222,8 +211,7 @@ def test_exposure_and_white_balance_are_recovered():
     assert found.figures["uv_distance_median"] < 0.001
     ratio = found.balance.gains * gains
     assert np.abs(ratio / ratio.mean() - 1).max() < 0.01
-    total = found.balance.exposure * ratio.mean()
-    assert total == pytest.approx(1e3, rel=0.01)
+    assert found.balance.exposure * ratio.mean() == pytest.approx(1e3, rel=0.01)
 
 
 @pytest.mark.slow
@@ -255,8 +243,7 @@ def test_figures_follow_their_definitions():
 def test_a_grey_photograph_has_no_colour():
     camera = latlong(360)
     grey = take(sky(), camera, 0.0, sun=False).mean(axis=-1, keepdims=True) * np.ones(3)
-    shot = Photograph(replace(picture(grey), grey=True), camera, 3.0)
-    seen = shot.seen(0.0, None).sky
+    seen = Photograph(replace(picture(grey), grey=True), camera, 3.0).seen(0.0, None).sky
     found = comparing.compare(seen, sky())
     assert "uv_distance_median" not in found.figures and found.figures["luminance_rms_percent"] < 20
     with pytest.raises(TwilightError, match="white balance"):

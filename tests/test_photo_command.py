@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -10,11 +11,12 @@ from photographs import latlong, preetham
 from PIL import Image
 from typer.testing import CliRunner
 
+from twilight import engine
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.sky import colour
 from twilight.studies.camera import write_camera
-from twilight.studies.camera.image import write_exr
+from twilight.studies.camera.image import read_image, write_exr
 from twilight.studies.validate.photographs import photo as comparing
 from twilight.studies.validate.photographs.photograph import read_photograph
 
@@ -23,6 +25,10 @@ PANORAMAS = Path(__file__).parent / "data" / "photos"
 
 def command(*words):
     return CliRunner().invoke(app, ["validate", *map(str, words)])
+
+
+def photo(*words):
+    return command("photo", PANORAMAS / "rooitou_park_256.hdr", "--resolution", 3, *words)
 
 
 @pytest.fixture(scope="module")
@@ -37,10 +43,8 @@ def scene(tmp_path_factory):
 
 def test_the_command_writes_its_files(scene, tmp_path):
     out = tmp_path / "out"
-    done = command(
-        *("photo", PANORAMAS / "rooitou_park_256.hdr", "--camera", scene / "camera.yaml", "--config"),
-        *(scene / "scene.yaml", "--white-balance", "--resolution", 3, "--output", out),
-    )
+    given = ("--camera", scene / "camera.yaml", "--config", scene / "scene.yaml")
+    done = photo(*given, "--white-balance", "--output", out)
     assert done.exit_code == 0, done.output
     assert sorted(p.name for p in out.iterdir()) == sorted(
         ["comparison.png", "figures.json", "profiles.csv", "comparison.h5", "suns.csv"]
@@ -64,18 +68,17 @@ def test_the_command_writes_its_files(scene, tmp_path):
 
 def test_the_last_of_a_list_is_not_taken_without_a_word(scene, tmp_path):
     """Where the disc does not say it, a best sun at the end of those tried may be far from the true one."""
-    words = ("photo", PANORAMAS / "rooitou_park_256.hdr", "--config", scene / "scene.yaml", "--resolution", 3)
-    done = command(*words, "--sun-azimuth", 36, "--output", tmp_path / "out")
+    done = photo("--config", scene / "scene.yaml", "--sun-azimuth", 36, "--output", tmp_path / "out")
     assert done.exit_code == 0, done.output
     assert "best: sun +20.00 deg, the highest of those tried: the true one may lie beyond" in done.output
 
 
 def test_a_panorama_needs_no_camera(scene, tmp_path):
-    words = ("photo", PANORAMAS / "rooitou_park_256.hdr", "--config", scene / "scene.yaml", "--resolution", 3)
-    done = command(*words, "--output", tmp_path / "without")
+    words = ("--config", scene / "scene.yaml")
+    done = photo(*words, "--output", tmp_path / "without")
     assert done.exit_code == 0, done.output
     assert "taken for a panorama of the whole sphere, 256 x 128, north unknown, linear" in done.stderr
-    with_camera = command(*words, "--camera", scene / "camera.yaml", "--output", tmp_path / "with")
+    with_camera = photo(*words, "--camera", scene / "camera.yaml", "--output", tmp_path / "with")
     assert with_camera.exit_code == 0 and "--camera" not in with_camera.stderr
     figures = [json.loads((tmp_path / d / "figures.json").read_text())["figures"] for d in ("without", "with")]
     assert figures[0] == figures[1]
@@ -92,25 +95,15 @@ def test_whole_numbers_of_a_panorama_without_camera_are_srgb(tmp_path):
 
 
 def test_a_photograph_behind_a_polariser_is_compared_with_the_sky_behind_it(scene, tmp_path, monkeypatch):
-    from twilight import engine
-
     whole = preetham(12.0)
     polarised = replace(whole, polarisation=0.5 * np.stack([whole.sun_normalised_radiance] * 2, axis=2))
-    compared = []
-
-    def remembered(photo, simulated, **options):
-        compared.append(simulated)
-        return original(photo, simulated, **options)
-
-    original = comparing.compare
-    monkeypatch.setattr(comparing, "compare", remembered)
+    compare = Mock(wraps=comparing.compare)
+    monkeypatch.setattr(comparing, "compare", compare)
     monkeypatch.setattr(engine, "frames", lambda config, progress, **_: iter([engine.Frame("sun", polarised)]))
-    done = command(
-        *("photo", PANORAMAS / "rooitou_park_256.hdr", "--camera", scene / "camera.yaml", "--config", "pure-air"),
-        *("--resolution", 3, "--polariser", 22.5, "--output", tmp_path / "out"),
-    )
+    given = ("--camera", scene / "camera.yaml", "--config", "pure-air")
+    done = photo(*given, "--polariser", 22.5, "--output", tmp_path / "out")
     assert done.exit_code == 0, done.output
-    ratio = compared[0].sun_normalised_radiance / whole.sun_normalised_radiance
+    ratio = compare.call_args_list[0].args[1].sun_normalised_radiance / whole.sun_normalised_radiance
     assert ratio == pytest.approx(0.5 * (1.0 + np.sqrt(0.5)))
 
 
@@ -128,17 +121,13 @@ def test_a_photograph_behind_a_polariser_is_compared_with_the_sky_behind_it(scen
     ],
 )
 def test_wrong_options_are_one_sentence(scene, tmp_path, more, words):
-    done = command(
-        *("photo", PANORAMAS / "rooitou_park_256.hdr", "--camera", scene / "camera.yaml", "--config"),
-        *(scene / "scene.yaml", "--output", tmp_path / "out", *more),
-    )
+    given = ("--camera", scene / "camera.yaml", "--config", scene / "scene.yaml")
+    done = photo(*given, "--output", tmp_path / "out", *more)
     assert done.exit_code == 2 and words in done.stderr and len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "out").exists()
 
 
 def test_eight_bits_as_linear_light_are_remarked(tmp_path):
-    from twilight.studies.validate.photographs.photograph import read_photograph
-
     Image.fromarray(np.full((20, 40, 3), 99, np.uint8)).save(tmp_path / "a.png")
     with pytest.warns(UserWarning, match="srgb"):
         read_photograph(tmp_path / "a.png", latlong(40))
@@ -156,8 +145,6 @@ def test_the_response_command(tmp_path):
     merged, curve = tmp_path / "merged.exr", tmp_path / "curve.csv"
     done = command("response", *names, "--times", "1/4,1,4", "--output", curve, "--merge", merged)
     assert done.exit_code == 0, done.output
-    from twilight.studies.camera.image import read_image
-
     ratio = read_image(merged).samples / light
     good = light.max(axis=-1) > 0.02
     assert np.std(np.log(ratio[good])) < 0.05

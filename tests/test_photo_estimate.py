@@ -21,7 +21,8 @@ from twilight.sky import colour
 from twilight.sky.sky import Sky
 from twilight.studies.camera import write_camera
 from twilight.studies.camera.image import write_exr
-from twilight.studies.validate.photographs.estimate import estimate, facts, sentences, untold_wavelengths
+from twilight.studies.validate.photographs import emulator
+from twilight.studies.validate.photographs.estimate import estimate, facts, sentences, unconstrained_wavelengths
 from twilight.studies.validate.photographs.library import (
     AEROSOL,
     OTHERS,
@@ -112,7 +113,7 @@ def test_known_air_is_recovered(camera):
     assert found["ozone"].value == pytest.approx(380, abs=5)
 
 
-def test_what_leaves_no_mark_is_not_told():
+def test_what_leaves_no_mark_is_not_constrained():
     made = estimate(seen(latlong(), TRUTH), [toy_library()])
     humidity = by_name(made[0])["humidity"]
     assert not humidity.constrained and humidity.relative_width > 0.9
@@ -221,12 +222,11 @@ def test_a_library_is_computed_once(tmp_path, monkeypatch):
     base, design, file = load("continental-average", TINY), Design(()), tmp_path / "skies.npz"
     one = make_library(base, design, "continental_average", [10.0, 20.0], 6.0, file=file)
     assert one.xyz.shape == (5, 2, 15, 60, 3)
-    import twilight.studies.validate.photographs.library as module
 
     def never(*_):
         raise AssertionError("computed again")
 
-    monkeypatch.setattr(module.emulator, "compute", never)
+    monkeypatch.setattr(emulator, "compute", never)
     two = make_library(base, design, "continental_average", [10.0, 20.0], 6.0, file=file)
     assert (two.xyz == one.xyz).all()
     assert two.luminance_error == one.luminance_error > 0.0
@@ -270,9 +270,7 @@ def test_the_command(tmp_path):
         assert done.exit_code == 2 and said in done.stderr and len(done.stderr.splitlines()) == 1
 
 
-def test_skies_are_kept_for_the_next_photograph_and_interrupted_ones_are_fitted(tmp_path, monkeypatch):
-    import twilight.studies.validate.photographs.library as module
-
+def test_skies_are_cached_for_the_next_photograph_and_interrupted_ones_are_fitted(tmp_path, monkeypatch):
     words = analytic_photograph(tmp_path)
     monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setenv("TWILIGHT_CACHE_GB", "1")
@@ -287,7 +285,7 @@ def test_skies_are_kept_for_the_next_photograph_and_interrupted_ones_are_fitted(
         computed.append(config)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(module.emulator, "compute", interrupted)
+    monkeypatch.setattr(emulator, "compute", interrupted)
     words[words.index("continental_average")] = "continental_average,desert,urban"
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 130 and "interrupted; fits continental_average, not desert, urban" in done.stderr
@@ -343,11 +341,11 @@ def test_the_screen_beyond_the_horizon_is_a_parameter_of_the_scene():
     assert screen_of(with_settings(high, settings).horizon, ()) == Screen.of_clouds(0.4, 11.0, 1.5, 150.0)
 
 
-def test_a_reader_is_told_which_wavelengths_were_not():
+def test_wavelengths_that_are_not_constrained_are_named():
     """A free white balance takes the colour of the whole sky, and luminance alone has none."""
-    assert "cannot tell how much red, green or blue" in untold_wavelengths(True, True)
-    assert "luminance alone" in untold_wavelengths(False, False)
-    assert "above 650 nm" in untold_wavelengths(False, True)
+    assert "cannot tell how much red, green or blue" in unconstrained_wavelengths(True, True)
+    assert "luminance alone" in unconstrained_wavelengths(False, False)
+    assert "above 650 nm" in unconstrained_wavelengths(False, True)
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Photographs in every format: their light comes back, and a file that is damaged is one sentence."""
 
 import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -114,9 +115,9 @@ def test_files_cut_off_are_one_sentence(tmp_path, kind):
     whole = tmp_path / f"whole{suffix}"
     write(whole, kind)
     data = whole.read_bytes()
-    for share in (0.0, 0.02, 0.3, 0.9):
+    for fraction in (0.0, 0.02, 0.3, 0.9):
         path = tmp_path / f"cut{suffix}"
-        path.write_bytes(data[: int(share * len(data))])
+        path.write_bytes(data[: int(fraction * len(data))])
         with pytest.raises(TwilightError, match="cut") as refused:
             read_samples(path)
         assert len(str(refused.value).splitlines()) == 1
@@ -128,8 +129,6 @@ def test_gigantic_headers_are_refused(tmp_path):
     with pytest.raises(TwilightError, match="90000"):
         read_samples(path)
     chunk = b"IHDR" + struct.pack(">IIBBBBB", 100000, 100000, 8, 2, 0, 0, 0)
-    import zlib
-
     png = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
     path = tmp_path / "big.png"
     path.write_bytes(png + struct.pack(">I", 0) + b"IDAT" + struct.pack(">I", zlib.crc32(b"IDAT")))
@@ -155,34 +154,24 @@ def test_other_bad_files(tmp_path):
 def dng(path, mosaic):
     """A minimal Adobe DNG of a 16 bit Bayer mosaic (H, W), red in the corner, neutral camera white."""
     height, width = mosaic.shape
-    short, long, byte, text, rational, srational = 3, 4, 1, 2, 5, 10
+    formats = {1: "B", 3: "H", 4: "I"}
+    byte, text, short, long, rational, srational = 1, 2, 3, 4, 5, 10
     matrix = [3.2406, -1.5372, -0.4986, -0.9689, 1.8758, 0.0415, 0.0557, -0.2040, 1.0570]  # XYZ to linear sRGB
     fractions = b"".join(struct.pack("<ii", round(10000 * m), 10000) for m in matrix)
+    numbers = {
+        254: (long, 0), 256: (long, width), 257: (long, height), 258: (short, 16), 259: (short, 1), 262: (short, 32803),
+        274: (short, 1), 277: (short, 1), 278: (long, height), 279: (long, mosaic.size * 2), 284: (short, 1),
+        33421: (short, 2, 2), 33422: (byte, 0, 1, 1, 2), 50706: (byte, 1, 4, 0, 0), 50714: (short, 0),
+        50717: (long, 65535), 50778: (short, 21),
+    }  # fmt: skip
     entries = [
-        (254, long, 1, struct.pack("<I", 0)),
-        (256, long, 1, struct.pack("<I", width)),
-        (257, long, 1, struct.pack("<I", height)),
-        (258, short, 1, struct.pack("<H", 16)),
-        (259, short, 1, struct.pack("<H", 1)),
-        (262, short, 1, struct.pack("<H", 32803)),
-        (271, text, 5, b"Test\0"),
-        (272, text, 5, b"Test\0"),
-        (273, long, 1, None),
-        (274, short, 1, struct.pack("<H", 1)),
-        (277, short, 1, struct.pack("<H", 1)),
-        (278, long, 1, struct.pack("<I", height)),
-        (279, long, 1, struct.pack("<I", mosaic.size * 2)),
-        (284, short, 1, struct.pack("<H", 1)),
-        (33421, short, 2, struct.pack("<HH", 2, 2)),
-        (33422, byte, 4, bytes([0, 1, 1, 2])),
-        (50706, byte, 4, bytes([1, 4, 0, 0])),
-        (50708, text, 5, b"Test\0"),
-        (50714, short, 1, struct.pack("<H", 0)),
-        (50717, long, 1, struct.pack("<I", 65535)),
-        (50721, srational, 9, fractions),
-        (50728, rational, 3, struct.pack("<6I", 1, 1, 1, 1, 1, 1)),
-        (50778, short, 1, struct.pack("<H", 21)),
+        (tag, kind, len(values), struct.pack(f"<{len(values)}{formats[kind]}", *values))
+        for tag, (kind, *values) in numbers.items()
     ]
+    entries += [(tag, text, 5, b"Test\0") for tag in (271, 272, 50708)]
+    entries += [(273, long, 1, None), (50721, srational, 9, fractions)]
+    entries += [(50728, rational, 3, struct.pack("<6I", 1, 1, 1, 1, 1, 1))]
+    entries.sort(key=lambda entry: entry[0])
     start = 8 + 2 + 12 * len(entries) + 4
     directory, more = struct.pack("<H", len(entries)), b""
     total = sum(len(value) for *_, value in entries if value is not None and len(value) > 4)

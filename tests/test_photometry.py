@@ -11,6 +11,7 @@ from montecarlo_media import hazy_earth
 from typer.testing import CliRunner
 
 from twilight.base.errors import TwilightError
+from twilight.cli.app import app
 from twilight.config import load
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.moon import Moon
@@ -127,10 +128,10 @@ class Even:
 
 def test_the_meter_adds_light_and_not_magnitudes():
     """Five magnitudes are a factor of 100, and a sky as bright as the night is 0.75 mag brighter than it."""
-    bright = meters.Meter(Even(1e-10), None).twilight_mag(-9.0)
-    assert meters.Meter(Even(1e-12), None).twilight_mag(-9.0) - bright == pytest.approx(5.0, abs=1e-6)
-    assert meters.Meter(Even(1e-30), 21.92).twilight_mag(-18.0) == pytest.approx(21.92, abs=1e-3)
-    both = meters.Meter(Even(1e-10), bright).twilight_mag(-9.0)
+    bright = meters.SkyQualityMeter(Even(1e-10), None).twilight_mag(-9.0)
+    assert meters.SkyQualityMeter(Even(1e-12), None).twilight_mag(-9.0) - bright == pytest.approx(5.0, abs=1e-6)
+    assert meters.SkyQualityMeter(Even(1e-30), 21.92).twilight_mag(-18.0) == pytest.approx(21.92, abs=1e-3)
+    both = meters.SkyQualityMeter(Even(1e-10), bright).twilight_mag(-9.0)
     assert bright - both == pytest.approx(2.5 * np.log10(2.0), abs=1e-6)
 
 
@@ -146,7 +147,7 @@ def test_the_meter_sees_a_gaussian_about_the_zenith():
 
 def test_moonlight_is_sunlight_dimmed_by_the_moon():
     """A full moon is 14 magnitudes fainter than the sun above the air."""
-    even = meters.Meter(Even(1e-2), None)
+    even = meters.SkyQualityMeter(Even(1e-2), None)
     fainter = even.moonlit_mag(Moon(40.0, 0.0, 7.0)) - even.twilight_mag(40.0)
     assert fainter == pytest.approx(14.3, abs=0.3)  # -26.7 and -12.4 at 7 deg from opposition
 
@@ -197,25 +198,13 @@ def test_zenith_luminance_at_maryland(meter):
 
 
 def test_tables_and_picture(tmp_path):
-    points = [
-        work.PhotometricPoint("a", "illuminance", "s", "ground", 0.0, h, float(horizontal_illuminance_lux(h)), 0.0, 1.0)
-        for h in (-6.0, -9.0)
-    ]
+    rows = [("illuminance", "ground", 0.0, h, float(horizontal_illuminance_lux(h)), 0.0, 1.0) for h in (-6.0, -9.0)]
     for site in KOOMEN_SITES:
-        points.append(
-            work.PhotometricPoint("a", "zenith luminance", "s", site.name, site.altitude_km, -6.0, 0.5, 1e-4, 0.5)
-        )
-        points.append(
-            work.PhotometricPoint(
-                "a", "zenith luminance", "s", site.name, site.altitude_km, -7.0, 0.1, 1e-4, float("nan")
-            )
-        )
-    points.append(work.PhotometricPoint("a", work.METER_QUANTITY, "s", "Cosmic Campground", 1.6, -9.0, 0.02, 0.0, 0.02))
-    points += [
-        work.PhotometricPoint("a", quantity, "s", "session 3", 0.0, h, 1.5, 0.0, 1.0)
-        for quantity in work.COLOURS
-        for h in (-1.0, 1.0)
-    ]
+        for sun, computed, measured in ((-6.0, 0.5, 0.5), (-7.0, 0.1, np.nan)):
+            rows.append(("zenith luminance", site.name, site.altitude_km, sun, computed, 1e-4, measured))
+    rows.append((work.METER_QUANTITY, "Cosmic Campground", 1.6, -9.0, 0.02, 0.0, 0.02))
+    rows += [(quantity, "session 3", 0.0, h, 1.5, 0.0, 1.0) for quantity in work.COLOURS for h in (-1.0, 1.0)]
+    points = [work.PhotometricPoint("a", quantity, "s", *values) for quantity, *values in rows]
     moonlit = [meters.MoonlitPoint("a", 7.5, up, 100, 18.0, 18.2) for up in (20.0, 40.0)]
     report.write_moonlit(moonlit, tmp_path / "moonlit.csv")
     assert (tmp_path / "moonlit.csv").read_text().splitlines()[1] == "a,7.5,20,100,18.00,18.20,-0.20"
@@ -224,10 +213,8 @@ def test_tables_and_picture(tmp_path):
     report.draw(points, moonlit, tmp_path / "picture.png")
     lines = (tmp_path / "points.csv").read_text().splitlines()
     assert lines[0].split(",") == list(report.POINT_COLUMNS) and len(lines) == 1 + len(points)
-    assert (
-        sum(line.endswith(",,") for line in lines) == len(KOOMEN_SITES)
-        and (tmp_path / "picture.png").read_bytes()[:4] == b"\x89PNG"
-    )
+    assert sum(line.endswith(",,") for line in lines) == len(KOOMEN_SITES)
+    assert (tmp_path / "picture.png").read_bytes()[:4] == b"\x89PNG"
 
 
 @pytest.mark.parametrize(
@@ -240,22 +227,16 @@ def test_tables_and_picture(tmp_path):
     ],
 )
 def test_command_refuses_in_one_sentence(arguments, says, tmp_path):
-    from twilight.cli.app import app
-
-    told = CliRunner().invoke(app, ["validate", "photometry", *arguments, "--output", str(tmp_path / "out")])
-    text = told.output + (told.stderr or "")
-    assert told.exit_code == 2 and says in text and "Traceback" not in text
+    done = CliRunner().invoke(app, ["validate", "photometry", *arguments, "--output", str(tmp_path / "out")])
+    text = done.output + (done.stderr or "")
+    assert done.exit_code == 2 and says in text and "Traceback" not in text
     assert not list(tmp_path.glob("out/*.csv"))
 
 
 @pytest.mark.slow
 def test_command_writes_tables_and_picture(tmp_path):
-    from twilight.cli.app import app
-
-    told = CliRunner().invoke(
-        app,
-        ["validate", "photometry", "pure-air", "--quality", "draft", "--set", "night=null", "--output", str(tmp_path)],
-    )
-    assert told.exit_code == 0, told.output
+    words = ["pure-air", "--quality", "draft", "--set", "night=null", "--output", str(tmp_path)]
+    done = CliRunner().invoke(app, ["validate", "photometry", *words])
+    assert done.exit_code == 0, done.output
     assert {p.name for p in tmp_path.iterdir()} == {"points.csv", "levels.csv", "moonlit.csv", "photometry.png"}
-    assert "slope_difference" in told.output
+    assert "slope_difference" in done.output

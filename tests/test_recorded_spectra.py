@@ -53,7 +53,7 @@ def test_a_known_screen_comes_back():
     assert found.screen().at(HEIGHTS_KM) == pytest.approx(found.transmission)
 
 
-def test_a_wrong_calibration_is_told_from_a_screen():
+def test_a_wrong_calibration_is_distinguished_from_a_screen():
     """A sensor that counts red low at all suns would be taken for clouds."""
     basis = smooth_basis()
     factor = np.linspace(1.2, 0.8, len(WAVELENGTHS_NM))
@@ -74,14 +74,8 @@ def test_the_zenith_keeps_its_light():
 
 def test_light_under_a_screen_is_that_of_its_parts():
     """T(h) of any shape is a sum of rises: fails if the light were not linear in it, or the parts were cut wrongly."""
-    config = load(
-        {
-            "version": 1,
-            "climate": "pure-air",
-            "sun": {"elevation_deg": -4},
-            "solver": {"quality": "draft", "max_orders": 1},
-        }
-    )
+    solver = {"quality": "draft", "max_orders": 1}
+    config = load({"version": 1, "climate": "pure-air", "sun": {"elevation_deg": -4}, "solver": solver})
     suns = np.array([0.0, -4.0])
     (basis,) = spectra.bases(config, Recorded(suns, np.array([450.0, 550.0]), np.ones((2, 2))), (150.0,))
     scene = resolve(config, wavelength_nm=np.array([450.0, 550.0]))

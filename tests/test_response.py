@@ -16,17 +16,17 @@ from twilight.studies.camera.response import (
     write_response,
 )
 
+POWER = np.array([0.42, 0.5, 0.6])
+
 
 def film(light):
     """A made-up S-shaped film curve, 0..1 to 0..1, with another contrast in every channel."""
-    power = np.array([0.42, 0.5, 0.6])
-    x = np.asarray(light) ** power
+    x = np.asarray(light) ** POWER
     return 1.35 * x / (0.35 + x)
 
 
 def film_inverse(z):
-    power = np.array([0.42, 0.5, 0.6])
-    return (0.35 * z / (1.35 - z)) ** (1.0 / power)
+    return (0.35 * z / (1.35 - z)) ** (1.0 / POWER)
 
 
 def scene(n=96):
@@ -128,22 +128,19 @@ def test_a_curve_survives_its_file(tmp_path):
 def test_bad_curves_are_one_sentence(tmp_path, text):
     path = tmp_path / "curve.csv"
     path.write_text(text)
-    with pytest.raises(TwilightError, match="response curve"):
+    with pytest.raises(TwilightError, match=r"curve\.csv"):
         read_response(path)
 
 
 def test_bad_series_are_one_sentence():
     light = scene(16)
     good = bracket(film, TIMES, light)
-    with pytest.raises(TwilightError, match="a time for each"):
-        recover_response(good, TIMES[:3])
-    with pytest.raises(TwilightError, match="differ"):
-        recover_response(good, (1.0,) * 5)
-    with pytest.raises(TwilightError, match="same size"):
-        recover_response([*good[:4], bracket(film, (1.0,), scene(20))[0]], TIMES)
-    black = bracket(film, TIMES, np.zeros_like(light))
-    with pytest.raises(TwilightError, match="well exposed"):
-        recover_response(black, TIMES)
-    linear = [StoredImage(p.samples, p.saturated, None, True) for p in good]
-    with pytest.raises(TwilightError, match="linear light"):
-        recover_response(linear, TIMES)
+    for pictures, times, words in (
+        (good, TIMES[:3], "a time for each"),
+        (good, (1.0,) * 5, "differ"),
+        ([*good[:4], bracket(film, (1.0,), scene(20))[0]], TIMES, "same size"),
+        (bracket(film, TIMES, np.zeros_like(light)), TIMES, "well exposed"),
+        ([StoredImage(p.samples, p.saturated, None, True) for p in good], TIMES, "linear light"),
+    ):
+        with pytest.raises(TwilightError, match=words):
+            recover_response(pictures, times)

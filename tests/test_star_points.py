@@ -116,7 +116,7 @@ def test_stars_stand_where_astropy_has_them(air):
 
 
 def test_light_of_the_stars():
-    """Vega's at 550 nm, the colours of three stars, extinction by the air, and the share of all starlight."""
+    """Vega's at 550 nm, the colours of three stars, extinction by the air, and the fraction of all starlight."""
     assert irradiance_above_air(np.array([0.0]), np.array([0.0]), np.array([550.0]))[0, 0] == pytest.approx(3.631e-11)
     np.testing.assert_allclose(temperature_k(np.array([0.0, 0.65, 1.85])), [10100, 5800, 3300], rtol=0.03)
     blue, red = irradiance_above_air(np.zeros(2), np.array([-0.2, 1.8]), NM)
@@ -187,12 +187,9 @@ def test_stars_move_through_a_film(tmp_path):
         when = replace(PLACE, time=begin + timedelta(seconds=1800.0 * i))
         stars = StarSky.of(one.problem.scene.medium, 0.0).over(when)
         up = stars.elevation_deg > 1.0
-        # lux of V = 0: 2.54e-6 (Allen)
-        lux = (
-            2.54e-6
-            / 3.631e-11
-            * np.interp(550.0, one.problem.scene.medium.wavelength_nm, stars.irradiance[up].sum(axis=0))
-        )
+        # a star of V = 0 is 3.631e-11 W m^-2 nm^-1 at 550 nm and 2.54e-6 lx (Allen)
+        green = np.interp(550.0, one.problem.scene.medium.wavelength_nm, stars.irradiance[up].sum(axis=0))
+        lux = 2.54e-6 / 3.631e-11 * green
         assert np.nansum(light * area) == pytest.approx(lux, rel=0.1)
         brightest = np.argmax(stars.irradiance.sum(axis=-1))
         towards = direction(stars.azimuth_deg[brightest], stars.elevation_deg[brightest])

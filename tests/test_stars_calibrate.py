@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 from star_pictures import render_stars
 
 from twilight.base.errors import TwilightError
+from twilight.numerics.orientation import camera_axes
 from twilight.sky.stars import blended
-from twilight.studies.camera import CameraModel, camera_axes
+from twilight.studies.camera import CameraModel
 from twilight.studies.camera.image import read_image
 from twilight.studies.validate.stars.calibrate import calibrate
 from twilight.studies.validate.stars.coordinates import StarSite, equatorial, horizontal
@@ -45,14 +46,14 @@ TRUTHS = {
     },
 }
 GUESSED_FOCAL_LENGTH_PX = {"fisheye": 333.0, "perspective": 640.0}
-FALSE_SHARE = 0.2
+FALSE_FRACTION = 0.2
 """Of the sources: points that are no star."""
 HOT_PIXELS = 200
 """Bright single pixels of the sensor."""
 
 
 @cache
-def draw(kind, false_share=FALSE_SHARE):
+def draw(kind, false_fraction=FALSE_FRACTION):
     """(true camera, guess, picture): a fifth of the sources false, hot pixels, noise of photons and reading out."""
     truth = CameraModel.model_validate(TRUTHS[kind])
     stars = horizontal(PLACE, MOMENT, 1013.25, 10.0)
@@ -60,7 +61,12 @@ def draw(kind, false_share=FALSE_SHARE):
     xy = truth.project(stars.directions)
     n = int(truth.inside(xy).sum())
     picture = render_stars(
-        xy, stars.magnitude, truth, seed=3, hot_pixels=HOT_PIXELS, false_stars=int(false_share / (1 - false_share) * n)
+        xy,
+        stars.magnitude,
+        truth,
+        seed=3,
+        hot_pixels=HOT_PIXELS,
+        false_stars=int(false_fraction / (1 - false_fraction) * n),
     )
     guess = CameraModel.model_validate(
         {
@@ -114,7 +120,7 @@ def test_place_and_time_unknown():
 
 
 def test_standard_errors_are_of_the_size_of_the_errors():
-    truth, guess, picture = draw("perspective", false_share=0.0)
+    truth, guess, picture = draw("perspective", false_fraction=0.0)
     made = calibrate(picture, guess, PLACE, MOMENT)
     off = Rotation.from_matrix(made.fit.state.matrix @ truth.axes.T).as_rotvec()
     assert np.all(np.abs(off) < 5.0 * made.fit.standard_errors[:3])
@@ -160,11 +166,11 @@ def test_attitude_survives_half_of_the_sources_being_false():
     mixed = np.stack([own, false], axis=1).reshape(-1, 3)
     solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(40.0)))
     found = find_attitude(mixed, stars, solid_angle, 4.0 * np.pi, np.radians(0.1))
-    assert found is not None and found.surprise > 3.0
+    assert found is not None and found.significance > 3.0
     off = np.degrees(Rotation.from_matrix(found.matrix @ matrix.T).magnitude())
     assert off < 1.0
     nothing = find_attitude(false, stars, solid_angle, 4.0 * np.pi, np.radians(0.1))
-    assert nothing is None or nothing.surprise < 3.0
+    assert nothing is None or nothing.significance < 3.0
 
 
 def test_spread_takes_few_from_one_place():

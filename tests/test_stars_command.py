@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -34,8 +36,6 @@ WHERE = ["--latitude", "48.2", "--longitude", "16.4", "--at", "2021-08-11T01:30"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A night exposure as EXR, and a guess of its camera."""
-    from datetime import UTC, datetime
-
     folder = tmp_path_factory.mktemp("stars")
     truth = CameraModel.model_validate(TRUTH)
     stars = horizontal(StarSite(48.2, 16.4), datetime(2021, 8, 10, 23, 30, tzinfo=UTC), 1013.25, 10.0)
@@ -105,8 +105,6 @@ def test_failures_leave_no_files(folder, tmp_path, monkeypatch):
 
 
 def test_astropy_is_not_imported_with_the_program():
-    import subprocess
-
     code = "import sys, twilight.cli.app, twilight.studies.validate.stars.calibrate; print('astropy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path.cwd())
     assert done.stdout.strip() == "False"

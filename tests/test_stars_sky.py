@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from twilight.base.errors import TwilightError
+from twilight.numerics.orientation import azimuth_elevation, direction
 from twilight.sky.stars import Stars, blended, bright_stars
-from twilight.studies.camera import azimuth_elevation, direction
 from twilight.studies.validate.stars.coordinates import (
     StarSite,
+    _astropy,
     equatorial,
     horizontal,
     planet_tracks,
@@ -136,23 +137,13 @@ def test_refraction_grows_with_the_density_of_air():
 
 
 def test_refraction_is_that_of_astropy():
-    from astropy import units
-    from astropy.coordinates import AltAz, EarthLocation, SkyCoord
-    from astropy.time import Time
-    from astropy.utils import iers
-
-    flat = iers.IERS(
-        {"MJD": [0.0, 1e5] * units.d, "UT1_UTC": [0.0] * 2 * units.s, "PM_x": [0.0] * 2 * units.arcsec,
-         "PM_y": [0.0] * 2 * units.arcsec}
-    )  # fmt: skip
     true = np.array([15.0, 25.0, 40.0, 60.0, 80.0])
-    with iers.earth_orientation_table.set(flat):
-        time, site = Time("2020-01-01"), EarthLocation(lat=10 * units.deg, lon=0 * units.deg)
-        vacuum = AltAz(obstime=time, location=site)
-        air = AltAz(
-            obstime=time, location=site, pressure=900 * units.hPa, temperature=15 * units.deg_C, obswl=0.55 * units.um
-        )
-        stars = SkyCoord(alt=true * units.deg, az=0 * units.deg, frame=vacuum).transform_to("icrs")
+    with _astropy() as (coordinates, units, Time):
+        site = coordinates.EarthLocation(lat=10 * units.deg, lon=0 * units.deg)
+        here = {"obstime": Time("2020-01-01"), "location": site}
+        vacuum = coordinates.AltAz(**here)
+        air = coordinates.AltAz(**here, pressure=900 * units.hPa, temperature=15 * units.deg_C, obswl=0.55 * units.um)
+        stars = coordinates.SkyCoord(alt=true * units.deg, az=0 * units.deg, frame=vacuum).transform_to("icrs")
         apparent = stars.transform_to(air).alt.deg
     ours = true + np.degrees(refraction_rad(np.radians(true), 900.0, 15.0))
     np.testing.assert_allclose(ours, apparent, atol=2.0 / 3600.0)

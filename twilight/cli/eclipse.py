@@ -79,11 +79,11 @@ def eclipse(
     files = report.write(lights, event, nm, folder)
     print_table(["contact", "time (UTC)"], [[name, f"{t:%Y-%m-%d %H:%M:%S}"] for name, t in event.contacts.items()])
     print(f"umbral magnitude {event.umbral_magnitude:.3f}")
-    middle = int(np.argmin(event.places.offset_rad))
-    offset, total = event.places.offset_rad[middle], "U2" in event.contacts
+    middle = int(np.argmin(event.moon.offset_rad))
+    offset, total = event.moon.offset_rad[middle], "U2" in event.contacts
     rows = []
     for name, light in lights.items():
-        magnitude = float(magnitudes(light, event.places)[middle])
+        magnitude = float(magnitudes(light, event.moon)[middle])
         there = float(light.visual_at(np.array([offset]))[0])
         scattered = float(np.interp(offset, light.offset_rad, visual(light.scattered, nm)))
         row = [name, f"{there:.2e}", f"{100.0 * scattered / there:.1f}", f"{magnitude:.2f}"]

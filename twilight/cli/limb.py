@@ -105,13 +105,13 @@ def limb(
     from twilight.base.progress import part_of
     from twilight.engine import check_size, solve
     from twilight.scene import resolve
-    from twilight.studies.limb import report, sight
+    from twilight.studies.limb import geometry, report
     from twilight.studies.limb.limb import limb_of
     from twilight.studies.limb.occultation import occultation as occultation_of
 
     resolved = resolve(config, mixed=not occultation)
-    sight.tangent_altitudes(resolved.medium, tangents, altitude_km)
-    sight.field_of_view(field_of_view_km, field_of_view_shape)
+    geometry.tangent_altitudes(resolved.medium, tangents, altitude_km)
+    geometry.field_of_view(field_of_view_km, field_of_view_shape)
     if occultation:
         found = occultation_of(
             resolved.medium,

@@ -167,7 +167,7 @@ def _estimate(
     from twilight.scene import resolve
     from twilight.sky.colour import sky_to_xyz
     from twilight.studies.validate.photographs.estimate import estimate as fit
-    from twilight.studies.validate.photographs.estimate import facts, sentences, untold_wavelengths
+    from twilight.studies.validate.photographs.estimate import facts, sentences, unconstrained_wavelengths
     from twilight.studies.validate.photographs.library import make_library
     from twilight.studies.validate.photographs.photo import OBSERVER
     from twilight.studies.validate.photographs.report import write_json
@@ -211,7 +211,7 @@ def _estimate(
             return sky_to_xyz(run(resolve(scene), numpy_only_sun=True), observer=OBSERVER)
 
         made = fit(seen.sky, libraries, refine=compute, progress=part_of(bar, 0.85, 0.1), **options)
-    told = [*sentences(made), untold_wavelengths(options["white_balance"], options["with_colour"])]
+    told = [*sentences(made), unconstrained_wavelengths(options["white_balance"], options["with_colour"])]
     if any(p.name == HORIZON and p.constrained for p in made[0].parameters):
         told.append(_beyond(config, made[0].values[HORIZON]))
     unseen = [f"aerosol type: {', '.join(left)} was not tried: interrupted"] if left else []

@@ -23,6 +23,8 @@ LAYER_EDGES_KM = (0.0, 2.0, 5.0, 8.0, 11.0, 14.0, 17.0, 20.0, 23.0, 26.0, 29.0, 
 """Altitudes [km] that bound the usual layers."""
 UNITS = {"temperature": "K-1", "ozone_column": "DU-1"}
 """Units of derivatives by quantities that have one."""
+DIMS = ("sun_elevation", "direction", "altitude", "wavelength")
+"""Dimensions of derivatives, before those of a single sun or direction are dropped."""
 
 
 def usual_edges(medium: Medium) -> np.ndarray:
@@ -30,6 +32,11 @@ def usual_edges(medium: Medium) -> np.ndarray:
     inside = [z for z in LAYER_EDGES_KM if medium.bottom_km + 0.5 < z < medium.top_km - 0.5]
     top = min(medium.top_km, LAYER_EDGES_KM[-1])
     return np.array(sorted({medium.bottom_km, *inside, top}))
+
+
+def layer_edges_of(boxes: Dataset) -> np.ndarray:
+    """Altitudes (J + 1,) [km] that bound the layers of a dataset of `box_factors`."""
+    return np.append(boxes["altitude_bnds"].values[:, 0], boxes["altitude_bnds"].values[-1, 1])
 
 
 def box_factors(
@@ -45,14 +52,13 @@ def box_factors(
 
     Arguments as of `twilight.Solved.airmass`.
     """
-    edges = layer_edges(solved.medium, usual_edges(solved.medium) if edges_km is None else edges_km)
-    question = _Question(solved, sun_elevation_deg, elevation_deg, azimuth_deg, edges, observer_altitude_km)
-    slopes, errors = question.log_slopes("absorption")
+    request = _Request(solved, sun_elevation_deg, elevation_deg, azimuth_deg, edges_km, observer_altitude_km)
+    slopes, errors = request.log_slopes("absorption")
     about = {"long_name": "box air-mass factor: -d ln(radiance) / d(vertical optical depth of the layer)", "units": "1"}
-    values: dict[str, Any] = {"box_air_mass_factor": (question.dims, -slopes, about)}
+    values: dict[str, Any] = {"box_air_mass_factor": (DIMS, -slopes, about)}
     if errors is not None:
-        values["standard_error"] = (question.dims, errors, {"long_name": "standard error", "units": "1"})
-    return question.dataset(values)
+        values["standard_error"] = (DIMS, errors, {"long_name": "standard error", "units": "1"})
+    return request.dataset(values)
 
 
 def jacobian(
@@ -70,29 +76,35 @@ def jacobian(
     for name in quantities:
         if name not in DIFFERENTIATED:
             raise TwilightError(f"by: {name} {unknown(name, DIFFERENTIATED, 'quantity')}")
-    edges = layer_edges(solved.medium, usual_edges(solved.medium) if edges_km is None else edges_km)
-    question = _Question(solved, sun_elevation_deg, elevation_deg, azimuth_deg, edges, observer_altitude_km)
+    request = _Request(solved, sun_elevation_deg, elevation_deg, azimuth_deg, edges_km, observer_altitude_km)
     values: dict[str, Any] = {}
     for name in quantities:
-        slopes, errors = question.log_slopes(name)
-        dims = question.dims
+        slopes, errors = request.log_slopes(name)
+        dims: tuple[str, ...] = DIMS
         if name in OF_ALL_AIR:
             slopes, errors = slopes[..., 0, :], None if errors is None else errors[..., 0, :]
-            dims = tuple(d for d in dims if d != "altitude")
+            dims = tuple(d for d in DIMS if d != "altitude")
         about = {"long_name": f"d ln(radiance) / d({DIFFERENTIATED[name]})", "units": UNITS.get(name, "1")}
         values[name] = (dims, slopes, about)
         if errors is not None:
             values[name + "_standard_error"] = (dims, errors, {**about, "long_name": "standard error"})
-    return question.dataset(values)
+    return request.dataset(values)
 
 
-class _Question:
-    """Suns, directions and layers that are asked for, and the dimensions of the answer."""
+class _Request:
+    """Suns, directions and layers by which light is differentiated, and the dimensions of the derivatives."""
 
     def __init__(
-        self, solved: Solved, sun: ArrayLike, elevation: ArrayLike, azimuth: ArrayLike, edges: np.ndarray, altitude: Any
+        self,
+        solved: Solved,
+        sun: ArrayLike,
+        elevation: ArrayLike,
+        azimuth: ArrayLike,
+        edges: ArrayLike | None,
+        altitude: float | None,
     ):
-        self.solved, self.edges, self.altitude = solved, edges, altitude
+        self.solved, self.altitude = solved, altitude
+        self.edges = layer_edges(solved.medium, usual_edges(solved.medium) if edges is None else edges)
         self.suns = np.atleast_1d(np.asarray(sun, dtype=float))
         self.elevation, self.azimuth = (
             np.atleast_1d(a) for a in np.broadcast_arrays(np.asarray(elevation, float), np.asarray(azimuth, float))
@@ -101,38 +113,23 @@ class _Question:
             raise TwilightError("airmass: suns and directions must be numbers or lists of numbers")
         self.one_sun, self.one_direction = np.ndim(sun) == 0, np.ndim(elevation) == 0 and np.ndim(azimuth) == 0
 
-    @property
-    def dims(self) -> tuple[str, ...]:
-        """Names of the dimensions of what `log_slopes` returns."""
-        first = [] if self.one_sun else ["sun_elevation"]
-        return (*first, *([] if self.one_direction else ["direction"]), "altitude", "wavelength")
-
     def log_slopes(self, quantity: str) -> tuple[np.ndarray, np.ndarray | None]:
-        """Derivatives and standard errors, of `dims`."""
-        slopes, errors = self.solved.log_slopes(
+        """Derivatives and standard errors, of DIMS."""
+        return self.solved.log_slopes(
             quantity, self.edges, self.suns[:, None], self.elevation, self.azimuth, self.altitude
         )
-        return self._squeezed(slopes), None if errors is None else self._squeezed(errors)
-
-    def _squeezed(self, values: np.ndarray) -> np.ndarray:
-        values = values[:, 0] if self.one_direction else values
-        return values[0] if self.one_sun else values
 
     def dataset(self, values: dict[str, Any]) -> Dataset:
-        """The values with their coordinates."""
+        """The values with their coordinates, without the dimension of a single sun or direction."""
         import xarray  # start-up
 
-        direction: Any = () if self.one_direction else "direction"
         degree = {"units": "degree"}
-        elevation, azimuth = (a[0] if self.one_direction else a for a in (self.elevation, self.azimuth))
         coordinates = {
-            "sun_elevation": (
-                () if self.one_sun else "sun_elevation",
-                self.suns[0] if self.one_sun else self.suns,
-                {"long_name": "true elevation of the sun", **degree},
+            "sun_elevation": ("sun_elevation", self.suns, {"long_name": "true elevation of the sun", **degree}),
+            "elevation": ("direction", self.elevation, {"long_name": "elevation of the line of sight", **degree}),
+            "azimuth": (
+                "direction", self.azimuth, {"long_name": "azimuth of the line of sight from the sun", **degree}
             ),
-            "elevation": (direction, elevation, {"long_name": "elevation of the line of sight", **degree}),
-            "azimuth": (direction, azimuth, {"long_name": "azimuth of the line of sight from the sun", **degree}),
             "altitude": (
                 "altitude", 0.5 * (self.edges[1:] + self.edges[:-1]),
                 {"long_name": "middle of the layer", "units": "km", "bounds": "altitude_bnds"},
@@ -140,7 +137,9 @@ class _Question:
             "wavelength": ("wavelength", self.solved.medium.wavelength_nm, {"units": "nm"}),
         }  # fmt: skip
         bounds = np.stack([self.edges[:-1], self.edges[1:]], axis=1)
-        return xarray.Dataset({**values, "altitude_bnds": (("altitude", "nv"), bounds)}, coordinates)
+        whole = xarray.Dataset({**values, "altitude_bnds": (("altitude", "nv"), bounds)}, coordinates)
+        single = {"sun_elevation": self.one_sun, "direction": self.one_direction}
+        return whole.isel({dim: 0 for dim, one in single.items() if one})
 
 
 def with_gas(boxes: Dataset, gas: GasProfile) -> Dataset:
@@ -150,18 +149,18 @@ def with_gas(boxes: Dataset, gas: GasProfile) -> Dataset:
     one.  Right for a gas that absorbs weakly: A does not hold what the gas itself does to the light, unless the scene
     has it.  The standard error is an upper bound, as if all layers were off together.
     """
-    edges = np.append(boxes["altitude_bnds"].values[:, 0], boxes["altitude_bnds"].values[-1, 1])
+    edges = layer_edges_of(boxes)
     columns = gas.columns_per_cm2(edges)
     if columns.sum() <= 0.0:
         raise TwilightError(f"{gas.name}: there is none between {edges[0]:g} and {edges[-1]:g} km")
     made = boxes.copy()
     unit = {"units": "cm-2"}
     made["layer_column"] = ("altitude", columns, {"long_name": f"vertical column of {gas.name} in the layer", **unit})
-    share = made["layer_column"] / made["layer_column"].sum()
-    made["air_mass_factor"] = (made["box_air_mass_factor"] * share).sum("altitude", skipna=False)
+    fraction = made["layer_column"] / made["layer_column"].sum()
+    made["air_mass_factor"] = (made["box_air_mass_factor"] * fraction).sum("altitude", skipna=False)
     made["air_mass_factor"].attrs = {"long_name": f"air-mass factor of {gas.name}", "units": "1"}
     if "standard_error" in made:
-        made["air_mass_standard_error"] = (made["standard_error"] * share).sum("altitude", skipna=False)
+        made["air_mass_standard_error"] = (made["standard_error"] * fraction).sum("altitude", skipna=False)
         made["air_mass_standard_error"].attrs = {"long_name": "largest standard error", "units": "1"}
     made["slant_column"] = made["air_mass_factor"] * float(columns.sum())
     made["slant_column"].attrs = {"long_name": f"slant column of {gas.name}", **unit}

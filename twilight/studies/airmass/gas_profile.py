@@ -7,12 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
+from twilight.atmosphere.csv_columns import read_columns
 from twilight.atmosphere.levels import interpolate_coefficient, layer_mean
 from twilight.atmosphere.profiles import load_profile
 from twilight.base.errors import TwilightError
 
 GASES = ("o3", "no2")
 """Gases whose profiles come with the model atmospheres."""
+COLUMNS = {"altitude_km": (-1e6, 1e6, "-1e6 to 1e6"), "density_per_cm3": (0.0, 1e300, "0 to 1e300")}
+"""Columns of a user's profile, and the numbers that they may hold."""
 
 
 @dataclass(frozen=True)
@@ -51,16 +54,8 @@ def read_profile(path: str | Path, name: str) -> GasProfile:
 
     Errors: TwilightError for a file that is not such a table.
     """
-    try:
-        rows = np.genfromtxt(path, delimiter=",", names=True, comments="#", encoding="utf-8")
-    except (OSError, ValueError, UnicodeDecodeError) as error:
-        raise TwilightError(f"{path}: cannot be read as a table ({error})") from None
-    names = rows.dtype.names or ()
-    if "altitude_km" not in names or "density_per_cm3" not in names:
-        raise TwilightError(f"{path}: needs the columns altitude_km and density_per_cm3")
-    altitude, density = np.atleast_1d(rows["altitude_km"]), np.atleast_1d(rows["density_per_cm3"])
+    _, rows, _ = read_columns(Path(path), COLUMNS, others=True)
+    altitude, density = rows.T
     if altitude.size < 2 or not np.all(np.diff(altitude) > 0.0):
         raise TwilightError(f"{path}: altitude_km must hold two or more numbers that increase")
-    if not np.all(np.isfinite(density)) or np.any(density < 0.0):
-        raise TwilightError(f"{path}: density_per_cm3 must hold numbers of 0 or more")
     return GasProfile(name, altitude, density)

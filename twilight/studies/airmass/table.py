@@ -119,10 +119,8 @@ def _joined(series: Series, airs: list[Dataset]) -> Dataset:
     estimated = [name for name in airs[0].data_vars if name != "altitude_bnds"]
     found = airs
     for axis in reversed(series.axes):
-        name, size = (
-            {LIST: "scene", LATIN_HYPERCUBE: "sample"}.get(axis.name) or variable_name(axis.name),
-            len(axis.points),
-        )
+        size = len(axis.points)
+        name = {LIST: "scene", LATIN_HYPERCUBE: "sample"}.get(axis.name) or variable_name(axis.name)
         single = all(len(point) == 1 for point in axis.points)
         values = [next(iter(point.values())) for point in axis.points] if single else list(axis.labels)
         if not all(isinstance(value, int | float) for value in values):

@@ -77,7 +77,7 @@ def as_light(path: str | Path, picture: StoredImage, response: ResponseFunction 
 
 
 def read_samples(path: str | Path) -> StoredImage:
-    """A photograph as stored (``Picture``); errors as ``read_image``."""
+    """A photograph as stored; errors as ``read_image``."""
     path = Path(path)
     suffix = path.suffix.lower()
     if path.is_dir():
@@ -164,9 +164,9 @@ def _radiance(rgb: np.ndarray, spec: Any) -> np.ndarray:
     exponent = np.frexp(largest)[1]
     rgb = np.where(largest > 0, rgb + np.ldexp(np.float32(0.5), exponent - 8), 0.0).astype(np.float32)
     orientation = spec.get_int_attribute("Orientation", 1)
-    rows = rgb[::-1] if orientation in (3, 4) else rgb
-    turned = rows[:, ::-1] if orientation in (2, 3) else rows
-    return turned / np.float32(spec.get_float_attribute("hdr:exposure", 1.0))
+    rgb = rgb[::-1] if orientation in (3, 4) else rgb
+    rgb = rgb[:, ::-1] if orientation in (2, 3) else rgb
+    return rgb / np.float32(spec.get_float_attribute("hdr:exposure", 1.0))
 
 
 def _line(error: str) -> str:
@@ -199,14 +199,9 @@ def _raw(path: Path) -> StoredImage:
         with rawpy.imread(str(path)) as raw:
             _check_size(path, raw.sizes.width, raw.sizes.height)
             rgb = raw.postprocess(
-                gamma=(1, 1),
-                no_auto_bright=True,
-                use_camera_wb=True,
-                output_bps=16,
-                user_flip=0,
-                output_color=rawpy.ColorSpace.sRGB,
-                highlight_mode=rawpy.HighlightMode.Clip,
-            )
+                gamma=(1, 1), no_auto_bright=True, use_camera_wb=True, output_bps=16, user_flip=0,
+                output_color=rawpy.ColorSpace.sRGB, highlight_mode=rawpy.HighlightMode.Clip,
+            )  # fmt: skip
     except (rawpy.LibRawError, MemoryError, ValueError) as error:
         raise TwilightError(f"{path}: is not a complete RAW file that LibRaw knows ({first_line(error)})") from None
     samples = rgb.astype(np.float32) / np.float32(65535)

@@ -25,8 +25,9 @@ from twilight.numerics.projections import around, off_axis
 
 Projection = Literal["equidistant", "equisolid", "stereographic", "orthographic", "perspective", "latlong"]
 LARGEST_PIXELS = 100_000
+"""Largest width and height of a picture."""
 LARGEST_FIELD = 1e3
-"""Half the picture in focal lengths; 0.1 deg less than a half space for `perspective`."""
+"""Largest radius of a picture in focal lengths: for `perspective` 0.1 deg less than a half space."""
 
 
 class ImageSize(Section):
@@ -49,21 +50,16 @@ class Lens(Section):
         None, "diameter of the circle about the principal point outside which the lens shows nothing", unit="px", gt=0.0
     )
     principal_point_px: tuple[Number, ...] | None = key(
-        None,
-        "x and y of the optical axis from the upper left corner; unset: the middle of the picture",
-        unit="px",
-        min_length=2,
-        max_length=2,
-    )
+        None, "x and y of the optical axis from the upper left corner; unset: the middle of the picture",
+        unit="px", min_length=2, max_length=2,
+    )  # fmt: skip
     distortion: tuple[Number, ...] = key(
         (), "k1, k2, ... of v = u (1 + k1 u^2 + k2 u^4 + ...), u = radius / focal length", unit="1", max_length=4
     )
     vignetting: tuple[Number, ...] = key(
-        (),
-        "a1, a2, ... of the relative illumination 1 + a1 t^2 + a2 t^4 + ..., t = angle off the axis in rad",
-        unit="1",
-        max_length=6,
-    )
+        (), "a1, a2, ... of the relative illumination 1 + a1 t^2 + a2 t^4 + ..., t = angle off the axis in rad",
+        unit="1", max_length=6,
+    )  # fmt: skip
     natural_vignetting: Flag = key(False, "multiply the illumination by cos^4 of the angle off the axis (perspective)")
     mirrored: Flag = key(
         False, "left and right are swapped, as in a picture of a mirror or a sky chart seen from outside"
@@ -130,8 +126,7 @@ class CameraModel(Section):
         if lens.field_of_view_deg is not None:
             half = np.radians(0.5 * lens.field_of_view_deg)
             u = float(lenses.ideal_radius(self.projection, np.sin(half), np.cos(half)))
-            shown = 0.0 < u <= min(lenses.largest_radius(self.projection, lens.distortion), LARGEST_FIELD)
-            if not shown:
+            if not 0.0 < u <= min(lenses.largest_radius(self.projection, lens.distortion), LARGEST_FIELD):
                 raise ValueError(
                     f"lens.field_of_view_deg {lens.field_of_view_deg:g} is more than the projection {self.projection}"
                     f"{' with this distortion' if any(lens.distortion) else ''} can show"

@@ -7,13 +7,13 @@ to 1, exposures that are not negative and do not decrease; between the rows it i
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from twilight.atmosphere.csv_columns import read_columns
 from twilight.base.errors import TwilightError
 from twilight.base.whole_files import write_csv
 from twilight.studies.camera.image import ResponseFunction, StoredImage
@@ -21,7 +21,8 @@ from twilight.studies.camera.image import ResponseFunction, StoredImage
 NODES = 256
 """Samples at which a curve is recovered and stored."""
 
-MAX_CURVE_BYTES = 10_000_000
+EXPOSURES = dict.fromkeys(("exposure", "red", "green", "blue"), (0.0, 1e300, "0 to 1e300"))
+"""Columns of a curve's file beside its samples, and the numbers that they may hold."""
 
 
 def srgb_to_linear(samples: np.ndarray) -> np.ndarray:
@@ -65,30 +66,14 @@ def load_response(response: float | str) -> ResponseFunction | None:
 
 def read_response(path: str | Path) -> ResponseCurve:
     """A curve from its CSV file.  Errors: TwilightError where it is not what the module says."""
-    path = Path(path)
-    try:
-        if path.stat().st_size > MAX_CURVE_BYTES:
-            raise TwilightError(f"{path}: is too long for a response curve ({path.stat().st_size / 1e6:.3g} MB)")
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise TwilightError(f"{path}: the response curve cannot be read ({error.strerror or error})") from None
-    except UnicodeDecodeError:
-        raise TwilightError(f"{path}: the response curve is not text") from None
-    rows = [row for row in csv.reader(line for line in lines if line.strip() and not line.startswith("#"))]
-    names = [name.strip() for name in rows[0]] if rows else []
+    names, table, _ = read_columns(Path(path), {"sample": (0.0, 1.0, "0 to 1")}, EXPOSURES)
     if names not in (["sample", "exposure"], ["sample", "red", "green", "blue"]):
         raise TwilightError(f"{path}: a response curve has the columns sample,exposure or sample,red,green,blue")
-    try:
-        table = np.array([[float(cell) for cell in row] for row in rows[1:]])
-    except ValueError:
-        raise TwilightError(f"{path}: the response curve holds something that is not a number") from None
-    if table.ndim != 2 or table.shape[0] < 2 or table.shape[1] != len(names):
-        raise TwilightError(f"{path}: a response curve needs two rows at least, each with {len(names)} numbers")
     sample, exposure = table[:, 0], table[:, 1:]
-    if not np.isfinite(table).all() or (np.diff(sample) <= 0).any() or abs(sample[0]) > 1e-9 or sample[-1] != 1.0:
+    if (np.diff(sample) <= 0).any() or abs(sample[0]) > 1e-9 or sample[-1] != 1.0:
         raise TwilightError(f"{path}: the samples of a response curve must increase from 0 to 1")
-    if (exposure < 0).any() or (np.diff(exposure, axis=0) < 0).any() or (exposure[-1] <= exposure[0]).any():
-        raise TwilightError(f"{path}: the exposures of a response curve must be 0 or more and must not decrease")
+    if (np.diff(exposure, axis=0) < 0).any() or (exposure[-1] <= exposure[0]).any():
+        raise TwilightError(f"{path}: the exposures of a response curve must not decrease, nor be all the same")
     return ResponseCurve(sample, np.broadcast_to(exposure, (sample.size, 3)).copy())
 
 
@@ -130,10 +115,9 @@ def recover_response(
 
     Least squares after Debevec and Malik 1997 (Recovering high dynamic range radiance maps from photographs): in each
     channel ln f(z_pj) = ln E_p + ln t_j for pixels p and exposures j, weighted with the distance of z from both ends,
-    and with the second derivative of ln f by ln z held small, which is 0
-    for any gamma curve.  Here f is linear between ``NODES`` nodes, so any bit depth can
-    be used, and the E_p are eliminated.  Dark and saturated ends, where the weights go to 0, are continued smoothly.
-    The curve is scaled to exposure 1 at sample 1 and made not to decrease.
+    and with the second derivative of ln f by ln z held small, which is 0 for any gamma curve.  Here f is linear between
+    ``NODES`` nodes, so any bit depth can be used, and the E_p are eliminated.  Dark and saturated ends, where the
+    weights go to 0, are continued smoothly.  The curve is scaled to exposure 1 at sample 1 and made not to decrease.
 
     n_pixels: taken from even parts of the picture and of the range of brightness.  Errors: TwilightError for a series
     that cannot be used.
@@ -142,23 +126,19 @@ def recover_response(
     if any(picture.linear for picture in pictures):
         raise TwilightError("response: pictures that hold linear light (HDR, EXR, RAW, float TIFF) have no curve")
     stack = np.stack([picture.samples for picture in pictures])
-    curves, squares, count = [], 0.0, 0
-    for c in range(3):
-        z = _choose(stack[..., c], n_pixels)
-        log_curve, channel_squares, channel_count = _solve(z, np.log(times), smoothness)
-        curves.append(log_curve)
-        squares += channel_squares
-        count += channel_count
+    channels = [_solve(_choose(stack[..., c], n_pixels), np.log(times), smoothness) for c in range(3)]
+    curves, squares, counts = zip(*channels, strict=True)
     exposure = np.exp(np.stack(curves, axis=-1))
     exposure = np.maximum.accumulate(exposure / exposure[-1], axis=0)
     exposure[0] = 0.0  # no light, sample 0: the logarithm cannot say so
-    return ResponseCurve(np.linspace(0.0, 1.0, NODES), exposure, float(np.sqrt(squares / count)), count)
+    residual = float(np.sqrt(np.sum(squares) / sum(counts)))
+    return ResponseCurve(np.linspace(0.0, 1.0, NODES), exposure, residual, sum(counts))
 
 
 _LOWEST = 0.01
-"""Samples below this say nothing: black level."""
+"""Sample below which nothing is measured: black level."""
 _HIGHEST = 0.99
-"""Samples above this say nothing: saturation."""
+"""Sample above which nothing is measured: saturation."""
 
 
 def _weight(z: np.ndarray) -> np.ndarray:
@@ -242,8 +222,8 @@ def merge_bracket(
 
     response: as ``camera.image.read_image``; for pictures that are linear already give None.  A pixel is the mean over
     the exposures, weighted with the distance of its samples from both ends and with the exposure time (long exposures
-    hold more light); all channels of a pixel are weighted alike, by the worst.  Where no exposure is good, the longest
-    that is not saturated is taken, and the shortest where all are.  Errors: TwilightError as ``check_bracket``.
+    hold more light); all channels of a pixel have the weight of the worst.  Where no exposure is good, the longest that
+    is not saturated is taken, and the shortest where all are.  Errors: TwilightError as ``check_bracket``.
     """
     times = check_bracket(pictures, times_s)
     total = np.zeros(pictures[0].samples.shape, dtype=np.float64)

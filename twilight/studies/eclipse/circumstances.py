@@ -17,23 +17,23 @@ from twilight.base.errors import TwilightError
 from twilight.sky.bodies import AU_KM, Sites
 
 EARTH_RADIUS_KM = 6378.137
-"""Of the equator (WGS 84)."""
+"""Equatorial radius of the Earth [km] (WGS 84)."""
 SUN_RADIUS_KM = 695_700.0
-"""Nominal (IAU 2015)."""
+"""Nominal radius of the sun [km] (IAU 2015)."""
 MOON_RADIUS_KM = 1737.4
-"""Mean (IAU 2015)."""
+"""Mean radius of the moon [km] (IAU 2015)."""
 DANJON = 1.01
 """Factor on the moon's parallax."""
 FIND_HOURS = 26.0
-"""An eclipse is looked for so far before and after a date's noon."""
+"""Time before and after a date's noon within which an eclipse is found [h]."""
 STEP_S = 60.0
-"""Moments at which it is looked for."""
+"""Time between the moments at which the moon's position is computed [s]."""
 
 
-class Places(NamedTuple):
-    """The moon at T moments: offset_rad (T,), angle at the Earth's centre between moon and the shadow's axis;
-    distance_km (T,); sun_distance_km (T,); position_rad (T,): of the moon about the axis, from celestial north to the
-    east."""
+class MoonPositions(NamedTuple):
+    """The moon at T moments: offset_rad (T,), angle at the Earth's centre between the moon and the shadow's axis;
+    distance_km (T,); sun_distance_km (T,); position_rad (T,): position angle of the moon about the axis, from celestial
+    north to the east."""
 
     offset_rad: np.ndarray
     distance_km: np.ndarray
@@ -62,16 +62,16 @@ class Places(NamedTuple):
 
 
 class Eclipse(NamedTuple):
-    """moments (T,) a minute apart over the whole eclipse, `places` at them, and contacts by name: P1, U1, U2, greatest,
+    """moments (T,) a minute apart over the whole eclipse, `moon` at them, and contacts by name: P1, U1, U2, greatest,
     U3, U4, P4, those that there are."""
 
     moments: list[dt.datetime]
-    places: Places
+    moon: MoonPositions
     contacts: dict[str, dt.datetime]
     umbral_magnitude: float
 
 
-def places_at(moments: list[dt.datetime]) -> Places:
+def moon_positions(moments: list[dt.datetime]) -> MoonPositions:
     """Where the moon stands to the axis of the shadow.
 
     Errors: TwilightError for years outside 1000 to 3000.
@@ -89,7 +89,7 @@ def places_at(moments: list[dt.datetime]) -> Places:
     north = np.cross(axis, east)
     position = np.arctan2((across * east).sum(axis=-1), (across * north).sum(axis=-1))
     distance = AU_KM * np.linalg.norm(to_moon, axis=-1)
-    return Places(offset, distance, AU_KM * np.linalg.norm(to_sun, axis=-1), position)
+    return MoonPositions(offset, distance, AU_KM * np.linalg.norm(to_sun, axis=-1), position)
 
 
 def find_eclipse(date: dt.date) -> Eclipse:
@@ -100,29 +100,27 @@ def find_eclipse(date: dt.date) -> Eclipse:
     noon = dt.datetime(date.year, date.month, date.day, 12, tzinfo=dt.UTC)
     count = int(2.0 * FIND_HOURS * 3600.0 / STEP_S) + 1
     moments = [noon + dt.timedelta(seconds=STEP_S * k - FIND_HOURS * 3600.0) for k in range(count)]
-    places = places_at(moments)
-    within = places.penumbra_rad + places.moon_radius_rad - places.offset_rad
-    nearest = int(np.argmin(places.offset_rad))
+    moon = moon_positions(moments)
+    within = moon.penumbra_rad + moon.moon_radius_rad - moon.offset_rad
+    nearest = int(np.argmin(moon.offset_rad))
     if within[nearest] <= 0.0:
         raise TwilightError(
             f"{date.isoformat()}: there is no eclipse of the moon within a day; the moon passes the shadow's axis at "
-            f"{np.degrees(places.offset_rad[nearest]):.1f} deg"
+            f"{np.degrees(moon.offset_rad[nearest]):.1f} deg"
         )
     inside = np.flatnonzero(within > 0.0)
     inside = inside[(inside >= nearest - 300) & (inside <= nearest + 300)]
     part = slice(max(int(inside[0]) - 5, 0), int(inside[-1]) + 6)
-    here = Places(*(np.asarray(v)[part] for v in places))
-    some = moments[part]
-    return Eclipse(some, here, _contacts(some, here), _magnitude(here))
+    here = MoonPositions(*(np.asarray(v)[part] for v in moon))
+    return Eclipse(moments[part], here, _contacts(moments[part], here), _magnitude(here))
 
 
-def _contacts(moments: list[dt.datetime], at: Places) -> dict[str, dt.datetime]:
+def _contacts(moments: list[dt.datetime], at: MoonPositions) -> dict[str, dt.datetime]:
     seconds = np.array([(m - moments[0]).total_seconds() for m in moments])
     found: dict[str, float] = {}
     middle = int(np.argmin(at.offset_rad))
-    curve = np.polyfit(
-        seconds[middle - 3 : middle + 4] - seconds[middle], at.offset_rad[middle - 3 : middle + 4] ** 2, 2
-    )
+    near = slice(middle - 3, middle + 4)
+    curve = np.polyfit(seconds[near] - seconds[middle], at.offset_rad[near] ** 2, 2)
     found["greatest"] = seconds[middle] - 0.5 * curve[1] / curve[0]
     edges = {
         ("P1", "P4"): at.penumbra_rad + at.moon_radius_rad,
@@ -140,7 +138,7 @@ def _contacts(moments: list[dt.datetime], at: Places) -> dict[str, dt.datetime]:
     return {name: moments[0] + dt.timedelta(seconds=round(value)) for name, value in ordered}
 
 
-def _magnitude(at: Places) -> float:
+def _magnitude(at: MoonPositions) -> float:
     """Part of the moon's diameter within the umbra at greatest eclipse; below 0 where it stays outside."""
     k = int(np.argmin(at.offset_rad))
     return float((at.umbra_rad[k] + at.moon_radius_rad[k] - at.offset_rad[k]) / (2.0 * at.moon_radius_rad[k]))

@@ -7,14 +7,15 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.numerics import spectrum
-from twilight.studies.eclipse.circumstances import Eclipse, Places
-from twilight.studies.eclipse.scattered import ScatteredLight, above
+from twilight.sky.bodies import AU_KM
+from twilight.studies.eclipse.circumstances import Eclipse, MoonPositions
+from twilight.studies.eclipse.scattered import SinglyScatteredLight, above
 from twilight.studies.eclipse.shadow import SUN_RADIUS_DEG, Shadow
 
 FULL_MOON_MAG = -12.73
 """V of the mean full moon at its mean distance (Allen 1976, Astrophysical Quantities)."""
 MEAN_DISTANCE_KM = 384_400.0
-"""To which FULL_MOON_MAG belongs."""
+"""Distance of the moon to which FULL_MOON_MAG belongs [km]."""
 OFFSETS = 80
 """Angles from the shadow's axis at which irradiance is computed, between which its logarithm is linear."""
 SCATTERED_OFFSETS = 8
@@ -26,7 +27,7 @@ AROUND = 24
 LEAST = 1e-12
 """Irradiance over that without the Earth that counts as none."""
 GRAVITY_KM3_S2 = 398_600.4418
-"""GM of the Earth (WGS 84)."""
+"""GM of the Earth [km^3 s^-2] (WGS 84)."""
 
 
 class ShadowLight(NamedTuple):
@@ -55,10 +56,10 @@ def visual(irradiance: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
 
 def shadow_light(shadow: Shadow, eclipse: Eclipse) -> ShadowLight:
     """Light from the shadow's axis to beyond the penumbra, at the moon's distance at greatest eclipse."""
-    p = eclipse.places
+    p = eclipse.moon
     k = int(np.argmin(p.offset_rad))
     distance = float(p.distance_km[k])
-    sun_rad = float(np.radians(SUN_RADIUS_DEG) * 1.495978707e8 / (p.sun_distance_km[k] + distance))
+    sun_rad = float(np.radians(SUN_RADIUS_DEG) * AU_KM / (p.sun_distance_km[k] + distance))
     farthest = float(np.max(p.offset_rad + p.moon_radius_rad)) * 1.02
     # closest about the edge of the umbra, where light falls by a thousand
     umbra = float(p.umbra_rad[k])
@@ -69,28 +70,28 @@ def shadow_light(shadow: Shadow, eclipse: Eclipse) -> ShadowLight:
     # the observer on the moon sees sun and Earth farther apart than the Earth sees moon and axis, by the sun's distance
     seen = offset * (1.0 + distance / float(p.sun_distance_km[k]))
     m = shadow.medium
-    lit = ScatteredLight(m if shadow.lowest_km == m.bottom_km else above(m, shadow.lowest_km), distance)
-    some = np.linspace(0.0, float(seen[-1]), SCATTERED_OFFSETS)
-    coarse = np.maximum(lit.irradiance(some), LEAST)
-    scattered = np.stack([np.exp(np.interp(seen, some, np.log(one))) for one in coarse.T], axis=1)
-    found = np.maximum(shadow.irradiance(seen, distance, sun_rad), LEAST) + scattered
-    return ShadowLight(offset, found, scattered, np.maximum(visual(found, m.wavelength_nm), LEAST), distance)
+    clear_air = m if shadow.lowest_km == m.bottom_km else above(m, shadow.lowest_km)
+    nodes = np.linspace(0.0, float(seen[-1]), SCATTERED_OFFSETS)
+    at_nodes = np.maximum(SinglyScatteredLight(clear_air, distance).irradiance(nodes), LEAST)
+    scattered = np.stack([np.exp(np.interp(seen, nodes, np.log(one))) for one in at_nodes.T], axis=1)
+    total = np.maximum(shadow.irradiance(seen, distance, sun_rad), LEAST) + scattered
+    return ShadowLight(offset, total, scattered, np.maximum(visual(total, m.wavelength_nm), LEAST), distance)
 
 
-def disc_mean(light: ShadowLight, places: Places) -> np.ndarray:
+def disc_mean(light: ShadowLight, moon: MoonPositions) -> np.ndarray:
     """Mean of `visual` over the moon's disc at T moments, (T,): the full moon's disc is as bright at its limb."""
     x, w = np.polynomial.legendre.leggauss(RINGS)
     radius, weight = np.sqrt(0.5 * (x + 1.0)), 0.5 * w
     azimuth = (np.arange(AROUND) + 0.5) * 2.0 * np.pi / AROUND
-    r = radius[:, None, None] * places.moon_radius_rad
-    offset = np.sqrt(places.offset_rad**2 + r**2 + 2.0 * places.offset_rad * r * np.cos(azimuth)[None, :, None])
+    r = radius[:, None, None] * moon.moon_radius_rad
+    offset = np.sqrt(moon.offset_rad**2 + r**2 + 2.0 * moon.offset_rad * r * np.cos(azimuth)[None, :, None])
     return np.einsum("r,rat->t", weight, light.visual_at(offset)) / AROUND
 
 
-def magnitudes(light: ShadowLight, places: Places) -> np.ndarray:
+def magnitudes(light: ShadowLight, moon: MoonPositions) -> np.ndarray:
     """Visual magnitude of the moon above the air at T moments, (T,)."""
-    full = FULL_MOON_MAG + 5.0 * np.log10(places.distance_km / MEAN_DISTANCE_KM)
-    return full - 2.5 * np.log10(disc_mean(light, places))
+    full = FULL_MOON_MAG + 5.0 * np.log10(moon.distance_km / MEAN_DISTANCE_KM)
+    return full - 2.5 * np.log10(disc_mean(light, moon))
 
 
 def satellite(shadow: Shadow, altitude_km: float, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -119,8 +120,7 @@ def satellite(shadow: Shadow, altitude_km: float, seconds: np.ndarray) -> tuple[
     """
     earth = shadow.medium.earth_radius_km
     radius = earth + altitude_km
-    turning = np.sqrt(GRAVITY_KM3_S2 / radius**3)
-    offset = np.arcsin(min(1.0, (earth + shadow.medium.bottom_km) / radius)) - turning * np.asarray(
-        seconds, dtype=float
-    )
+    angular_speed = np.sqrt(GRAVITY_KM3_S2 / radius**3)
+    edge = np.arcsin(min(1.0, (earth + shadow.medium.bottom_km) / radius))
+    offset = edge - angular_speed * np.asarray(seconds, dtype=float)
     return np.degrees(offset), shadow.irradiance(offset, radius)

@@ -26,7 +26,7 @@ from twilight.transport.profile import prepare_profile
 from twilight.transport.ray_bundle import species_fraction, trace_rays
 
 EDGES_KM = (-12.0, -3.0, 0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 26.0, 34.0, 50.0)
-"""Of apparent tangent altitude over the ground, between which lines of sight are placed; the last ends at the top."""
+"""Apparent tangent altitudes over the ground [km] between which lines of sight lie; a last interval ends at the top."""
 LINES = 4
 """Lines of sight between two edges, Gauss-Legendre."""
 AROUND = 6
@@ -43,7 +43,7 @@ def _sunlight(beam, altitude_km, cos_sun_zenith, light, bending):
         bending[k] = beam_at(beam, altitude_km[k], cos_sun_zenith[k], light[k])
 
 
-class ScatteredLight:
+class SinglyScatteredLight:
     """Light scattered once behind the Earth of a medium, seen from the distance `distance_km` of its centre."""
 
     def __init__(self, medium: Medium, distance_km: float):
@@ -80,11 +80,11 @@ class ScatteredLight:
     def _over_lines(self, offset_rad: float, azimuth_rad: float) -> np.ndarray:
         """Integral over the lines of sight of one azimuth from the sun's side [rad], per radian of azimuth, (W,)."""
         sin_c, cos_c = np.sin(self._centric), np.cos(self._centric)
-        # the sun in (ahead, across, up) of the observer, whose line of sight goes ahead and down
-        ahead, across = np.sin(offset_rad) * np.cos(azimuth_rad), np.sin(offset_rad) * np.sin(azimuth_rad)
+        # direction of the sun for the observer: along the azimuth of the line of sight, across it, and up
+        along, across = np.sin(offset_rad) * np.cos(azimuth_rad), np.sin(offset_rad) * np.sin(azimuth_rad)
         up = -np.cos(offset_rad)
-        cosine = up * cos_c + ahead * sin_c
-        level = ahead * cos_c - up * sin_c
+        cosine = up * cos_c + along * sin_c
+        level = along * cos_c - up * sin_c
         light = np.empty(self._weight.shape)
         bending = np.empty(cosine.size)
         _sunlight(self._beam, self._altitude, np.ascontiguousarray(np.clip(cosine, -1.0, 1.0)), light, bending)
@@ -92,8 +92,8 @@ class ScatteredLight:
         zenith = np.arctan2(sine, cosine) - bending
         # half angles keep the digits of small scattering angles
         view = np.arccos(np.clip(self._cosine, -1.0, 1.0))
-        turned = 1.0 - level / np.maximum(sine, 1e-300)
-        haversine = np.sin(0.5 * (zenith - view)) ** 2 + 0.5 * np.sin(zenith) * np.sin(view) * turned
+        one_less_cos_azimuth = 1.0 - level / np.maximum(sine, 1e-300)
+        haversine = np.sin(0.5 * (zenith - view)) ** 2 + 0.5 * np.sin(zenith) * np.sin(view) * one_less_cos_azimuth
         mu = 1.0 - 2.0 * haversine
         m = self.medium
         phase = self._fraction[0] * rayleigh_phase(mu[:, None], m.depolarisation)

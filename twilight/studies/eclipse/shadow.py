@@ -30,7 +30,7 @@ SUN_RADIUS_DEG = 0.26656
 LINES = 800
 """Lines of sight through the air, closer near the ground."""
 BEYOND = 120
-"""Lines of sight beyond the air, where the sun stands there."""
+"""Lines of sight to the part of the sun that stands beyond the air, Gauss-Legendre."""
 AROUND = 12
 """Gauss-Legendre points over the azimuths at which a ring crosses the sun's disc."""
 
@@ -70,9 +70,9 @@ class Shadow:
         edge = np.unique(np.arcsin(np.minimum(1.0, invariant / distance_km)))
         middle = 0.5 * (edge[1:] + edge[:-1])
         elevation_deg = np.degrees(middle) - 90.0
-        everyone = np.arange(m.n_wavelengths)
-        true_deg, passed = self._rays.follow(distance_km - m.earth_radius_km, elevation_deg, everyone)
-        return Ring(middle, np.diff(edge), np.radians(true_deg + 90.0), passed)
+        all_wavelengths = np.arange(m.n_wavelengths)
+        true_deg, transmittance = self._rays.follow(distance_km - m.earth_radius_km, elevation_deg, all_wavelengths)
+        return Ring(middle, np.diff(edge), np.radians(true_deg + 90.0), transmittance)
 
     def irradiance(
         self, offset_rad: np.ndarray, distance_km: float, sun_radius_rad: float = float(np.radians(SUN_RADIUS_DEG))
@@ -113,7 +113,8 @@ class Shadow:
                 light = (ring.transmittance[:, w] * np.sin(ring.apparent_rad) * ring.width_rad) @ seen
                 first, last = max(edge, delta - sun_radius_rad), delta + sun_radius_rad
                 if last > first:
-                    x, weight = _gauss(first, last)
+                    node, weight = np.polynomial.legendre.leggauss(BEYOND)
+                    x, weight = 0.5 * (first + last + (last - first) * node), 0.5 * (last - first) * weight
                     light += (weight * np.sin(x)) @ _around(x, delta, sun_radius_rad, coefficients[:, w])
                 out[n, w] = light / whole[w]
         return out
@@ -126,11 +127,6 @@ def without_air(medium: Medium) -> Medium:
         for name in ("air_scattering_per_km", "absorption_per_km", "aerosol_extinction_per_km", "refractivity")
     }
     return replace(medium, grid_medium=None, **zero)
-
-
-def _gauss(first: float, last: float) -> tuple[np.ndarray, np.ndarray]:
-    x, w = np.polynomial.legendre.leggauss(BEYOND)
-    return 0.5 * (first + last + (last - first) * x), 0.5 * (last - first) * w
 
 
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(AROUND)
@@ -152,8 +148,5 @@ def _around(true_rad: np.ndarray, delta: float, radius: float, coefficients: np.
     # 1 - cos d without losing digits: haversines
     half = np.sin(0.5 * (circle - delta))[:, None] ** 2 + product[:, None] * np.sin(0.5 * azimuth) ** 2
     mu = np.sqrt(np.clip(1.0 - half / np.sin(0.5 * radius) ** 2, 0.0, 1.0))
-    radiance = np.zeros_like(mu)
-    for c in coefficients[::-1]:
-        radiance = radiance * mu + c
-    out[inside] = span * (radiance @ _WEIGHT)
+    out[inside] = span * (np.polynomial.polynomial.polyval(mu, coefficients) @ _WEIGHT)
     return out

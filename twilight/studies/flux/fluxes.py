@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import xarray
 
 PARTS = ("direct_down", "diffuse_down", "direct_up", "diffuse_up", "actinic_direct", "actinic_down", "actinic_up")
-"""What `around` finds, over F0, besides the light that is absorbed."""
+"""Fluxes over F0 that `around` returns, besides the light that is absorbed."""
 LONG_NAMES = {
     "direct_down": "irradiance of a horizontal surface from above, sunbeam",
     "diffuse_down": "irradiance of a horizontal surface from above, scattered light",
@@ -155,23 +155,21 @@ def fluxes_of(
                     for key, value in parts.items():
                         found[key][s, z, block.wavelengths] += fraction * value
                     found["absorbed"][s, z, block.wavelengths] += 1e-3 * fraction * absorbed
-    found["net"] = found["direct_down"] + found["diffuse_down"] - found["direct_up"] - found["diffuse_up"]
-    found["actinic"] = found["actinic_direct"] + found["actinic_down"] + found["actinic_up"]
     down = found["direct_down"] + found["diffuse_down"]
     up = found["direct_up"] + found["diffuse_up"]
+    found["net"] = down - found["direct_up"] - found["diffuse_up"]
+    found["actinic"] = found["actinic_direct"] + found["actinic_down"] + found["actinic_up"]
     solar = spectrum.solar_irradiance(nm, solar_spectrum, distance_au)
     axes = ("sun_elevation", "altitude", "wavelength")
-    values = {
-        key: (axes, value * solar, {"units": "W m-3 nm-1" if key == "absorbed" else "W m-2 nm-1", "long_name": name})
-        for key, name in LONG_NAMES.items()
-        for value in (found[key],)
-    }
+    values = {}
+    for key, name in LONG_NAMES.items():
+        units = "W m-3 nm-1" if key == "absorbed" else "W m-2 nm-1"
+        values[key] = (axes, found[key] * solar, {"units": units, "long_name": name})
+    albedo = up / np.where(down > 0.0, down, np.nan)
+    values["albedo"] = (axes, albedo, {"units": "1", "long_name": "up over down"})
     bounds = spectrum.wavelength_bounds(nm, solar_spectrum)
     return xarray.Dataset(
-        {
-            **values,
-            "albedo": (axes, up / np.where(down > 0.0, down, np.nan), {"units": "1", "long_name": "up over down"}),
-        },
+        values,
         {
             "sun_elevation": ("sun_elevation", suns, {"units": "degree", "long_name": "true elevation of the sun"}),
             "altitude": ("altitude", altitudes, {"units": "km", "long_name": "altitude above sea level"}),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -51,9 +51,7 @@ def write(dataset: xarray.Dataset, folder: Path) -> list[str]:
 def draw(dataset: xarray.Dataset, path: Path) -> None:
     """PNG: against altitude, or of a single altitude against the sun: net irradiance, actinic flux, rates."""
     import matplotlib  # start-up
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
+    from matplotlib.figure import Figure
 
     columns, rows = table(dataset)
     values = np.array(rows)
@@ -70,11 +68,11 @@ def draw(dataset: xarray.Dataset, path: Path) -> None:
     }
     wanted = {label: name for label, name in panels.items() if name in at}
     lines = np.unique(at[across])[::-1]
-    colours = pyplot.get_cmap("viridis")(np.linspace(0.0, 0.9, lines.size))
-    with pyplot.rc_context({"font.size": 10, "axes.spines.top": False, "axes.spines.right": False}):
-        figure: Any
-        figure, axes = pyplot.subplots(1, len(wanted), figsize=(3.0 * len(wanted) + 0.6, 4.2), layout="constrained")
-        for panel, (label, name) in zip(np.atleast_1d(axes), wanted.items(), strict=True):
+    colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.9, lines.size))
+    with matplotlib.rc_context({"font.size": 10, "axes.spines.top": False, "axes.spines.right": False}):
+        figure = Figure(figsize=(3.0 * len(wanted) + 0.6, 4.2), layout="constrained")
+        axes = np.atleast_1d(figure.subplots(1, len(wanted)))
+        for panel, (label, name) in zip(axes, wanted.items(), strict=True):
             for line, colour in zip(lines, colours, strict=True):
                 some = at[across] == line
                 x, y = at[name][some], at[along][some]
@@ -86,21 +84,15 @@ def draw(dataset: xarray.Dataset, path: Path) -> None:
             small = np.abs(at[name][at[name] != 0.0]).min(initial=top)
             if small < 0.03 * top and np.all(at[name] >= 0.0):
                 (panel.set_xscale if several else panel.set_yscale)("log")
-                (panel.set_xlim if several else panel.set_ylim)(left_or_bottom(top, small), 2.0 * top)
+                (panel.set_xlim if several else panel.set_ylim)(max(0.5 * small, RANGE_DRAWN * top), 2.0 * top)
             panel.grid(color="0.9", linewidth=0.8)
             (panel.set_xlabel if several else panel.set_ylabel)(label)
-        first = np.atleast_1d(axes)[0]
-        (first.set_ylabel if several else first.set_xlabel)(
-            "altitude [km]" if several else "true elevation of the sun [deg]"
-        )
-        first.legend(frameon=False, fontsize=8)
+        if several:
+            axes[0].set_ylabel("altitude [km]")
+        else:
+            axes[0].set_xlabel("true elevation of the sun [deg]")
+        axes[0].legend(frameon=False, fontsize=8)
         nm = dataset["wavelength"].values
         figure.suptitle(f"{dataset.attrs['title']}, {nm[0]:g} to {nm[-1]:g} nm", fontsize=11)
         with whole_file(path) as temporary:
             figure.savefig(temporary, dpi=130)
-        pyplot.close(figure)
-
-
-def left_or_bottom(top: float, small: float) -> float:
-    """Lower end of a logarithmic axis."""
-    return max(0.5 * small, RANGE_DRAWN * top)

@@ -8,18 +8,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twilight.atmosphere.layer_changes import layer_edges
+from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.engine import Solved
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.studies.airmass.factors import usual_edges
-from twilight.studies.limb.sight import bent_tangent_km, field_of_view, limb_elevation_deg, sights, tangent_altitudes
+from twilight.studies.limb.geometry import (
+    bent_tangent_km,
+    field_of_view,
+    limb_elevation_deg,
+    limb_geometry,
+    tangent_altitudes,
+)
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
 TANGENT = "apparent_tangent_altitude"
-"""The dimension of the tables."""
+"""The dimension of the datasets, beside the wavelength."""
 
 
 def limb_of(
@@ -46,7 +53,7 @@ def limb_of(
         raise TwilightError(f"sun_elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
     tangent = tangent_altitudes(medium, tangent_km, observer_altitude_km)
     offset, weight = field_of_view(field_of_view_km, field_of_view_shape)
-    lines = sights(medium, tangent, observer_altitude_km, sun_elevation_deg, azimuth_deg)
+    lines = limb_geometry(medium, tangent, observer_altitude_km, sun_elevation_deg, azimuth_deg)
     elevation = limb_elevation_deg(medium, tangent[:, None] + offset, observer_altitude_km)
     edges = layer_edges(medium, usual_edges(medium) if edges_km is None else edges_km) if air_mass else None
     light, errors, factors = [], [], []
@@ -59,48 +66,45 @@ def limb_of(
             errors.append(np.sqrt(weight**2 @ found.standard_error**2))
         if edges is not None:
             slopes, _ = solved.log_slopes("absorption", edges, sun, elevation[k], azimuth, observer_altitude_km)
-            share = weight[:, None] * found.radiance
+            part = weight[:, None] * found.radiance
             with np.errstate(invalid="ignore"):
-                factors.append(-np.einsum("nw,njw->jw", share, slopes) / share.sum(axis=0))
+                factors.append(-np.einsum("nw,njw->jw", part, slopes) / part.sum(axis=0))
     normalised = np.array(light)
     solar = solar_irradiance(medium.wavelength_nm, solved.solar_spectrum)
-    over = (TANGENT, "wavelength")
+    dims = (TANGENT, "wavelength")
     values: dict[str, Any] = {
-        "sun_normalised_radiance": (over, normalised, {"long_name": "radiance over solar irradiance", "units": "sr-1"}),
-        "radiance": (over, normalised * solar, {"long_name": "radiance at 1 au", "units": "W m-2 sr-1 nm-1"}),
+        "sun_normalised_radiance": (dims, normalised, {"long_name": "radiance over solar irradiance", "units": "sr-1"}),
+        "radiance": (dims, normalised * solar, {"long_name": "radiance at 1 au", "units": "W m-2 sr-1 nm-1"}),
     }
     if errors:
         about = {"long_name": "standard error of sun_normalised_radiance", "units": "sr-1"}
-        values["standard_error"] = (over, np.array(errors), about)
+        values["standard_error"] = (dims, np.array(errors), about)
     if edges is not None:
         about = {"long_name": "-d ln(radiance) / d(vertical optical depth of the layer)", "units": "1"}
         values["box_air_mass_factor"] = ((TANGENT, "altitude", "wavelength"), np.array(factors), about)
         values["altitude_bnds"] = (("altitude", "nv"), np.stack([edges[:-1], edges[1:]], axis=1))
-    degree = {"units": "degree"}
-    coordinates = {
-        **coordinates_of(solved.medium, tangent),
-        "elevation": (TANGENT, lines.elevation_deg, {"long_name": "elevation of the line of sight", **degree}),
-        "azimuth": (TANGENT, lines.azimuth_deg, {"long_name": "azimuth from the sun, at the observer", **degree}),
-        "sun_elevation": (
-            TANGENT,
-            lines.sun_elevation_deg,
-            {"long_name": "of the sun at the observer, true", **degree},
-        ),
-        "scattering_angle": (TANGENT, lines.scattering_angle_deg, {"long_name": "at the tangent point", **degree}),
+    angles = {
+        "elevation": (lines.elevation_deg, "elevation of the line of sight"),
+        "azimuth": (lines.azimuth_deg, "azimuth from the sun, at the observer"),
+        "sun_elevation": (lines.sun_elevation_deg, "of the sun at the observer, true"),
+        "scattering_angle": (lines.scattering_angle_deg, "at the tangent point"),
     }
+    coordinates = coordinates_of(medium, tangent)
+    for name, (value, text) in angles.items():
+        coordinates[name] = (TANGENT, value, {"long_name": text, "units": "degree"})
     if edges is not None:
         middle = {"long_name": "middle of the layer", "units": "km", "bounds": "altitude_bnds"}
         coordinates["altitude"] = ("altitude", 0.5 * (edges[1:] + edges[:-1]), middle)
-    facts = {
+    attributes = {
         "title": solved.scene.title,
         "tangent_point_sun_elevation_deg": sun_elevation_deg,
         "tangent_point_azimuth_deg": azimuth_deg,
-        **facts_of(observer_altitude_km, field_of_view_km, field_of_view_shape),
+        **instrument_attributes(observer_altitude_km, field_of_view_km, field_of_view_shape),
     }
-    return xarray.Dataset(values, coordinates, facts)
+    return xarray.Dataset(values, coordinates, attributes)
 
 
-def coordinates_of(medium: Any, tangent_km: np.ndarray) -> dict[str, Any]:
+def coordinates_of(medium: Medium, tangent_km: np.ndarray) -> dict[str, Any]:
     """Tangent altitudes, apparent and of the bent rays, and wavelengths."""
     km = {"units": "km"}
     return {
@@ -113,7 +117,7 @@ def coordinates_of(medium: Any, tangent_km: np.ndarray) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def facts_of(observer_altitude_km: float, width_km: float | None, shape: str) -> dict[str, Any]:
-    """What the files say about the instrument."""
-    seen = {} if width_km is None else {"field_of_view_km": width_km, "field_of_view_shape": shape}
-    return {"observer_altitude_km": observer_altitude_km, **seen}
+def instrument_attributes(observer_altitude_km: float, width_km: float | None, shape: str) -> dict[str, Any]:
+    """Attributes of a dataset about the instrument: its altitude, and its field of view where it has one."""
+    view = {} if width_km is None else {"field_of_view_km": width_km, "field_of_view_shape": shape}
+    return {"observer_altitude_km": observer_altitude_km, **view}

@@ -18,15 +18,15 @@ from numpy.typing import ArrayLike
 
 from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
-from twilight.studies.limb.limb import TANGENT, coordinates_of, facts_of
-from twilight.studies.limb.sight import field_of_view, limb_elevation_deg, tangent_altitudes
+from twilight.studies.limb.geometry import field_of_view, limb_elevation_deg, tangent_altitudes
+from twilight.studies.limb.limb import TANGENT, coordinates_of, instrument_attributes
 from twilight.transport.apparent_rays import ApparentRays
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
 STEP_KM = 0.02
-"""Of tangent altitude, to either side, over which dpsi / dpsi' is taken."""
+"""Step of tangent altitude [km], to either side, of the difference quotient dpsi / dpsi'."""
 
 
 def occultation(
@@ -74,33 +74,34 @@ def occultation(
     lines = tangent[:, None] + np.concatenate([offset, [-STEP_KM, 0.0, STEP_KM]])
     apparent = limb_elevation_deg(medium, lines, observer_altitude_km)
     whole = medium if bands is None else bands.expand(medium)
-    everyone = np.arange(whole.n_wavelengths)
-    true, passed = ApparentRays(whole).follow(observer_altitude_km, apparent.ravel(), everyone)
+    all_terms = np.arange(whole.n_wavelengths)
+    true, transmittance = ApparentRays(whole).follow(observer_altitude_km, apparent.ravel(), all_terms)
     if bands is not None:
         true = true[:, np.unique(bands.wavelength_index, return_index=True)[1]]
-        passed = bands.sum_terms(passed)
+        transmittance = bands.sum_terms(transmittance)
     shape = (*lines.shape, medium.n_wavelengths)
-    true, passed = true.reshape(shape), passed.reshape(shape)
-    seen, came = np.radians(apparent[:, -3:] + 90.0), np.radians(true[:, -3:] + 90.0)
+    true, transmittance = true.reshape(shape), transmittance.reshape(shape)
+    # psi and psi' of the three lines for the difference quotient, the middle one of which has the tangent altitude
+    psi, psi_true = np.radians(apparent[:, -3:] + 90.0), np.radians(true[:, -3:] + 90.0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        rate = (seen[:, 2] - seen[:, 0])[:, None] / np.abs(came[:, 2] - came[:, 0])
-        spreading = rate * np.sin(seen[:, 1])[:, None] / np.abs(np.sin(came[:, 1]))
-    free = np.all(passed[:, -3:] > 0.0, axis=1)
-    spreading = np.where(free, spreading, np.nan)
-    bending = np.where(passed[:, -2] > 0.0, apparent[:, -2, None] - true[:, -2], np.nan)
-    over = (TANGENT, "wavelength")
+        rate = (psi[:, 2] - psi[:, 0])[:, None] / np.abs(psi_true[:, 2] - psi_true[:, 0])
+        spreading = rate * np.sin(psi[:, 1])[:, None] / np.abs(np.sin(psi_true[:, 1]))
+    spreading = np.where(np.all(transmittance[:, -3:] > 0.0, axis=1), spreading, np.nan)
+    bending = np.where(transmittance[:, -2] > 0.0, apparent[:, -2, None] - true[:, -2], np.nan)
+    dims = (TANGENT, "wavelength")
     return xarray.Dataset(
         {
             "transmittance": (
-                over, np.einsum("n,tnw->tw", weight, passed[:, :-3]), {"long_name": "transmittance", "units": "1"},
+                dims, np.einsum("n,tnw->tw", weight, transmittance[:, :-3]),
+                {"long_name": "transmittance", "units": "1"},
             ),
-            "bending": (over, bending, {"long_name": "angle by which the ray is bent", "units": "degree"}),
-            "beam_spreading": (over, spreading, {"long_name": "dilution of sunlight by refraction", "units": "1"}),
+            "bending": (dims, bending, {"long_name": "angle by which the ray is bent", "units": "degree"}),
+            "beam_spreading": (dims, spreading, {"long_name": "dilution of sunlight by refraction", "units": "1"}),
             "irradiance": (
-                over, spreading * passed[:, -2],
+                dims, spreading * transmittance[:, -2],
                 {"long_name": "irradiance of a source too small to resolve, over that without the Earth", "units": "1"},
             ),
         },
         coordinates_of(medium, tangent),
-        {"title": title, **facts_of(observer_altitude_km, field_of_view_km, field_of_view_shape)},
+        {"title": title, **instrument_attributes(observer_altitude_km, field_of_view_km, field_of_view_shape)},
     )  # fmt: skip

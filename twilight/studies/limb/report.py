@@ -9,6 +9,8 @@ import numpy as np
 
 from twilight.base.whole_files import whole_file, write_csv
 from twilight.io.netcdf import interruptible_h5netcdf
+from twilight.studies.airmass.factors import layer_edges_of
+from twilight.studies.airmass.report import evenly_spread
 from twilight.studies.limb.limb import TANGENT
 
 if TYPE_CHECKING:
@@ -31,12 +33,12 @@ RAYS_DRAWN = 6
 def table(found: Dataset) -> tuple[list[str], list[list[str]]]:
     """(columns, rows), a row for each line of sight and wavelength."""
     there = [name for name in COLUMNS if name in found]
-    rows = []
-    for k, apparent in enumerate(found[TANGENT].values):
-        for w, nm in enumerate(found["wavelength"].values):
-            bent = found["tangent_altitude"].values[k, w]
-            values = (f"{found[name].values[k, w]:.6g}" for name in there)
-            rows.append([f"{apparent:g}", f"{bent:.4f}", f"{nm:g}", *values])
+    bent = found["tangent_altitude"].values
+    rows = [
+        [f"{apparent:g}", f"{bent[k, w]:.4f}", f"{nm:g}", *(f"{found[name].values[k, w]:.6g}" for name in there)]
+        for k, apparent in enumerate(found[TANGENT].values)
+        for w, nm in enumerate(found["wavelength"].values)
+    ]
     head = ["apparent_tangent_altitude_km", "tangent_altitude_km", "wavelength_nm"]
     return [*head, *(COLUMNS[name] for name in there)], rows
 
@@ -64,12 +66,10 @@ def write(found: Dataset, folder: Path, stem: str) -> list[str]:
 
 def draw(found: Dataset, path: Path) -> None:
     """PNG: radiance, colour ratios and air-mass factors, or transmittance, bending and spreading, against altitude."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # start-up
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure  # start-up
 
     panels = _occultation_panels(found) if "transmittance" in found else _limb_panels(found)
     figure = Figure(figsize=(4.2 * len(panels) + 0.6, 4.6), dpi=130, layout="constrained")
-    FigureCanvasAgg(figure)
     for axes, panel in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
         for label, x, y, colour in panel["lines"]:
             axes.plot(x, y, marker=".", label=label, color=colour)
@@ -110,11 +110,10 @@ def _limb_panels(found: Dataset) -> list[dict[str, Any]]:
         ratio = _of_wavelengths(found, light / light[:, :1])[1:]
         panels.append({"lines": ratio, "x": f"colour ratio: radiance over that at {nm[0]:g} nm"})
     if "box_air_mass_factor" in found:
-        edges = np.append(found["altitude_bnds"].values[:, 0], found["altitude_bnds"].values[-1, 1])
-        count = found.sizes[TANGENT]
-        chosen = np.unique(np.linspace(0, count - 1, min(RAYS_DRAWN, count)).round().astype(int))
+        edges = layer_edges_of(found)
         stairs = [
-            (f"{found[TANGENT].values[k]:g} km", found["box_air_mass_factor"].values[k, :, 0], edges) for k in chosen
+            (f"{found[TANGENT].values[k]:g} km", found["box_air_mass_factor"].values[k, :, 0], edges)
+            for k in evenly_spread(found.sizes[TANGENT], RAYS_DRAWN)
         ]
         about = {"x": f"box air-mass factor at {nm[0]:g} nm", "y": "altitude [km]", "legend": "tangent altitude"}
         panels.append({"lines": [], "stairs": stairs, **about})

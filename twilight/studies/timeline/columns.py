@@ -19,7 +19,7 @@ from twilight.sky.quantities.measure import Spectra
 from twilight.studies.timeline.flats import Flats
 
 CONTRAST_DEG = 5.0
-"""Elevation at which first light is looked for [deg]: above the haze of the horizon, in the dawn's arch."""
+"""Elevation of the contrast of dawn [deg]: above the haze of the horizon, in the dawn's arch."""
 CONTRAST = "dawn_contrast"
 LUMINANCE = quantity("luminance")
 LIMIT = "limiting_magnitude"

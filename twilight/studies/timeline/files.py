@@ -13,17 +13,15 @@ from twilight.io.netcdf import interruptible_h5netcdf
 from twilight.sky.twilight_times import SUNRISE_DEG
 
 if TYPE_CHECKING:
-    import xarray
-
-    from twilight.studies.timeline.timeline import Timeline
+    from twilight.studies.timeline.timeline import TimeSeries
 
 SHADED = {"civil": -6.0, "nautical": -12.0, "astronomical": -18.0}
 """Twilights by the sun's lowest elevation [deg]."""
 SHADE_STEP_S = 20.0
-"""To how many seconds the shades of a figure begin and end."""
+"""Step of time at which the shades of a figure begin and end [s]."""
 
 
-def write_table(made: Timeline, path: Path, note: str) -> None:
+def write_table(made: TimeSeries, path: Path, note: str) -> None:
     """A row for each time: time, the sun's elevation, and every column with its unit in its name."""
     names = ["time", "sun_elevation_deg", *(one.variable for one in made.columns)]
     cells = (
@@ -37,8 +35,8 @@ def _cell(value: float) -> str:
     return f"{value:.6g}" if np.isfinite(value) else ""
 
 
-def to_dataset(made: Timeline, attributes: dict[str, Any]) -> xarray.Dataset:
-    """The timeline as a dataset along `time` (UTC)."""
+def write_dataset(made: TimeSeries, path: Path, attributes: dict[str, Any]) -> None:
+    """The table as netCDF along `time` (UTC)."""
     import xarray  # start-up
 
     time = np.array([t.astimezone(UTC).replace(tzinfo=None) for t in made.times], "datetime64[us]")
@@ -48,33 +46,26 @@ def to_dataset(made: Timeline, attributes: dict[str, Any]) -> xarray.Dataset:
     }
     sun = ("time", made.sun_elevation_deg, {"units": "degree", "standard_name": "solar_elevation_angle"})
     coords = {"time": time.astype("datetime64[ns]"), "solar_elevation_angle": sun}
-    return xarray.Dataset(variables, coords, {"Conventions": "CF-1.10", **attributes})
-
-
-def write_dataset(made: Timeline, path: Path, attributes: dict[str, Any]) -> None:
-    """The same as netCDF."""
-    found = to_dataset(made, attributes)
     interruptible_h5netcdf()
     with whole_file(path) as temporary:
-        found.to_netcdf(temporary, engine="h5netcdf")
+        xarray.Dataset(variables, coords, {"Conventions": "CF-1.10", **attributes}).to_netcdf(
+            temporary, engine="h5netcdf"
+        )
 
 
-def draw(made: Timeline, path: Path, title: str) -> None:
+def draw(made: TimeSeries, path: Path, title: str) -> None:
     """One panel a column over the hours, twilights shaded, crossings marked."""
-    import matplotlib  # start-up
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter  # start-up
+    from matplotlib.figure import Figure
 
     zone = made.times[0].tzinfo
-    figure: Any
     count = len(made.columns)
-    figure, axes = pyplot.subplots(
-        count, 1, sharex=True, squeeze=False, figsize=(8.0, 1.2 + 2.1 * count), layout="constrained"
-    )
+    figure = Figure(figsize=(8.0, 1.2 + 2.1 * count), layout="constrained")
+    axes = figure.subplots(count, 1, sharex=True, squeeze=False)
+    shaded = shades(made)
     for panel, one, values in zip(axes[:, 0], made.columns, made.values, strict=True):
-        _shade(panel, made)
+        for start, stop, depth in shaded:  # day white, each twilight darker, night darkest
+            panel.axvspan(start, stop, color=str(1.0 - 0.11 * depth), linewidth=0)
         panel.plot(made.times, values, color="black", linewidth=1.4)
         panel.set_ylabel(f"{one.text}\n[{one.unit}]" if one.unit != "1" else one.text, fontsize="small")
         known = values[np.isfinite(values)]
@@ -98,20 +89,11 @@ def draw(made: Timeline, path: Path, title: str) -> None:
     axes[-1, 0].xaxis.set_major_locator(locator)
     axes[-1, 0].xaxis.set_major_formatter(ConciseDateFormatter(locator, tz=zone))
     axes[-1, 0].set_xlim(made.times[0], made.times[-1])
-    try:
-        with whole_file(path) as temporary:
-            figure.savefig(temporary, dpi=120)
-    finally:
-        pyplot.close(figure)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=120)
 
 
-def _shade(panel: Any, made: Timeline) -> None:
-    """Day white, each twilight darker, night darkest."""
-    for start, stop, depth in shades(made):
-        panel.axvspan(start, stop, color=str(1.0 - 0.11 * depth), linewidth=0)
-
-
-def shades(made: Timeline) -> list[tuple[datetime, datetime, int]]:
+def shades(made: TimeSeries) -> list[tuple[datetime, datetime, int]]:
     """First and last time of each twilight, 1 to 3, and night, 4; the sun's elevation is linear between the rows."""
     ends = [SUNRISE_DEG, *SHADED.values()]
     times = [time.astimezone(UTC) for time in made.times]

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.engine.light import LightField, moments_at
+from twilight.engine.light import LightField, Moments, moments_at
 from twilight.sky.twilight_times import TwilightTime, twilight_times
 from twilight.studies.timeline.columns import USUAL, Column, Setup, column, number
 
 MAX_ROWS = 20_000
+"""Most rows of a table."""
 _CONDITION = re.compile(r"(?P<column>[^<>]+)(?P<sign>[<>])(?P<value>[^<>]+)")
 _STEP = re.compile(r"(?P<count>\d+(?:\.\d+)?)\s*(?P<unit>s|min|h)")
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 FINE_S = (10.0, 1.0)
-"""Steps at which a crossing is looked for between two rows [s]; the last interval is linear."""
+"""Steps by which a crossing between two rows is narrowed down [s]; within the last step time is linear."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Timeline:
+class TimeSeries:
     """Rows of times (T,) with their suns [deg] (T,), values of every column (T,), marks, and the outcomes of
     conditions."""
 
@@ -112,8 +114,8 @@ def timeline(
     columns: Sequence[Column],
     conditions: Sequence[Condition] = (),
     time_zone: str | None = None,
-) -> Timeline:
-    """The table.
+) -> TimeSeries:
+    """Values of columns at times, and the times at which conditions begin and end to hold.
 
     Parameters
     ----------
@@ -134,13 +136,14 @@ def timeline(
         For times outside the ephemeris.
     """
 
-    def evaluate(one: Column, at: Sequence[datetime]) -> np.ndarray:
+    def moments_of(at: Sequence[datetime]) -> Moments:
         count = len(at)
-        moments = moments_at([latitude_deg] * count, [longitude_deg] * count, at, light.solved.scene.altitude_km)
-        return one.values(light, moments)
+        return moments_at([latitude_deg] * count, [longitude_deg] * count, at, light.solved.scene.altitude_km)
 
-    count = len(times)
-    moments = moments_at([latitude_deg] * count, [longitude_deg] * count, times, light.solved.scene.altitude_km)
+    def evaluate(column: Column, at: Sequence[datetime]) -> np.ndarray:
+        return column.values(light, moments_of(at))
+
+    moments = moments_of(times)
     wanted = {one.text: one for one in (*columns, *(c.column for c in conditions))}
     values = {text: one.values(light, moments) for text, one in wanted.items()}
     outcomes = []
@@ -148,18 +151,18 @@ def timeline(
         found = []
         over = _over(one, values[one.column.text])
         for i in np.flatnonzero(_passes(over)).tolist():
-            when = _refined(one, times[i], times[i + 1], evaluate)
+            when = _refined(one, times[i], times[i + 1], partial(evaluate, one.column))
             at = moments_at([latitude_deg], [longitude_deg], [when])
             found.append(Crossing(one, bool(over[i + 1] > 0), when, float(at.sun_elevation_deg[0])))
         outcomes.append(Outcome(one, bool(over[0] > 0), tuple(found)))
     days = sorted({moment.date() for moment in times})
-    found_marks = [mark for day in days for mark in twilight_times(day, latitude_deg, longitude_deg, time_zone)]
-    passed = [mark for mark in found_marks if mark.time is not None and times[0] <= mark.time <= times[-1]]
+    all_marks = [mark for day in days for mark in twilight_times(day, latitude_deg, longitude_deg, time_zone)]
+    passed = [mark for mark in all_marks if mark.time is not None and times[0] <= mark.time <= times[-1]]
     # an event that no day of the table has is said once
-    missing = {mark.event: mark for mark in found_marks if mark.time is None}
+    missing = {mark.event: mark for mark in all_marks if mark.time is None}
     here = {mark.event for mark in passed}
     marks = (*passed, *(mark for event, mark in missing.items() if event not in here))
-    return Timeline(
+    return TimeSeries(
         tuple(times),
         moments.sun_elevation_deg,
         tuple(columns),
@@ -180,15 +183,17 @@ def _passes(over: np.ndarray) -> np.ndarray:
     return known & ((over[:-1] > 0) != (over[1:] > 0))
 
 
-def _refined(one: Condition, first: datetime, last: datetime, evaluate) -> datetime:  # type: ignore[no-untyped-def]
-    """When the condition changes between two times, to the second."""
+def _refined(
+    one: Condition, first: datetime, last: datetime, values_at: Callable[[Sequence[datetime]], np.ndarray]
+) -> datetime:
+    """When the condition changes between two times, to the second; values_at: of its column."""
     for step_s in FINE_S:
         span = (last - first).total_seconds()
         if span <= step_s:
             continue
         count = int(np.ceil(span / step_s)) + 1
         at = [first + timedelta(seconds=span * i / (count - 1)) for i in range(count)]
-        over = _over(one, evaluate(one.column, at))
+        over = _over(one, values_at(at))
         k = int(np.argmax(_passes(over)))
         first, last = at[k], at[k + 1]
     return (first + 0.5 * (last - first) + timedelta(milliseconds=500)).replace(microsecond=0)

@@ -20,7 +20,7 @@ COLUMNS_DEG = np.arange(0.0, 361.0, 7.5)
 STEP_MAG = 0.5
 """Step of the colours [mag]."""
 DEEPEST_MAG = 6.0
-"""Magnitudes below the best that colours tell apart."""
+"""Range of the colours below the faintest limit of the map [mag]."""
 
 
 def limits(eye: Eye, moment: Moments) -> np.ndarray:
@@ -40,10 +40,10 @@ def draw_map(eye: Eye, latitude_deg: float, longitude_deg: float, time: dt.datet
     axes: Any = figure.add_subplot(projection="polar")
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(1)  # east is left, as one who lies on the back has it
-    turn, away = np.radians(COLUMNS_DEG), 90.0 - ROWS_DEG
+    azimuth, zenith_deg = np.radians(COLUMNS_DEG), 90.0 - ROWS_DEG
     low, high = max(np.nanmin(values), np.nanmax(values) - DEEPEST_MAG), np.nanmax(values)
     levels = STEP_MAG * np.arange(np.floor(low / STEP_MAG), np.ceil(high / STEP_MAG) + 1.0)
-    shown = axes.contourf(turn, away, values, levels, cmap="cividis", extend="min")
+    shown = axes.contourf(azimuth, zenith_deg, values, levels, cmap="cividis", extend="min")
     for k, track in enumerate(tracks([*NAKED_EYE_PLANETS, "moon"], [time], latitude_deg, longitude_deg)):
         height = float(eye.seen_at(track.elevation_deg)[0][0])
         if np.isfinite(height):
@@ -51,14 +51,10 @@ def draw_map(eye: Eye, latitude_deg: float, longitude_deg: float, time: dt.datet
             axes.plot(*where, "o", color="white", markersize=5, markeredgecolor="black")
             left = np.sin(where[0]) < 0.0 and height < 30.0
             axes.annotate(
-                f"{track.name} {track.magnitude[0]:.1f}",
-                where,
-                xytext=(-6 if left else 6, 4 if k % 2 else -10),
-                textcoords="offset points",
-                ha="right" if left else "left",
-                fontsize=8,
+                f"{track.name} {track.magnitude[0]:.1f}", where, (-6 if left else 6, 4 if k % 2 else -10),
+                textcoords="offset points", ha="right" if left else "left", fontsize=8,
                 bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.7, "linewidth": 0.0},
-            )
+            )  # fmt: skip
     axes.set_rlim(0.0, 90.0)
     axes.set_rgrids([30.0, 60.0], ["60°", "30°"], fontsize=8)
     axes.set_thetagrids(np.arange(0, 360, 90), ["N", "E", "S", "W"])

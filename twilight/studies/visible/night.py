@@ -11,13 +11,12 @@ from twilight.engine.visibility import Eye
 from twilight.sky.objects import Track, tracks
 
 STEP_S = 180.0
-"""Distance of the moments at which objects are looked for [s]; times are linear in between."""
+"""Time between the moments at which margins are computed [s]; they are linear in between."""
 
 
 class Sighting(NamedTuple):
     """While an object is seen: first and last moment, elevations [deg] of sun and object (apparent) then, and how many
     magnitudes it is brighter than the limit at best.
-
     """
 
     name: str
@@ -66,7 +65,7 @@ def _spans(
 ) -> list[Sighting]:
     """Spans of a margin that is not negative, with ends where it crosses 0, linearly."""
     up = margin >= 0.0
-    shown, _ = seen_at(track.elevation_deg)
+    apparent_deg, _ = seen_at(track.elevation_deg)
     found = []
     edges = np.flatnonzero(np.diff(np.concatenate([[False], up, [False]]).astype(int)))
     for begin, end in edges.reshape(-1, 2):
@@ -77,14 +76,11 @@ def _spans(
                 f = float(margin[inside] / (margin[inside] - margin[outside]))
             there = outside if f else inside
             step = moments[there] - moments[inside]
-            height = float(shown[inside] + f * (shown[there] - shown[inside]))
+            height = float(apparent_deg[inside] + f * (apparent_deg[there] - apparent_deg[inside]))
             sun = float(sun_deg[inside] + f * (sun_deg[there] - sun_deg[inside]))
             ends.append((moments[inside] + f * step, sun, height))
         (first, sun_a, height_a), (last, sun_b, height_b) = ends
         best = int(begin + np.argmax(margin[begin:end]))
-        sighting = Sighting(
-            track.name, first, last, (sun_a, sun_b), (height_a, height_b), float(track.magnitude[best]),
-            float(margin[best]),
-        )  # fmt: skip
-        found.append(sighting)
+        brightest = float(track.magnitude[best]), float(margin[best])
+        found.append(Sighting(track.name, first, last, (sun_a, sun_b), (height_a, height_b), *brightest))
     return found

@@ -65,7 +65,7 @@ def field_of_view() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return grid[0].ravel(), grid[1].ravel(), np.outer(w, turn).ravel()
 
 
-class Meter:
+class SkyQualityMeter:
     """The meter in the light of a `Photometer`: brightness of the zenith for any sun or moon."""
 
     def __init__(self, light: Any, floor_mag: float | None):

@@ -26,19 +26,19 @@ from twilight.scene import resolve
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.night import Place, night_radiance
 from twilight.studies.validate.measured import references
-from twilight.studies.validate.measured.meter import Meter, MoonlitPoint, site_of
+from twilight.studies.validate.measured.meter import MoonlitPoint, SkyQualityMeter, site_of
 from twilight.studies.validate.measured.references import KOOMEN_SITES, METER_SITE, Site
 
 WAVELENGTHS_NM = (400.0, 424.0, 460.0, 490.0, 520.0, 545.0, 560.0, 590.0, 603.0, 620.0, 650.0, 720.0)
 """Where the radiance is computed: dense where V(lambda) is large, on both sides of the O4 bands (477, 577, 630 nm)."""
 
 SUNS_DEG = (60, 50, 40, 30, 25, 20, 15, 10, 8, 6, 5, 4, 3, 2, 1, 0, -0.8, *range(-1, -19, -1))
-"""Sun elevations for illuminance."""
+"""Sun elevations for illuminance [deg]."""
 ZENITH_SUNS_DEG = (0, *range(-1, -19, -1))
 """Sun elevations for luminance of the zenith [deg]."""
 
 ILLUMINANCE_RANGES_DEG = ((20, 60), (5, 20), (-0.8, 5), (-5, -0.8), (-12, -5), (-18, -12))
-"""The pieces of Janiczek and DeYoung."""
+"""Sun elevations [deg] over which errors of the illuminance are summed up: the pieces of Janiczek and DeYoung."""
 LUMINANCE_RANGES_DEG = ((-6, 0), (-12, -6), (-15, -12))
 """Sun elevations [deg] over which errors of the luminance are summed up."""
 COLOUR_RANGES_DEG = ((2, 15), (-2, 2), (-6, -2), (-10, -6))
@@ -47,16 +47,16 @@ COLOUR_RANGES_DEG = ((2, 15), (-2, 2), (-6, -2), (-10, -6))
 BLUE_GREEN_RED_NM = (450.0, 550.0, 650.0)
 """Wavelengths whose ratios say the colour of level ground."""
 COLOURS = ("blue over green", "red over green")
-"""Ratios of the irradiance of level ground at the first and the last of them to that at the second."""
+"""Ratios of the irradiance of level ground at 450 and at 650 nm to that at 550 nm."""
 LOWEST_COLOUR_DEG = -10.0
-"""Lowest sun whose spectra are more than noise and the light of the night."""
+"""Elevation of the lowest sun whose spectra are more than noise and the light of the night [deg]."""
 METER_QUANTITY = "zenith, meter's band"
 """Of the Sky Quality Meter, as the luminance that such meters print."""
 METER_CD_M2 = 10.8e4
-"""Luminance that meters print for 0 mag arcsec^-2 [cd m^-2] (Unihedron)."""
+"""Luminance that Sky Quality Meters print for 0 mag arcsec^-2 [cd m^-2] (Unihedron)."""
 
 HIGH_SITE_KM = 0.5
-"""A site this far above the climate's ground gets the same climate with its ground at the site's altitude."""
+"""A site more than this above the climate's ground [km] gets the climate with its ground at the site's altitude."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,6 @@ class Photometer:
         """Luminance of the night sky (E, A) [cd m^-2], None where the configuration has none."""
         if self.config.night is None:
             return None
-
         sun_azimuth, place = None, None
         if site is not None:
             moment, sun_azimuth = evening(site, sun_deg)
@@ -190,9 +189,18 @@ class Photometer:
             place=place,
             observer_altitude_km=self.medium.bottom_km if site is None else site.altitude_km,
         )
-        return self.luminous(
-            radiance / spectrum.solar_irradiance(self.medium.wavelength_nm, self.config.solar_spectrum)
-        )
+        solar = spectrum.solar_irradiance(self.medium.wavelength_nm, self.config.solar_spectrum)
+        return self.luminous(radiance / solar)
+
+
+def meter_luminance(magnitude: float) -> float:
+    """Luminance [cd m^-2] that a Sky Quality Meter prints for a surface brightness [mag arcsec^-2]."""
+    return METER_CD_M2 * 10.0 ** (-0.4 * magnitude)
+
+
+def meter_magnitude(luminance_cd_m2: float) -> float:
+    """The inverse of `meter_luminance`."""
+    return float(-2.5 * np.log10(luminance_cd_m2 / METER_CD_M2))
 
 
 def evening(site: Site, sun_elevation_deg: float) -> tuple[Any, float]:
@@ -206,54 +214,41 @@ def evening(site: Site, sun_elevation_deg: float) -> tuple[Any, float]:
 
 
 def photometry(
-    config: Config, progress: Progress | None = None
+    config: Config, progress: Progress = silent
 ) -> tuple[list[PhotometricPoint], list[MoonlitPoint], dict[str, float]]:
     """All points of one climate, those under the moon, and the vertical photopic transmission above Koomen's sites.
 
     Raises TwilightError for a configuration with a solver other than zones.
     """
-    tell = progress or silent
-    meter = Photometer(config, part_of(tell, 0.0, 0.4))
-    name, points = config.climate.name, []
+    photometer = Photometer(config, part_of(progress, 0.0, 0.4))
+    name, points, transmissions = config.climate.name, [], {}
     for i, sun in enumerate(SUNS_DEG):
-        tell("illuminance", 0.4 + 0.2 * i / len(SUNS_DEG))
-        computed, night = meter.illuminance_lux(sun)
-        measured = float(references.horizontal_illuminance_lux(sun))
-        points.append(
-            PhotometricPoint(
-                name, "illuminance", references.ILLUMINANCE_SOURCE, "ground", 0.0, sun, computed, night, measured
-            )
-        )
-    at_site = {}
+        progress("illuminance", 0.4 + 0.2 * i / len(SUNS_DEG))
+        light = (sun, *photometer.illuminance_lux(sun), float(references.horizontal_illuminance_lux(sun)))
+        points.append(PhotometricPoint(name, "illuminance", references.ILLUMINANCE_SOURCE, "ground", 0.0, *light))
     for site in KOOMEN_SITES:
-        there = meter
-        if site.altitude_km - meter.medium.bottom_km > HIGH_SITE_KM:
-            there = Photometer(config, part_of(tell, 0.6, 0.35), site.altitude_km)
-        at_site[site.name] = there
+        there = photometer
+        if site.altitude_km - photometer.medium.bottom_km > HIGH_SITE_KM:
+            there = Photometer(config, part_of(progress, 0.6, 0.35), site.altitude_km)
+        transmissions[site.name] = there.transmission(site.altitude_km)
         suns, values = references.zenith_luminance_cd_m2(site.name)
-        known = dict(zip(suns.tolist(), values.tolist(), strict=True))
+        measured = dict(zip(suns.tolist(), values.tolist(), strict=True))
+        where = (references.LUMINANCE_SOURCE, site.name, site.altitude_km)
         for sun in ZENITH_SUNS_DEG:
-            tell(f"zenith, {site.name}", 0.97)
-            computed, night = there.zenith_luminance(sun, site)
-            measured = known.get(float(sun), float("nan"))
-            where = (site.name, site.altitude_km)
-            points.append(
-                PhotometricPoint(
-                    name, "zenith luminance", references.LUMINANCE_SOURCE, *where, sun, computed, night, measured
-                )
-            )
-    points += _colour_points(meter, name)
-    tell("zenith, meter", 0.98)
-    there = Photometer(site_of(config), None, METER_SITE.altitude_km)
+            progress(f"zenith, {site.name}", 0.97)
+            light = (sun, *there.zenith_luminance(sun, site), measured.get(float(sun), float("nan")))
+            points.append(PhotometricPoint(name, "zenith luminance", *where, *light))
+    points += _colour_points(photometer, name)
+    progress("zenith, meter", 0.98)
     floor = None if config.night is None else references.METER_FLOOR_MAG
-    zenith = Meter(there, floor)
-    points += _meter_points(zenith, name, floor)
-    moonlit = list(zenith.moonlit(name))
-    tell("done", 1.0)
-    return points, moonlit, {site.name: at_site[site.name].transmission(site.altitude_km) for site in KOOMEN_SITES}
+    meter = SkyQualityMeter(Photometer(site_of(config), None, METER_SITE.altitude_km), floor)
+    points += _meter_points(meter, name, floor)
+    moonlit = list(meter.moonlit(name))
+    progress("done", 1.0)
+    return points, moonlit, transmissions
 
 
-def _colour_points(meter: Photometer, climate: str) -> list[PhotometricPoint]:
+def _colour_points(photometer: Photometer, climate: str) -> list[PhotometricPoint]:
     """Colours of level ground beside every session."""
     points: list[PhotometricPoint] = []
     known: dict[float, np.ndarray] = {}
@@ -264,28 +259,24 @@ def _colour_points(meter: Photometer, climate: str) -> list[PhotometricPoint]:
             if sun < LOWEST_COLOUR_DEG:
                 continue
             if sun not in known:
-                known[sun] = meter.colours(float(sun))
-            for quantity, computed, measured in zip(
-                COLOURS, known[sun], (blue[k] / green[k], red[k] / green[k]), strict=True
-            ):
-                where = (references.SPECTRA_SOURCE, f"session {session}", 0.0)
-                points.append(
-                    PhotometricPoint(climate, quantity, *where, float(sun), float(computed), 0.0, float(measured))
-                )
+                known[sun] = photometer.colours(float(sun))
+            measured = (blue[k] / green[k], red[k] / green[k])
+            where = (references.SPECTRA_SOURCE, f"session {session}", 0.0, float(sun))
+            points += [
+                PhotometricPoint(climate, quantity, *where, float(computed), 0.0, float(there))
+                for quantity, computed, there in zip(COLOURS, known[sun], measured, strict=True)
+            ]
     return points
 
 
-def _meter_points(zenith: Meter, climate: str, floor_mag: float | None) -> list[PhotometricPoint]:
+def _meter_points(meter: SkyQualityMeter, climate: str, floor_mag: float | None) -> list[PhotometricPoint]:
     """The zenith through twilight, as luminances that the meter prints."""
-    night = 0.0 if floor_mag is None else METER_CD_M2 * 10.0 ** (-0.4 * floor_mag)
-    where = (references.METER_SOURCE, METER_SITE.name, METER_SITE.altitude_km)
+    night = 0.0 if floor_mag is None else meter_luminance(floor_mag)
+    where = (climate, METER_QUANTITY, references.METER_SOURCE, METER_SITE.name, METER_SITE.altitude_km)
     return [
-        PhotometricPoint(
-            climate, METER_QUANTITY, *where, float(sun),
-            METER_CD_M2 * 10.0 ** (-0.4 * zenith.twilight_mag(float(sun))), night, METER_CD_M2 * 10.0 ** (-0.4 * mag),
-        )
-        for sun, mag in zip(*references.meter_zenith(), strict=True)
-    ]  # fmt: skip
+        PhotometricPoint(*where, sun, meter_luminance(meter.twilight_mag(sun)), night, meter_luminance(mag))
+        for sun, mag in zip(*(values.tolist() for values in references.meter_zenith()), strict=True)
+    ]
 
 
 def levels(points: Iterable[PhotometricPoint]) -> list[Level]:

@@ -52,8 +52,7 @@ def horizontal_illuminance_lux(sun_elevation_deg) -> np.ndarray:
         raise TwilightError(f"{ILLUMINANCE_SOURCE}: sun elevation must be from -18 to 90 deg")
     out = np.full(h.shape, np.nan)
     for piece in reversed(pieces):  # from the lowest up
-        x = h / 90.0
-        log = piece["l0"] + x * (piece["l1"] + x * (piece["l2"] + x * piece["l3"]))
+        log = np.polynomial.polynomial.polyval(h / 90.0, [piece[f"l{power}"] for power in range(4)])
         out = np.where(h >= piece["altitude_min_deg"], log, out)
     return 10.0**out
 

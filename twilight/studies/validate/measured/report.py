@@ -12,10 +12,10 @@ from twilight.base.whole_files import whole_file, write_csv
 from twilight.studies.validate.measured.meter import MoonlitPoint
 from twilight.studies.validate.measured.photometry import (
     COLOURS,
-    METER_CD_M2,
     METER_QUANTITY,
     Level,
     PhotometricPoint,
+    meter_magnitude,
 )
 from twilight.studies.validate.measured.references import (
     KOOMEN_SITES,
@@ -23,40 +23,20 @@ from twilight.studies.validate.measured.references import (
     SESSIONS,
     horizontal_illuminance_lux,
     meter_zenith,
+    zenith_luminance_cd_m2,
 )
 
 POINT_COLUMNS = (
-    "climate",
-    "quantity",
-    "site",
-    "observer_altitude_km",
-    "sun_elevation_deg",
-    "computed",
-    "of_which_night",
-    "measured",
-    "log10_ratio",
+    *("climate", "quantity", "site", "observer_altitude_km", "sun_elevation_deg"),
+    *("computed", "of_which_night", "measured", "log10_ratio"),
 )
 MOONLIT_COLUMNS = (
-    "climate",
-    "phase_angle_deg",
-    "moon_elevation_deg",
-    "readings",
-    "computed_mag_per_arcsec2",
-    "measured_p75_mag_per_arcsec2",
-    "difference_mag",
+    *("climate", "phase_angle_deg", "moon_elevation_deg", "readings"),
+    *("computed_mag_per_arcsec2", "measured_p75_mag_per_arcsec2", "difference_mag"),
 )
 LEVEL_COLUMNS = (
-    "climate",
-    "quantity",
-    "site",
-    "sun_from_deg",
-    "sun_to_deg",
-    "points",
-    "factor",
-    "level_dex",
-    "lowest_dex",
-    "highest_dex",
-    "slope_difference_dex_per_deg",
+    *("climate", "quantity", "site", "sun_from_deg", "sun_to_deg", "points"),
+    *("factor", "level_dex", "lowest_dex", "highest_dex", "slope_difference_dex_per_deg"),
 )
 
 
@@ -101,29 +81,19 @@ def write_moonlit(points: Sequence[MoonlitPoint], path: Path) -> None:
 def draw(points: Sequence[PhotometricPoint], moonlit: Sequence[MoonlitPoint], path: Path) -> None:
     """PNG: illuminance and zenith luminance over sun elevation, log10 ratio to the measurements below them; the zenith
     in the meter's band, under the moon, and the colour of level ground."""
-    import matplotlib  # start-up
+    from matplotlib.figure import Figure  # start-up
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot  # start-up
-
-    figure: Any
-    figure, axes = pyplot.subplots(
-        4, 3, figsize=(15, 15), layout="constrained", gridspec_kw={"height_ratios": [2.2, 1, 2.2, 1]}, squeeze=False
-    )
+    figure = Figure(figsize=(15, 15), layout="constrained")
+    axes = figure.subplots(4, 3, gridspec_kw={"height_ratios": [2.2, 1, 2.2, 1]})
     panels = [("illuminance", "ground", "illuminance of level ground [lx]")]
-    panels += [
-        (
-            "zenith luminance",
-            site.name,
-            f"zenith luminance, {site.name}, {1000 * site.altitude_km:.0f} m [cd m$^{{-2}}$]",
-        )
-        for site in KOOMEN_SITES
-    ]
+    for site in KOOMEN_SITES:
+        label = f"zenith luminance, {site.name}, {1000 * site.altitude_km:.0f} m [cd m$^{{-2}}$]"
+        panels.append(("zenith luminance", site.name, label))
     climates = list(dict.fromkeys(p.climate for p in points))
-    for column, (quantity, site, label) in enumerate(panels):
+    for column, (quantity, name, label) in enumerate(panels):
         top, bottom = axes[0, column], axes[1, column]
         for i, climate in enumerate(climates):
-            line = [p for p in points if (p.climate, p.quantity, p.site) == (climate, quantity, site)]
+            line = [p for p in points if (p.climate, p.quantity, p.site) == (climate, quantity, name)]
             sun = [p.sun_elevation_deg for p in line]
             top.plot(sun, [p.computed for p in line], color=f"C{i}", label=climate, lw=1.4)
             if any(p.night > 0 for p in line):
@@ -136,33 +106,29 @@ def draw(points: Sequence[PhotometricPoint], moonlit: Sequence[MoonlitPoint], pa
             )
         if quantity == "illuminance":
             fine = np.linspace(-18, 60, 400)
-            measured = (fine, horizontal_illuminance_lux(fine))
-            top.plot(*measured, "k--", lw=1.2, label="Janiczek and DeYoung 1987")
+            top.plot(fine, horizontal_illuminance_lux(fine), "k--", lw=1.2, label="Janiczek and DeYoung 1987")
         else:
-            first = [p for p in points if p.site == site and p.climate == climates[0] and np.isfinite(p.measured)]
-            top.plot(
-                [p.sun_elevation_deg for p in first],
-                [p.measured for p in first],
-                "ks",
-                label="Koomen et al. 1952",
-            )
+            top.plot(*zenith_luminance_cd_m2(name), "ks", label="Koomen et al. 1952")
         top.set(yscale="log", ylabel=label)
-        bottom.set(xlabel="true elevation of the sun [deg]", ylabel="log$_{10}$ computed / measured", ylim=(-0.6, 0.6))
-        bottom.axhspan(-0.3, 0.3, color="0.92", zorder=0)
-        bottom.axhline(0, color="0.5", lw=0.8)
-        for axis in (top, bottom):
-            axis.grid(alpha=0.3)
+        bottom.set(xlabel="true elevation of the sun [deg]", ylabel="log$_{10}$ computed / measured")
+        _ruled(top, bottom, 0.3, 0.6)
         top.legend(fontsize=8)
     _draw_meter(points, climates, axes[2, 0], axes[3, 0])
     _draw_moonlit(moonlit, climates, axes[2, 1], axes[3, 1])
     for axis, quantity in zip(axes[2:, 2], COLOURS, strict=True):
         _draw_colour(points, climates, quantity, axis)
     axes[1, 0].text(0.02, 0.03, "grey: a factor 2", transform=axes[1, 0].transAxes, fontsize=8)
-    try:
-        with whole_file(path) as temporary:
-            figure.savefig(temporary, dpi=110)
-    finally:
-        pyplot.close(figure)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=110)
+
+
+def _ruled(top: Any, bottom: Any, good: float, most: float) -> None:
+    """Grids; in the lower panel, of differences up to `most`, a line at 0 and grey where they are `good` at most."""
+    bottom.axhspan(-good, good, color="0.92", zorder=0)
+    bottom.axhline(0, color="0.5", lw=0.8)
+    bottom.set(ylim=(-most, most))
+    for axis in (top, bottom):
+        axis.grid(alpha=0.3)
 
 
 def _draw_meter(points: Sequence[PhotometricPoint], climates: list[str], top: Any, bottom: Any) -> None:
@@ -170,25 +136,20 @@ def _draw_meter(points: Sequence[PhotometricPoint], climates: list[str], top: An
     for i, climate in enumerate(climates):
         line = [p for p in points if p.quantity == METER_QUANTITY and p.climate == climate]
         sun = [p.sun_elevation_deg for p in line]
-        top.plot(sun, [_mag(p.computed) for p in line], color=f"C{i}", label=climate, lw=1.4)
-        bottom.plot(sun, [_mag(p.computed) - _mag(p.measured) for p in line], color=f"C{i}", marker="o", ms=3, lw=1.2)
+        top.plot(sun, [meter_magnitude(p.computed) for p in line], color=f"C{i}", label=climate, lw=1.4)
+        off = [meter_magnitude(p.computed) - meter_magnitude(p.measured) for p in line]
+        bottom.plot(sun, off, color=f"C{i}", marker="o", ms=3, lw=1.2)
     suns, clear = meter_zenith()
     top.plot(suns, clear, "ks", ms=4, label="563 clear twilights")
     top.fill_between(suns, meter_zenith("all_p25")[1], meter_zenith("all_p75")[1], color="0.85", label="all, quartiles")
-    label = (
-        f"zenith, {METER_SITE.name}, {1000 * METER_SITE.altitude_km:.0f} m\n[mag arcsec$^{{-2}}$ in the meter's band]"
-    )
-    top.set(ylabel=label)
+    where = f"zenith, {METER_SITE.name}, {1000 * METER_SITE.altitude_km:.0f} m"
+    top.set(ylabel=f"{where}\n[mag arcsec$^{{-2}}$ in the meter's band]")
     top.invert_yaxis()
     top.legend(fontsize=8)
-    bottom.axhspan(-0.1, 0.1, color="0.92", zorder=0)
-    bottom.axhline(0, color="0.5", lw=0.8)
-    bottom.set(xlabel="true elevation of the sun [deg]", ylabel="computed - measured [mag]", ylim=(-0.5, 0.5))
-    bottom.text(
-        0.02, 0.05, "grey: 0.1 mag, as well as the meter's zero is known", transform=bottom.transAxes, fontsize=8
-    )
-    for axis in (top, bottom):
-        axis.grid(alpha=0.3)
+    bottom.set(xlabel="true elevation of the sun [deg]", ylabel="computed - measured [mag]")
+    _ruled(top, bottom, 0.1, 0.5)
+    note = "grey: 0.1 mag, as well as the meter's zero is known"
+    bottom.text(0.02, 0.05, note, transform=bottom.transAxes, fontsize=8)
 
 
 def _draw_moonlit(moonlit: Sequence[MoonlitPoint], climates: list[str], top: Any, bottom: Any) -> None:
@@ -208,11 +169,8 @@ def _draw_moonlit(moonlit: Sequence[MoonlitPoint], climates: list[str], top: Any
     top.set(ylabel=f"the same under the moon: {climates[0]} (lines),\n75th percentile of readings (squares)")
     top.invert_yaxis()
     top.legend(fontsize=7, title="phase angle", title_fontsize=7, ncols=2)
-    bottom.axhspan(-0.2, 0.2, color="0.92", zorder=0)
-    bottom.axhline(0, color="0.5", lw=0.8)
-    bottom.set(xlabel="elevation of the moon [deg]", ylabel="computed - measured [mag]", ylim=(-0.8, 0.8))
-    for axis in (top, bottom):
-        axis.grid(alpha=0.3)
+    bottom.set(xlabel="elevation of the moon [deg]", ylabel="computed - measured [mag]")
+    _ruled(top, bottom, 0.2, 0.8)
 
 
 def _draw_colour(points: Sequence[PhotometricPoint], climates: list[str], quantity: str, axis: Any) -> None:
@@ -228,8 +186,3 @@ def _draw_colour(points: Sequence[PhotometricPoint], climates: list[str], quanti
     axis.set(xlabel="true elevation of the sun [deg]", ylabel=f"level ground, {nm}/550 nm")
     axis.grid(alpha=0.3)
     axis.legend(fontsize=8, title="Spitschan et al. 2016", title_fontsize=8)
-
-
-def _mag(luminance_cd_m2: float) -> float:
-    """Magnitudes per square arc second for which meters print a luminance [cd m^-2]."""
-    return float(-2.5 * np.log10(luminance_cd_m2 / METER_CD_M2))

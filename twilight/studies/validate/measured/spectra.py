@@ -151,7 +151,7 @@ def read_spectra(path: Path, series: str | None = None) -> Recorded:
             raise TwilightError(f"{path}: line {n}: {sun} is {suns[-1]:g}; allowed is -90 to 90")
     if part is not None and (not suns or (series is None and len(known) > 1)):
         raise TwilightError(f"{path}: --series must be one of {', '.join(known)}")
-    order = np.argsort(np.array(suns))[::-1]
+    order = np.argsort(suns)[::-1]
     nm = np.array(columns, dtype=float)
     return Recorded(np.array(suns)[order], nm, np.array(spectra).reshape(-1, nm.size)[order])
 
@@ -181,13 +181,12 @@ def at_nodes(recorded: Recorded, highest_deg: float, lowest_deg: float) -> Recor
 
 
 def bases(
-    config: Config, recorded: Recorded, from_km: tuple[float, ...] = FROM_KM, progress: Progress | None = None
+    config: Config, recorded: Recorded, from_km: tuple[float, ...] = FROM_KM, progress: Progress = silent
 ) -> list[Basis]:
     """The light under every part of a screen, for each distance at which it may begin.
 
     Errors: TwilightError for a configuration that has a screen of its own, or a solver that knows none.
     """
-    tell = progress or silent
     if config.horizon.screen is not None:
         raise TwilightError("validate spectra: horizon.screen is what is fitted; leave it out of the configuration")
     scene = replace(resolve(config, wavelength_nm=recorded.wavelength_nm), observer=Observer(), bands=None)
@@ -199,7 +198,7 @@ def bases(
     green = int(np.argmin(np.abs(recorded.wavelength_nm - REFERENCE_NM)))
 
     def light(screen: Screen | None, k: int) -> tuple[np.ndarray, np.ndarray]:
-        part = part_of(tell, k / (len(ramps) + 1), 1.0 / (len(ramps) + 1))
+        part = part_of(progress, k / (len(ramps) + 1), 1.0 / (len(ramps) + 1))
         medium = replace(scene.medium, screen=screen)
         solved = Problem(replace(scene, medium=medium)).solve(part)
         beam = Sunbeam(medium).beam
@@ -226,9 +225,9 @@ def fit(recorded: Recorded, basis: Basis, most_mag: float, free_calibration: boo
     rises = _solve(recorded, basis, most_mag, free_calibration, every)
     without = []
     for k in range(every.size):
-        kept = every.copy()
-        kept[k] = False
-        without.append(np.cumsum(_solve(recorded, basis, most_mag, free_calibration, kept, rises)))
+        others = every.copy()
+        others[k] = False
+        without.append(np.cumsum(_solve(recorded, basis, most_mag, free_calibration, others, rises)))
     n = every.size
     spread = np.sqrt((n - 1.0) / n * np.sum((np.array(without) - np.mean(without, axis=0)) ** 2, axis=0))
     residual, calibration = _residuals(recorded, basis, rises, free_calibration, every)
@@ -238,25 +237,25 @@ def fit(recorded: Recorded, basis: Basis, most_mag: float, free_calibration: boo
 
 
 def _residuals(
-    recorded: Recorded, basis: Basis, rises: np.ndarray, free_calibration: bool, kept: np.ndarray
+    recorded: Recorded, basis: Basis, rises: np.ndarray, free_calibration: bool, used: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """r (S', W) of the suns that are kept (S,), and the calibration (W,)."""
-    found = np.log(np.tensordot(rises, basis.ground[:, kept], 1) / recorded.irradiance[kept])
+    """r (S', W) of the suns where `used` (S,) is true, and the calibration (W,)."""
+    found = np.log(np.tensordot(rises, basis.ground[:, used], 1) / recorded.irradiance[used])
     found = found - found.mean(axis=1, keepdims=True)
     level = found.mean(axis=0) if free_calibration else np.zeros(found.shape[1])
     return found - level, np.exp(-level)
 
 
 def _solve(
-    recorded: Recorded, basis: Basis, most_mag: float, free_calibration: bool, kept: np.ndarray,
+    recorded: Recorded, basis: Basis, most_mag: float, free_calibration: bool, used: np.ndarray,
     start: np.ndarray | None = None,
 ) -> np.ndarray:  # fmt: skip
     """The rises p_j (J,), by sequential quadratic programming with exact derivatives."""
     count = basis.ground.shape[0]
-    ground = basis.ground[:, kept]
+    ground = basis.ground[:, used]
 
     def cost(rises: np.ndarray) -> tuple[float, np.ndarray]:
-        residual, _ = _residuals(recorded, basis, rises, free_calibration, kept)
+        residual, _ = _residuals(recorded, basis, rises, free_calibration, used)
         slope = ground / np.tensordot(rises, ground, 1)
         # the residual's own means are 0, so that those of the slope do not count
         return float(np.sum(residual**2)), 2.0 * np.sum(residual * slope, axis=(1, 2))
@@ -264,9 +263,9 @@ def _solve(
     limits = [{"type": "eq", "fun": lambda p: p.sum() - 1.0, "jac": lambda p: np.ones(count)}]
     low = recorded.sun_deg <= ZENITH_BELOW_DEG
     if np.isfinite(most_mag) and low.any():
-        passed = (basis.zenith / basis.zenith[0])[:, low].T
+        transmittance = (basis.zenith / basis.zenith[0])[:, low].T
         least = 10.0 ** (-0.4 * most_mag)
-        limits.append({"type": "ineq", "fun": lambda p: passed @ p - least, "jac": lambda p: passed})
+        limits.append({"type": "ineq", "fun": lambda p: transmittance @ p - least, "jac": lambda p: transmittance})
     first = np.full(count, 0.02) if start is None else start.copy()
     first[0] += 1.0 - first.sum()
     found = minimize(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -49,7 +48,7 @@ def by_wavelength(recorded: Recorded, one: Fit) -> list[list[str]]:
 
 def _colours(recorded: Recorded, log_ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Recorded and computed light over that at 550 nm, (S, W) each."""
-    green = int(np.argmin(np.abs(recorded.wavelength_nm - REFERENCE_NM)))
+    green = _nearest(recorded, REFERENCE_NM)
     computed = recorded.irradiance * np.exp(log_ratio)
     return tuple(light / light[:, green : green + 1] for light in (recorded.irradiance, computed))  # type: ignore[return-value]
 
@@ -82,32 +81,24 @@ def write_evening(path: Path, climate: Climate, one: Fit) -> None:
 
 
 def sentences(one: Fit) -> list[str]:
-    """What was found, and what cannot be told."""
+    """What was found, and what these spectra do not determine."""
     cover, top, spread = one.clouds
-    begin = f"from {one.from_km:g} km on"
-    if cover < 0.02:
-        found = "nothing beyond the horizon brings the colours nearer"
-    else:
-        tops = f"tops at {top:.1f} +- {spread:.1f} km"
-        found = f"beyond the horizon, {begin}: clouds that stop {cover:.0%} of the beams, {tops}"
-    unsure = [f"{h:g}" for h, e in zip(HEIGHTS_KM, one.stderr, strict=True) if e > 0.2]
-    lines = [found]
+    lines = ["nothing beyond the horizon brings the colours nearer"]
+    if cover >= 0.02:
+        clouds = f"clouds that stop {cover:.0%} of the beams, tops at {top:.1f} +- {spread:.1f} km"
+        lines = [f"beyond the horizon, from {one.from_km:g} km on: {clouds}"]
+    unsure = ", ".join(f"{h:g}" for h, e in zip(HEIGHTS_KM, one.stderr, strict=True) if e > 0.2)
     if unsure:
-        lines.append(
-            f"not determined by these spectra (standard error above 0.2): what passes at {', '.join(unsure)} km"
-        )
+        lines.append(f"not determined by these spectra (standard error above 0.2): what passes at {unsure} km")
     return lines
 
 
 def draw(recorded: Recorded, one: Fit, path: Path, title: str) -> None:
     """PNG: blue and red over green by the sun, recorded, without and with the screen; T by height."""
-    import matplotlib  # start-up
+    from matplotlib.figure import Figure  # start-up
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot  # start-up
-
-    figure: Any
-    figure, axes = pyplot.subplots(1, 3, figsize=(14, 4.6), layout="constrained")
+    figure = Figure(figsize=(14, 4.6), layout="constrained")
+    axes = figure.subplots(1, 3)
     measured, screened = _colours(recorded, one.log_ratio)
     bare = _colours(recorded, one.log_bare)[1]
     label = "with the screen" + ("" if np.all(one.calibration == 1.0) else " and the calibration")
@@ -130,11 +121,8 @@ def draw(recorded: Recorded, one: Fit, path: Path, title: str) -> None:
     fainter = one.zenith_mag[recorded.sun_deg <= ZENITH_BELOW_DEG].max(initial=0.0)
     below = f"zenith up to {fainter:.2f} mag fainter from {ZENITH_BELOW_DEG:g} deg on"
     figure.suptitle(f"{title}: colours within {100 * one.rms:.0f} % (rms); {below}")
-    try:
-        with whole_file(path) as temporary:
-            figure.savefig(temporary, dpi=110)
-    finally:
-        pyplot.close(figure)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=110)
 
 
 def _nearest(recorded: Recorded, nm: float) -> int:

@@ -11,6 +11,7 @@ How far they are off is found from computed skies of climates, suns and directio
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,7 @@ WINDOWS = (
     ((19.0, 43.0), (14.0, 19.0, 25.0, 33.0, 43.0, 55.0)),
     ((43.0, 90.0), (33.0, 43.0, 55.0, 70.0, 90.0)),
 )
-"""Elevations [deg] that a window of suns serves, and its nodes, which reach beyond them."""
+"""Lowest and highest sun [deg] for which a window serves, and its nodes, some of which lie beyond these."""
 
 GRID = SkySplines(
     elevation_intervals=10, azimuth_intervals=8, angle_intervals=10, elevation_power=2.0, angle_scale_deg=2.0
@@ -58,9 +59,9 @@ ROWS = 13
 COLUMNS = 10
 """Azimuths from 0 to 180 deg in which a sky is computed."""
 FROM_SUN_DEG = (1.5, 4.0, 8.0, 14.0)
-"""Distances from a sun that is seen [deg] at which elevations and azimuths are added."""
-SUN_SEEN_ABOVE_DEG = -4.0
-"""Sun elevation [deg] from which on they are: its aureole is over the horizon."""
+"""Distances [deg] from a visible sun at which elevations and azimuths are added."""
+AUREOLE_ABOVE_DEG = -4.0
+"""Sun elevation [deg] from which on elevations and azimuths are added: the aureole is over the horizon."""
 
 
 def sun_nodes(config: Config, sun_elevations_deg: Sequence[float]) -> tuple[float, ...]:
@@ -94,7 +95,7 @@ def sampled(sun_elevation_deg: float) -> tuple[np.ndarray, np.ndarray]:
     """Elevations (E,) and azimuths from the sun (A,) [deg] in which a sky is computed."""
     rows = 90.0 * np.linspace(0.0, 1.0, ROWS) ** 2
     columns = np.linspace(0.0, 180.0, COLUMNS)
-    if sun_elevation_deg > SUN_SEEN_ABOVE_DEG:
+    if sun_elevation_deg > AUREOLE_ABOVE_DEG:
         near = np.array(FROM_SUN_DEG)
         beside = sun_elevation_deg + np.concatenate([-near, near])
         rows = np.concatenate([rows, beside[(beside > 0.0) & (beside < 90.0)]])
@@ -136,7 +137,7 @@ def compute(
         xyz = colour.factor_to_xyz(factor, problem.scene.medium.wavelength_nm, config.solar_spectrum, observer=OBSERVER)
         if not (xyz > 0.0).all():
             raise TwilightError(
-                f"{config.title}: the sky of a sun at {sun:g} deg is black somewhere; choose other suns"
+                f"{config.title}: the sky under the sun at {sun:g} deg is black somewhere; choose other suns"
             )
         made.append(xyz)
     return made
@@ -144,14 +145,8 @@ def compute(
 
 def _night(config: Config, medium: Medium, sun: float, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
     assert config.night is not None
-    light = night_radiance(
-        medium,
-        rows,
-        columns,
-        levels_of(config.night),
-        sun_elevation_deg=sun,
-        observer_altitude_km=config.observer.altitude_km,
-    )
+    levels, altitude_km = levels_of(config.night), config.observer.altitude_km
+    light = night_radiance(medium, rows, columns, levels, sun_elevation_deg=sun, observer_altitude_km=altitude_km)
     return light / spectrum.solar_irradiance(medium.wavelength_nm, config.solar_spectrum)
 
 
@@ -200,12 +195,10 @@ def cached_or_made(key: str, make: Callable[[], Mapping[str, np.ndarray]]) -> di
     """Arrays from the user's cache where it has them; else made, and left there for the next time."""
     path = cache.find(cache.SKIES, key)
     if path is not None:
-        try:
+        with suppress(TwilightError):  # damaged
             stored = read(path, key)
-        except TwilightError:  # damaged
-            stored = None
-        if stored is not None:
-            return stored
+            if stored is not None:
+                return stored
     made = dict(make())
     cache.store(cache.SKIES, key, lambda to: write(to, key, made))
     return made

@@ -4,15 +4,15 @@ Least squares of ``photo.residual_vector`` (ln(luminance), u' and v' over the cl
 request, one free white balance) over a library of precomputed skies (``library``), for every aerosol type in turn.
 
 *Uncertainty.* What is left after the fit (clouds, stitching, haze in streaks) is not noise of single cells: it is
-alike over some degrees, and the photograph counts as N = clear solid angle / CORRELATED_SR independent places with
-three numbers each.  Errors that the fit cannot see because they are alike over the whole sky (vignetting left over,
-the camera's colours, the solver) are taken to be FLOOR, in M places, 1 to SYSTEMATIC_PLACES by the fraction of the
-hemisphere that is seen; the library's own error is added to it.  So chi^2 = 3 Q / (Q_best / N + FLOOR / M), where Q is
-the sum of squares of the residuals.
+correlated over some degrees, and the photograph counts as N = clear solid angle / CORRELATED_SR independent samples
+with three numbers each.  Errors that the fit cannot see because they are correlated over the whole sky (vignetting left
+over, the camera's colours, the solver) are taken to be FLOOR, in M samples, 1 to SYSTEMATIC_SAMPLES by the fraction of
+the hemisphere that is seen; the library's own error is added to it.  So chi^2 = 3 Q / (Q_best / N + FLOOR / M), where Q
+is the sum of squares of the residuals.
 Standard errors are from its curvature, intervals from its profile (chi^2 + 1, all others fitted again).
 
-*A parameter that the photograph cannot tell* is one whose standard deviation, limited by its bounds, is more than
-UNCONSTRAINED of that of an even spread over the bounds.
+*A parameter that the photograph does not constrain* is one whose standard deviation, limited by its bounds, is more
+than UNCONSTRAINED of that of a uniform distribution between the bounds.
 """
 
 from __future__ import annotations
@@ -27,31 +27,26 @@ from scipy.optimize import least_squares
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.studies.validate.photographs.library import SUN, Library, Parameter
-from twilight.studies.validate.photographs.photo import (
-    CHROMATICITY_SCALE,
-    LOG_SCALE,
-    PhotoSky,
-    residual_vector,
-)
+from twilight.studies.validate.photographs.photo import CHROMATICITY_SCALE, LOG_SCALE, PhotoSky, residual_vector
 
 CORRELATED_SR = 0.1
-"""Solid angle within which errors are alike: a disc of 10 deg radius."""
+"""Solid angle within which errors are correlated [sr]: a disc of 10 deg radius."""
 FLOOR = (0.02 / LOG_SCALE) ** 2 + 2.0 * (0.0015 / CHROMATICITY_SCALE) ** 2
-"""Sum of squares of errors alike over the whole sky: 2 % in luminance and 0.0015 in u', v'."""
-SYSTEMATIC_PLACES = 5.0
-"""Independent places of a whole hemisphere for errors alike over the sky."""
+"""Sum of squares of errors correlated over the whole sky: 2 % in luminance and 0.0015 in u', v'."""
+SYSTEMATIC_SAMPLES = 5.0
+"""Independent samples of a whole hemisphere for errors correlated over the sky."""
 UNCONSTRAINED = 0.6
-"""Standard deviation over that of an even spread beyond which a photograph does not tell a parameter."""
+"""Standard deviation over that of a uniform distribution beyond which a photograph does not constrain a parameter."""
 PROFILE_POINTS = 8
 """Values of a parameter, around its best, at which all others are fitted again."""
 AT_BOUND = 1e-6
-"""A fit keeps this much off the bounds, as a fraction of a parameter's range; nearer than that is at the bound."""
+"""Distance to a bound, as a fraction of a parameter's range, within which a value counts as at the bound."""
 STEP = 2e-3
 """Step of the Jacobian's differences, as a fraction of a parameter's range."""
 REFINEMENTS = 2
-"""Times that a fit is repeated with skies computed at its best values."""
+"""Largest number of times that a fit is repeated with skies computed at its best values."""
 SETTLED = 0.01
-"""A fit that moves by less, as a fraction of every parameter's range, is not refined again."""
+"""Change, as a fraction of every parameter's range, below which a fit is not refined again."""
 
 Refine = Callable[[str, Mapping[str, float]], np.ndarray]
 """From an aerosol type and the values of all parameters to the XYZ (E, A, 3) of that sky on the library's texture."""
@@ -59,8 +54,8 @@ Refine = Callable[[str, Mapping[str, float]], np.ndarray]
 
 @dataclass(frozen=True)
 class Estimated:
-    """One parameter: best value, standard error (curvature, in the parameter's unit; at most that of an
-    even spread over the bounds), interval of the profile, bounds.
+    """One parameter: best value, standard error (curvature, in the parameter's unit; at most that of a
+    uniform distribution between the bounds), interval of the profile, bounds.
 
     constrained: the photograph says what it is, which it does not where the fit ends at a bound.  relative_width: its
     standard deviation within the bounds over that of no knowledge.
@@ -82,7 +77,8 @@ class AirEstimate:
     """The best climate of one aerosol type.
 
     misfit: sum of squares Q.  chi2_above_best: its chi^2 above that of the best type, on the best type's scale.
-    correlation (P, P): of the parameters.  values: of all parameters, with ``sun`` where it was fitted.
+    correlation (P, P): of the parameters.  samples: independent ones.  values: of all parameters, with ``sun`` where it
+    was fitted.
     """
 
     aerosol_type: str
@@ -90,7 +86,7 @@ class AirEstimate:
     misfit: float
     chi2_above_best: float
     correlation: np.ndarray
-    places: float
+    samples: float
     values: dict[str, float] = field(default_factory=dict)
 
 
@@ -109,7 +105,7 @@ class _Problem:
             self.parameters.append(Parameter(SUN, "sun.elevation_deg", "deg", (suns[0], suns[-1]), "linear"))
         ends = [p.scaled(np.array([p.nodes[0], p.nodes[-1]])) for p in self.parameters]
         self.low, self.high = np.array(ends).T
-        self.places = max(float(photo.solid_angle_sr.sum()) / CORRELATED_SR, 1.0)
+        self.samples = max(float(photo.solid_angle_sr.sum()) / CORRELATED_SR, 1.0)
 
     def variance(self, q: float) -> float:
         """Variance of the mean over the sky of one number, for a best sum of squares q."""
@@ -117,19 +113,19 @@ class _Problem:
         library = (self.library.luminance_error / LOG_SCALE) ** 2
         if self.with_colour:
             library += (self.library.chromaticity_error / CHROMATICITY_SCALE) ** 2
-        return q / self.places + (FLOOR + library) / (1.0 + (SYSTEMATIC_PLACES - 1.0) * seen)
+        return q / self.samples + (FLOOR + library) / (1.0 + (SYSTEMATIC_SAMPLES - 1.0) * seen)
 
     def values(self, x: np.ndarray) -> dict[str, float]:
         scaled = self.low + x * (self.high - self.low)
         return {p.name: float(p.value(s)) for p, s in zip(self.parameters, scaled, strict=True)}
 
-    def off(self, x: np.ndarray, xyz: np.ndarray) -> np.ndarray:
-        """What the library is off at x, where the sky itself is xyz (E, A, 3); (1, cells x 3)."""
+    def error(self, x: np.ndarray, xyz: np.ndarray) -> np.ndarray:
+        """Error of the library at x, where the sky itself is xyz (E, A, 3); (1, cells x 3)."""
         return self.library.cells(self.photo, xyz).reshape(1, -1) - self.library.weights(self.values(x)) @ self.table
 
-    def correct(self, off: np.ndarray) -> None:
-        """Move all skies of the library by what it is off."""
-        self.table = self.table + off  # the weights of all skies sum to 1
+    def correct(self, error: np.ndarray) -> None:
+        """Add an error of the library to all of its skies."""
+        self.table = self.table + error  # the weights of all skies sum to 1
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         log_xyz = (self.library.weights(self.values(x)) @ self.table).reshape(self.shape)
@@ -192,17 +188,15 @@ def estimate(
     for i, library in enumerate(libraries):
         progress(f"fitting {library.aerosol_type}", i / len(libraries))
         problem = _Problem(photo, library, white_balance, with_colour)
-        starts = [np.full(len(problem.parameters), 0.5) for _ in range(3)]
-        for start, fraction in zip(starts, (0.2, 0.5, 0.8), strict=True):
-            start[0] = fraction
+        starts = [np.array([aerosol, *[0.5] * (len(problem.parameters) - 1)]) for aerosol in (0.2, 0.5, 0.8)]
         fits.append((problem, *min((problem.fit(start) for start in starts), key=lambda f: f[1])))
     for _ in range(0 if refine is None else REFINEMENTS):
         assert refine is not None
         problem, x, _, _ = fits[int(np.argmin([q for _, _, q, _ in fits]))]
         progress(f"computing the sky of the best {problem.library.aerosol_type}", 0.45)
-        off = problem.off(x, refine(problem.library.aerosol_type, problem.values(x)))
+        error = problem.error(x, refine(problem.library.aerosol_type, problem.values(x)))
         for i, (other, start, _, _) in enumerate(fits):
-            other.correct(off)
+            other.correct(error)
             fits[i] = (other, *other.fit(start))
         moved = next(found for other, found, _, _ in fits if other is problem)
         if np.abs(moved - x).max() < SETTLED:
@@ -221,7 +215,7 @@ def _describe(
 ) -> AirEstimate:
     """Uncertainties of a fit: curvature and profiles."""
     information = 3.0 / variance * (jacobian.T @ jacobian)
-    # a trace of prior knowledge keeps what the photograph does not tell finite: the variance of an even spread
+    # a prior with a thousandth of the information of a uniform distribution keeps what is not constrained finite
     covariance = np.linalg.inv(information + np.eye(x.size) * 12.0e-3)
     deviation = np.sqrt(np.diag(covariance))
     parameters = []
@@ -231,16 +225,14 @@ def _describe(
         span = problem.high[i] - problem.low[i]
         ends = np.clip(np.array([x[i] - deviation[i], x[i] + deviation[i]]), 0.0, 1.0)
         value = float(p.value(problem.low[i] + span * x[i]))
-        around = p.value(problem.low[i] + span * ends)
+        per_unit = np.ptp(p.value(problem.low[i] + span * ends)) / max(np.ptp(ends), 1e-12)
         relative_width = float(spread * np.sqrt(12.0))
         parameters.append(
             Estimated(
                 name=p.name,
                 unit=p.unit,
                 value=value,
-                standard_error=float(
-                    np.ptp(around) / max(np.ptp(ends), 1e-12) * min(deviation[i], 1.0 / np.sqrt(12.0))
-                ),
+                standard_error=float(per_unit * min(deviation[i], 1.0 / np.sqrt(12.0))),
                 low=float(p.value(problem.low[i] + span * low)),
                 high=float(p.value(problem.low[i] + span * high)),
                 bounds=(float(p.nodes[0]), float(p.nodes[-1])),
@@ -251,7 +243,7 @@ def _describe(
         )
     correlation = covariance / np.outer(deviation, deviation)
     return AirEstimate(
-        problem.library.aerosol_type, parameters, q, above, correlation, problem.places, problem.values(x)
+        problem.library.aerosol_type, parameters, q, above, correlation, problem.samples, problem.values(x)
     )
 
 
@@ -259,8 +251,8 @@ def _profile(
     problem: _Problem, x: np.ndarray, q: float, i: int, deviation: float, variance: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """chi^2 above the best along one parameter, the others fitted again at every point."""
-    reach = float(np.clip(3.0 * deviation, 1e-3, 1.0))
-    grid = np.linspace(max(0.0, x[i] - reach), min(1.0, x[i] + reach), PROFILE_POINTS)
+    half_width = float(np.clip(3.0 * deviation, 1e-3, 1.0))
+    grid = np.linspace(max(0.0, x[i] - half_width), min(1.0, x[i] + half_width), PROFILE_POINTS)
     grid = np.unique(np.append(grid, x[i]))
     chi2 = np.empty(grid.size)
     at = int(np.flatnonzero(grid == x[i])[0])
@@ -295,7 +287,7 @@ def facts(estimates: list[AirEstimate]) -> list[dict[str, Any]]:
             "aerosol_type": e.aerosol_type,
             "misfit": e.misfit,
             "chi2_above_best": e.chi2_above_best,
-            "independent_places": e.places,
+            "independent_places": e.samples,
             "parameters": {p.name: {k: v for k, v in vars(p).items() if k != "name"} for p in e.parameters},
             "correlation": e.correlation.tolist(),
         }
@@ -303,8 +295,9 @@ def facts(estimates: list[AirEstimate]) -> list[dict[str, Any]]:
     ]
 
 
-def untold_wavelengths(white_balance: bool, with_colour: bool) -> str:
-    """Which wavelengths a fit tells apart: a photograph has three broad bands, of which a white balance takes two."""
+def unconstrained_wavelengths(white_balance: bool, with_colour: bool) -> str:
+    """A sentence on the wavelengths that a fit does not constrain: a photograph has three broad bands, of which a white
+    balance takes two."""
     if not with_colour:
         return "wavelengths: luminance alone was fitted, about 500 to 620 nm; of other wavelengths it tells nothing"
     if white_balance:
@@ -319,7 +312,8 @@ def untold_wavelengths(white_balance: bool, with_colour: bool) -> str:
 
 
 def sentences(estimates: list[AirEstimate]) -> list[str]:
-    """What a reader must know: parameters that the photograph cannot tell, and types that it cannot tell apart."""
+    """What a reader must know: parameters that the photograph does not constrain, and types that it does not
+    distinguish."""
     best = estimates[0]
     out = []
     for p in best.parameters:
@@ -331,7 +325,7 @@ def sentences(estimates: list[AirEstimate]) -> list[str]:
             )
         elif not p.constrained or min(abs(p.value - b) for b in p.bounds) < 0.01 * (p.bounds[1] - p.bounds[0]):
             out.append(f"{p.name}: lies at the bound {p.value:.3g}{unit} of what was tried, and may lie beyond it")
-    alike = [e.aerosol_type for e in estimates[1:] if e.chi2_above_best < 4.0]
-    if alike:
-        out.append(f"aerosol type: {best.aerosol_type} cannot be distinguished from {', '.join(alike)}")
+    equivalent = [e.aerosol_type for e in estimates[1:] if e.chi2_above_best < 4.0]
+    if equivalent:
+        out.append(f"aerosol type: {best.aerosol_type} cannot be distinguished from {', '.join(equivalent)}")
     return out

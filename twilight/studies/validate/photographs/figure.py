@@ -31,14 +31,11 @@ def write_figure(
     ratio of their luminances and the distance of their chromaticities where clear sky is compared; and the profiles
     through the zenith.  The sun's azimuth is in the middle.  lines: sentences for the panel of numbers.
     """
-    import matplotlib  # start-up
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot  # start-up
+    from matplotlib.figure import Figure  # start-up
 
     photo, simulated, extent = _pictures(comparison, panorama, mask)
     wide = (extent[1] - extent[0]) / max(extent[3] - extent[2], 1.0)
-    figure: Any = pyplot.figure(figsize=(11, 11 if wide > 2.5 else 13), layout="constrained")
+    figure = Figure(figsize=(11, 11 if wide > 2.5 else 13), layout="constrained")
     grid = figure.add_gridspec(4, 2, height_ratios=[1, 1, 0.85, 1.15])
     for i, (name, image) in enumerate((("photograph", photo), (COMPUTED, simulated))):
         axes = figure.add_subplot(grid[i, :])
@@ -60,47 +57,26 @@ def write_figure(
         box = (-180.0 - 0.5 * cell, 180.0 - 0.5 * cell, 0.0, 90.0)
         axes.set_facecolor("0.75")
         drawn = axes.imshow(
-            centred,
-            extent=box,
-            origin="lower",
-            aspect="auto",
-            cmap=colours,
-            vmin=low,
-            vmax=high,
+            centred, extent=box, origin="lower", aspect="auto", cmap=colours, vmin=low, vmax=high,
             interpolation="nearest",
-        )
+        )  # fmt: skip
         axes.set(xlim=extent[:2], ylim=(0, extent[3]), xlabel="azimuth from the sun [deg]", title=label)
         axes.set_xticks(_ticks(extent)[::2])
         figure.colorbar(drawn, ax=axes, pad=0.01)
-    profiles: Any = figure.add_subplot(grid[3, 0])
+    profiles = figure.add_subplot(grid[3, 0])
     _draw_profile(profiles, comparison.solar, "C1", "towards the sun - zenith - away from it", 1.0)
     _draw_profile(profiles, comparison.perpendicular, "C0", "90 deg right - zenith - 90 deg left (/ 3)", 1.0 / 3.0)
-    profiles.set(
-        yscale="log",
-        xlim=(0, 180),
-        xlabel="angle from the horizon, over the zenith [deg]",
-        ylabel="luminance [cd m$^{-2}$]",
-    )
+    profiles.set(yscale="log", xlim=(0, 180), title="profiles: photograph (points), computed (lines)")
+    profiles.set(xlabel="angle from the horizon, over the zenith [deg]", ylabel="luminance [cd m$^{-2}$]")
     profiles.set_xticks(range(0, 181, 30))
     profiles.legend(fontsize=8)
-    profiles.set_title("profiles: photograph (points), computed (lines)")
     profiles.grid(alpha=0.3)
-    text: Any = figure.add_subplot(grid[3, 1])
-    text.axis("off")
-    text.text(
-        0.05,
-        1.0,
-        "\n".join([*lines, *summary(comparison.figures)]),
-        va="top",
-        fontsize=8.5,
-        family="monospace",
-        in_layout=False,
-    )
-    try:
-        with whole_file(path) as temporary:
-            figure.savefig(temporary, dpi=84)
-    finally:
-        pyplot.close(figure)
+    panel = figure.add_subplot(grid[3, 1])
+    panel.axis("off")
+    text = "\n".join([*lines, *summary(comparison.figures)])
+    panel.text(0.05, 1.0, text, va="top", fontsize=8.5, family="monospace", in_layout=False)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=84)
 
 
 def _ticks(extent: tuple) -> list[float]:
@@ -119,12 +95,10 @@ def _pictures(comparison: Comparison, panorama: Panorama, mask: Mask) -> tuple[n
     order = np.roll(np.arange(panorama.azimuth_deg.size), half)
     first = -180.0 + (panorama.azimuth_deg[0] - 0.5 * panorama.step_deg)
     covered = panorama.covered
-    shown_columns, shown_rows = (
-        np.flatnonzero(np.asarray(covered.any(axis=0))[order]),
-        np.flatnonzero(covered.any(axis=1)),
+    columns, rows = (
+        slice(int(shown[0]), int(shown[-1]) + 1)
+        for shown in (np.flatnonzero(np.asarray(covered.any(axis=0))[order]), np.flatnonzero(covered.any(axis=1)))
     )
-    columns = slice(int(shown_columns[0]), int(shown_columns[-1]) + 1)
-    rows = slice(int(shown_rows[0]), int(shown_rows[-1]) + 1)
     to_xyz = np.linalg.inv(colour.spectrum.xyz_to_rgb_matrix(OBSERVER))
     photo = comparison.balance.apply(panorama.rgb @ to_xyz.T)
     simulated = photo.copy()

@@ -79,15 +79,15 @@ SUN = "sun"
 """Name of the parameter that is the sun's elevation."""
 
 HELD_OUT = 2
-"""Climates in which emulated skies are compared with computed ones."""
+"""Number of climates in which emulated skies are compared with computed ones."""
 HELD_OUT_SEED = 20260315
 """Seed of the generator that draws held-out climates: always the same ones."""
 AT_ONCE = 16
-"""Skies that are laid over a photograph together."""
+"""Skies that are interpolated to the cells of a photograph together."""
 LOWEST_DEG = 3.0
-"""Elevation from which on they are compared, as photographs are."""
+"""Elevation [deg] from which on emulated skies are compared with computed ones, as photographs are."""
 FROM_SUN_DEG = 10.0
-"""Distance from the sun from which on they are."""
+"""Distance from the sun [deg] from which on emulated skies are compared with computed ones."""
 
 
 @dataclass(frozen=True)
@@ -205,8 +205,8 @@ def make_library(
         raise TwilightError(f"{base.title}: a tabulated medium has no aerosol, ozone or humidity to estimate")
     suns = [float(s) for s in sun_elevations_deg]
     nodes = emulator.sun_nodes(base, suns)
-    plain = emulator.quick(base)
-    configs = [_config(plain, design, node, aerosol_type, nodes) for node in design.nodes]
+    quick = emulator.quick(base)
+    configs = [_config(quick, design, node, aerosol_type, nodes) for node in design.nodes]
     whole = emulator.key_of(*configs, suns, cell_deg)
     if file is not None and Path(file).exists():
         stored = emulator.read(Path(file), whole)
@@ -215,21 +215,18 @@ def make_library(
     steps = len(configs) + HELD_OUT
     made = []
     for i, config in enumerate(configs):
-        tell = part_of(progress, i / steps, 1.0 / steps, f"{aerosol_type}, climate {i + 1} of {len(configs)}:")
-        made.append(_coefficients(config, nodes, tell))
+        part = part_of(progress, i / steps, 1.0 / steps, f"{aerosol_type}, climate {i + 1} of {len(configs)}:")
+        made.append(_coefficients(config, nodes, part))
     errors = []
     for i in range(HELD_OUT):
-        tell = part_of(progress, (len(configs) + i) / steps, 1.0 / steps)
-        errors.append(_error(plain, design, aerosol_type, nodes, made, i, tell))
+        part = part_of(progress, (len(configs) + i) / steps, 1.0 / steps)
+        errors.append(_error(quick, design, aerosol_type, nodes, made, i, part))
     rows, columns = texture_grid(cell_deg)
     together = np.concatenate(made, axis=-1)
     xyz = np.array([np.exp(emulator.evaluate(emulator.at_sun(nodes, together, s), s, rows, columns)) for s in suns])
     xyz = np.moveaxis(xyz.reshape(*xyz.shape[:3], len(configs), 3), 3, 0).astype(np.float32)
-    found = {
-        "apparent": emulator.apparent_elevations_deg(configs[0], suns),
-        "xyz": xyz,
-        "error": np.mean(errors, axis=0),
-    }
+    apparent = emulator.apparent_elevations_deg(configs[0], suns)
+    found = {"apparent": apparent, "xyz": xyz, "error": np.mean(errors, axis=0)}
     if file is not None:
         emulator.write(Path(file), whole, found)
     return Library(design, aerosol_type, np.array(suns), **_fields(found))
@@ -252,14 +249,9 @@ def _coefficients(config: Config, suns: Sequence[float], progress: Progress) -> 
 
 
 def _error(
-    plain: Config,
-    design: Design,
-    aerosol_type: str,
-    nodes: Sequence[float],
-    made: Sequence[np.ndarray],
-    number: int,
+    base: Config, design: Design, aerosol_type: str, nodes: Sequence[float], made: Sequence[np.ndarray], number: int,
     progress: Progress,
-) -> tuple[float, float]:
+) -> tuple[float, float]:  # fmt: skip
     """Root mean squares of ln(luminance), its mean over a sky left out, and of the distance in u', v' between emulated
     and computed skies, in a climate, under suns and in directions drawn at random: always the same ones."""
     rng = np.random.default_rng([HELD_OUT_SEED, number])
@@ -271,7 +263,7 @@ def _error(
     suns = sorted({float(s) for s in (rng.uniform(*inner, 2) if len(nodes) > 1 else nodes)})
     rows = np.sort(np.degrees(np.arcsin(rng.uniform(np.sin(np.radians(LOWEST_DEG)), 1.0, 8))))
     columns = np.sort(rng.uniform(0.0, 180.0, 10))
-    config = _config(plain, design, values, aerosol_type, suns)
+    config = _config(base, design, values, aerosol_type, suns)
     key = emulator.key_of(config, suns, rows.tolist(), columns.tolist())
 
     def make() -> dict[str, np.ndarray]:
@@ -314,17 +306,3 @@ def _config(
 ) -> Config:
     settings = climate_settings(design, values, aerosol_type)
     return with_settings(base, settings | {"sun": {"elevations_deg": list(suns)}})
-
-
-__all__ = [
-    "AEROSOL",
-    "OTHERS",
-    "PARAMETERS",
-    "SUN",
-    "Design",
-    "Library",
-    "Parameter",
-    "climate_settings",
-    "make_library",
-    "with_settings",
-]

@@ -8,29 +8,32 @@ image or an elevation profile (or both) can be given instead or in addition.
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
+from os.path import isfile
 from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
+from twilight.atmosphere.csv_columns import read_columns
 from twilight.base.errors import TwilightError
-from twilight.base.reading import read_text
 from twilight.studies.camera.image import read_samples
 from twilight.studies.validate.photographs.panorama import Panorama
 
-MAX_PROFILE_BYTES = 20_000_000
+PROFILE_COLUMNS = {"azimuth_deg": (-360.0, 360.0, "-360 to 360"), "elevation_deg": (-90.0, 90.0, "-90 to 90")}
+"""Columns of an elevation profile, and the numbers that they may hold."""
 EDGE = 0.05
 """Second difference of ln(RGB) between neighbouring cells beyond which a cell is an edge and no sky."""
 EDGE_OVER_NOISE = 3.0
 """In a noisy photograph: EDGE is raised, up to three times, to this many times the median over its upper half."""
 EDGE_STEP_DEG = 0.5
-"""The distance of neighbours for which EDGE is meant."""
+"""Distance of the neighbouring cells for which EDGE is meant [deg]."""
 EDGE_SMALLEST_SQUARE_DEG = 0.4
-"""Edge cells that together are smaller than this are noise."""
+"""Edge cells that together are smaller than this are noise [deg^2]."""
 GROW_DEG = 1.0
-"""How far from an edge the sky begins: bloom, and cells that are partly something else."""
+"""Distance from an edge at which the sky begins [deg]: bloom, and cells that are partly something else."""
 CLOUD_BRIGHTER = 0.04
 """Excess of ln(luminance) over the mean of two directions at the same elevation, left and right, that makes a cloud."""
 CLOUD_REDDER = 0.04
@@ -40,11 +43,11 @@ CLOUD_DISTANCES_DEG = (3.0, 6.0)
 CLOUD_SMALLEST_SQUARE_DEG = 1.0
 """Cloudy cells that together are smaller than this are noise [deg^2]."""
 AUREOLE_DEG = 20.0
-"""Nearer to the sun the sky itself is peaked, in brightness and in colour: there a cloud shows by its edges only."""
+"""Distance from the sun [deg] within which the sky itself is peaked, and a cloud shows by its edges only."""
 SUN_GLARE_DEG = 6.0
-"""Radius about the sun that is always masked while the sun is up: disc, bloom, veiling glare and ghosts of the lens."""
+"""Radius about the sun [deg] that is masked while it is up: disc, bloom, veiling glare and ghosts of the lens."""
 SUN_DISC_DEG = 0.27
-"""Angular radius of the sun: while it is up, its glare is masked."""
+"""Angular radius of the sun [deg], above whose setting its glare is masked."""
 FOREGROUND = {"below the horizon", "below the profile", "mask image", "ground, trees, buildings"}
 
 
@@ -97,7 +100,7 @@ def make_mask(
     if image is not None:
         causes["mask image"] = ~image
     if automatic:
-        known = np.logical_or.reduce([causes["outside the photograph"], causes["saturated or black"]])
+        known = causes["outside the photograph"] | causes["saturated or black"]
         glare = causes.get("glare of the sun", np.zeros_like(known))
         sky = find_sky(panorama, ignore=known | glare)
         causes["ground, trees, buildings"] = ~sky
@@ -127,9 +130,9 @@ def _collect(causes: dict[str, np.ndarray], rows: np.ndarray) -> Mask:
 def separation_deg(elevation_deg, azimuth_deg, other_elevation_deg, other_azimuth_deg) -> np.ndarray:
     """Angle between directions [deg], broadcast."""
     e, f = np.radians(elevation_deg), np.radians(other_elevation_deg)
-    turn = np.radians(np.subtract(azimuth_deg, other_azimuth_deg))
+    azimuth = np.radians(np.subtract(azimuth_deg, other_azimuth_deg))
     # by the half angles (haversine), exact for small ones
-    h = np.sin(0.5 * (e - f)) ** 2 + np.cos(e) * np.cos(f) * np.sin(0.5 * turn) ** 2
+    h = np.sin(0.5 * (e - f)) ** 2 + np.cos(e) * np.cos(f) * np.sin(0.5 * azimuth) ** 2
     return 2.0 * np.degrees(np.arcsin(np.sqrt(np.clip(h, 0.0, 1.0))))
 
 
@@ -234,7 +237,7 @@ def dilate(mask: np.ndarray, panorama: Panorama, radius_deg: float) -> np.ndarra
 
 
 def _widen(row: np.ndarray, radius: int) -> np.ndarray:
-    """A circular row of flags grown by ``reach`` cells to both sides."""
+    """A circular row of flags grown by ``radius`` cells to both sides."""
     if radius == 0:
         return row
     padded = np.concatenate([row[-radius:], row, row[:radius]]).astype(int)
@@ -251,18 +254,12 @@ def _shift(values: np.ndarray, steps: int, axis: int) -> np.ndarray:
 
 
 def _join_across_north(labels: np.ndarray) -> np.ndarray:
-    """Connected components that touch across the first and last column become one."""
-    parent = np.arange(labels.max() + 1)
-
-    def root(label: int) -> int:
-        while parent[label] != label:
-            label = parent[label]
-        return label
-
-    for left, right in zip(labels[:, 0], labels[:, -1], strict=True):
-        if left and right:
-            parent[root(right)] = root(left)
-    return np.array([root(label) for label in range(parent.size)])[labels]
+    """Labels (E, A), 0 for no component, with one label for components that touch across the first and last column."""
+    left, right = labels[:, 0], labels[:, -1]
+    touch = (left > 0) & (right > 0)
+    count = int(labels.max()) + 1
+    joined = coo_array((np.ones(touch.sum()), (left[touch], right[touch])), shape=(count, count))
+    return connected_components(joined, directed=False)[1][labels]
 
 
 # Files ----------------------------------------------------------------------------------------------------------
@@ -273,21 +270,9 @@ def read_profile(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
 
     Errors: TwilightError where the file is not that.
     """
-    path = Path(path)
-    lines = read_text(path, MAX_PROFILE_BYTES).splitlines()
-    rows = list(csv.reader(line for line in lines if line.strip() and not line.startswith("#")))
-    if not rows or [name.strip() for name in rows[0]] != ["azimuth_deg", "elevation_deg"]:
-        raise TwilightError(f"{path}: an elevation profile has the columns azimuth_deg,elevation_deg")
-    try:
-        table = np.array([[float(cell) for cell in row] for row in rows[1:]])
-    except ValueError:
-        raise TwilightError(
-            f"{path}: the profile holds something that is not a number, or a row that is too short"
-        ) from None
-    if table.ndim != 2 or table.shape[1] != 2 or not table.size or not np.isfinite(table).all():
-        raise TwilightError(f"{path}: the profile needs rows of two finite numbers")
-    if np.abs(table[:, 1]).max() > 90 or np.abs(table[:, 0]).max() > 360:
-        raise TwilightError(f"{path}: azimuths must be from -360 to 360 deg and elevations from -90 to 90 deg")
+    if not isfile(path):  # a pipe or a device could go on for ever
+        raise TwilightError(f"{path}: no such file")
+    _, table, _ = read_columns(Path(path), PROFILE_COLUMNS)
     azimuth = np.mod(table[:, 0], 360.0)
     if np.unique(azimuth).size < azimuth.size:
         raise TwilightError(f"{path}: the profile gives the same azimuth twice")

@@ -19,7 +19,7 @@ from twilight.studies.camera.image import StoredImage
 from twilight.studies.camera.model import CameraModel
 
 MARGIN_DEG = 6.0
-"""How far below the horizon the rows reach, so that the edge of the ground can be seen as one."""
+"""Angle below the horizon at which the rows begin [deg], so that the edge of the ground can be seen as one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ def make_panorama(
     rgb, saturated = _shrink(_flat_fielded(picture, camera), picture.saturated, block)
     n = int(np.clip(np.ceil(step / (block * pixel_deg)), 1, 4))
     total = np.zeros((elevation.size, azimuth.size, 3))
-    burnt = np.zeros((elevation.size, azimuth.size), bool)
+    saturated_cells = np.zeros((elevation.size, azimuth.size), bool)
     offsets = ((np.arange(n) + 0.5) / n - 0.5) * step
     wraps = camera.projection == "latlong"
     for up in offsets:
@@ -93,8 +93,8 @@ def make_panorama(
             xy = camera.project(towards)
             xy[~camera.inside(xy)] = np.nan
             total += _bilinear(rgb, xy / block, wraps)
-            burnt |= _nearest(saturated, xy / block)
-    panorama = Panorama(elevation, azimuth, total / n**2, burnt, step, origin_deg, picture.grey)
+            saturated_cells |= _nearest(saturated, xy / block)
+    panorama = Panorama(elevation, azimuth, total / n**2, saturated_cells, step, origin_deg, picture.grey)
     if not panorama.covered[elevation > 0].any():
         raise TwilightError("camera: the photograph shows nothing above the horizon with this orientation")
     return panorama

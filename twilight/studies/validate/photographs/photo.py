@@ -34,7 +34,7 @@ CHROMATICITY_SCALE = 0.01
 LOG_SCALE = 0.1
 """Difference of ln(luminance) that is one unit of ``residual_vector``."""
 PROFILE_HALF_WIDTH_DEG = 3.0
-"""Profiles are means of what lies this near to the meridian."""
+"""Distance from a meridian [deg] within which its profile is a mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,17 +232,14 @@ def compare(photo: PhotoSky, sky: Sky, *, white_balance: bool = False) -> Compar
         log_ratio = np.log(photo_xyz[..., 1] / simulated.xyz[..., 1])
     log_ratio[~np.isfinite(log_ratio)] = np.nan
     has_colour = photo.colour_known and simulated.colour_known
-    difference = (
-        colour.uv_of_xyz(photo_xyz) - colour.uv_of_xyz(simulated.xyz)
-        if has_colour
-        else np.full((*log_ratio.shape, 2), np.nan)
-    )
-    delta_uv = np.hypot(difference[..., 0], difference[..., 1])
+    difference = np.full((*log_ratio.shape, 2), np.nan)
     delta_e, delta_e_colour = (np.full(log_ratio.shape, np.nan) for _ in range(2))
     if has_colour:
+        difference = colour.uv_of_xyz(photo_xyz) - colour.uv_of_xyz(simulated.xyz)
         delta_e, delta_e_colour = _ciede2000(photo_xyz, simulated.xyz, photo.solid_angle_sr)
+    delta_uv = np.hypot(difference[..., 0], difference[..., 1])
     fine = found.apply(photo.fine_xyz)
-    solar, across = (meridian_profile(photo, fine, simulated.fine_xyz, turn) for turn in (0.0, 90.0))
+    solar, across = (meridian_profile(photo, fine, simulated.fine_xyz, azimuth) for azimuth in (0.0, 90.0))
     figures = _figures(photo, simulated, found, log_ratio, difference, delta_e, delta_e_colour, (solar, across))
     return Comparison(
         photo, simulated, found, photo_xyz, log_ratio, delta_uv, delta_e, delta_e_colour, solar, across, figures
@@ -265,14 +262,14 @@ def _ciede2000(one: np.ndarray, other: np.ndarray, weight: np.ndarray) -> tuple[
 
 
 def meridian_profile(
-    photo: PhotoSky, photo_xyz: np.ndarray, simulated_xyz: np.ndarray, turn_deg: float
+    photo: PhotoSky, photo_xyz: np.ndarray, simulated_xyz: np.ndarray, azimuth_deg: float
 ) -> MeridianProfile:
-    """Means over bins of one cell along the great circle through the zenith, ``turn_deg`` from the sun's azimuth.
+    """Means over bins of one cell along the great circle through the zenith, at ``azimuth_deg`` from the sun.
 
     photo_xyz, simulated_xyz (e, a, 3) on the fine grid; only cells that are clear count, in both.
     """
     elevation = np.radians(photo.fine_elevation_deg)[:, None]
-    azimuth = np.radians(photo.fine_azimuth_deg - turn_deg)[None, :]
+    azimuth = np.radians(photo.fine_azimuth_deg - azimuth_deg)[None, :]
     off = np.degrees(np.arcsin(np.cos(elevation) * np.sin(azimuth)))
     along = np.degrees(np.arctan2(np.sin(elevation), np.cos(elevation) * np.cos(azimuth)))
     n = 2 * photo.elevation_deg.size
@@ -293,7 +290,6 @@ def _figures(photo, simulated, found, log_ratio, difference, delta_e, delta_e_co
     weight = photo.solid_angle_sr[there]
     fraction = weight / weight.sum()
     ratio = log_ratio[there]
-
     other = np.log(simulated.xyz[..., 1][there])
     one = ratio + other
     one, other = one - fraction @ one, other - fraction @ other
@@ -348,7 +344,7 @@ def residual_vector(
     balance).  simulated: a PhotoSky, or XYZ (E, A, 3) on the photograph's grid.
     """
     if isinstance(simulated, np.ndarray):
-        simulated = _with_xyz(photo, simulated)
+        simulated = replace(photo, xyz=simulated, colour_known=True)
     found = balance(photo, simulated, white_balance)
     there = photo.counts & (simulated.xyz[..., 1] > 0)
     one, other = found.apply(photo.xyz)[there], simulated.xyz[there]
@@ -360,7 +356,3 @@ def residual_vector(
     if with_colour and photo.colour_known:
         parts += list((root[:, None] * (colour.uv_of_xyz(one) - colour.uv_of_xyz(other)) / CHROMATICITY_SCALE).T)
     return np.concatenate(parts)
-
-
-def _with_xyz(photo: PhotoSky, xyz: np.ndarray) -> PhotoSky:
-    return replace(photo, xyz=xyz, colour_known=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray
@@ -12,9 +12,6 @@ import xarray
 from twilight.base.whole_files import whole_file, write_csv
 from twilight.sky import colour
 from twilight.studies.validate.photographs.photo import Comparison
-
-if TYPE_CHECKING:
-    import xarray
 
 
 def write_json(path: str | Path, facts: dict[str, Any]) -> None:
@@ -47,37 +44,31 @@ def write_profiles(path: str | Path, comparison: Comparison) -> None:
     write_csv(path, columns, rows)
 
 
-def to_dataset(comparison: Comparison, attributes: dict[str, Any] | None = None) -> xarray.Dataset:
-    """Photograph and simulation with all maps as an xarray Dataset, NaN where masked."""
+def write_dataset(path: str | Path, comparison: Comparison, facts: dict[str, Any]) -> None:
+    """Write photograph and simulation with all maps, NaN where masked, as HDF5 that is netCDF-4; facts: as JSON."""
     photo, grid = comparison.photo, ("elevation", "azimuth")
-    light = "CIE 1931 tristimulus values, Y is the luminance"
+    light = {"long_name": "CIE 1931 tristimulus values, Y is the luminance", "units": "cd m-2"}
+    maps = {
+        "log_ratio": (comparison.log_ratio, "ln(photograph / computed) luminance", "1"),
+        "delta_uv": (comparison.delta_uv, "distance in CIE 1976 u', v'", "1"),
+        "ciede2000": (comparison.delta_e, "CIEDE2000", "1"),
+        "ciede2000_colour": (comparison.delta_e_colour, "CIEDE2000 at equal luminance", "1"),
+        "solid_angle": (photo.solid_angle_sr, "clear part of the cell", "sr"),
+    }
     variables = {
-        "photograph_xyz": ((*grid, "tristimulus"), comparison.photo_xyz, {"long_name": light, "units": "cd m-2"}),
-        "computed_xyz": ((*grid, "tristimulus"), comparison.simulated.xyz, {"long_name": light, "units": "cd m-2"}),
-        "log_ratio": (grid, comparison.log_ratio, {"long_name": "ln(photograph / computed) luminance", "units": "1"}),
-        "delta_uv": (grid, comparison.delta_uv, {"long_name": "distance in CIE 1976 u', v'", "units": "1"}),
-        "ciede2000": (grid, comparison.delta_e, {"long_name": "CIEDE2000", "units": "1"}),
-        "ciede2000_colour": (
-            grid,
-            comparison.delta_e_colour,
-            {"long_name": "CIEDE2000 at equal luminance", "units": "1"},
-        ),
-        "solid_angle": (grid, photo.solid_angle_sr, {"long_name": "clear part of the cell", "units": "sr"}),
+        "photograph_xyz": ((*grid, "tristimulus"), comparison.photo_xyz, light),
+        "computed_xyz": ((*grid, "tristimulus"), comparison.simulated.xyz, light),
+        **{name: (grid, values, {"long_name": text, "units": unit}) for name, (values, text, unit) in maps.items()},
     }
     coordinates = {
         "elevation": ("elevation", photo.elevation_deg, {"units": "degree", "long_name": "elevation"}),
         "azimuth": ("azimuth", photo.azimuth_deg, {"units": "degree", "long_name": "azimuth from the sun, clockwise"}),
         "tristimulus": ("tristimulus", ["X", "Y", "Z"]),
     }
-    return xarray.Dataset(variables, coordinates, attributes or {})
-
-
-def write_dataset(path: str | Path, comparison: Comparison, facts: dict[str, Any]) -> None:
-    """Write ``to_dataset`` as HDF5 that is netCDF-4, with the facts as a JSON attribute."""
-    dataset = to_dataset(comparison, {"title": "Photograph and computed sky", "facts": json.dumps(_plain(facts))})
-    encoding = {name: {"zlib": True, "complevel": 4, "dtype": "float32"} for name in dataset.data_vars}
+    attributes = {"title": "Photograph and computed sky", "facts": json.dumps(_plain(facts))}
+    encoding = {name: {"zlib": True, "complevel": 4, "dtype": "float32"} for name in variables}
     with whole_file(path) as temporary:
-        dataset.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+        xarray.Dataset(variables, coordinates, attributes).to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
 
 
 def write_suns(path: str | Path, rows: list[tuple[str, float, float, dict[str, Any]]]) -> None:

@@ -22,9 +22,9 @@ LEAST_OVERLAP = 0.1
 DISC_CONTRAST = 2.5
 """ln of the brightest light over the sky 5 to 8 deg away beyond which it is the sun's disc."""
 DISC_NEAR_DEG = 12.0
-"""The disc is looked for this near to the meridian of symmetry."""
+"""Distance from the meridian of symmetry [deg] within which the disc is looked for."""
 LARGEST_UNCERTAINTY_DEG = 20.0
-"""A meridian of symmetry that is less certain is refused."""
+"""Uncertainty [deg] beyond which a meridian of symmetry is refused."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ def find_sun_azimuth(panorama: Panorama, valid: np.ndarray) -> SunAzimuth:
     with np.errstate(divide="ignore", invalid="ignore"):
         logarithm = np.log(panorama.luminance)
     bands = _bands(above)
-    costs, overlaps = zip(*(_mirror_cost(logarithm, above, rows, band) for band in bands), strict=True)
-    total = _sum_costs(costs, overlaps, _all_weight(above, rows))
+    costs, overlaps = np.array([_mirror_cost(logarithm, above, rows, band) for band in bands]).swapaxes(0, 1)
+    total = _mean_cost(costs, overlaps, _all_weight(above, rows))
     n = total.size
     if not np.isfinite(total).any():
         raise TwilightError("sun azimuth: too little of the photograph has a mirror image; give --sun-azimuth")
@@ -116,7 +116,7 @@ def _all_weight(above: np.ndarray, rows: np.ndarray) -> float:
     return float((above * np.cos(np.radians(rows))[:, None]).sum())
 
 
-def _sum_costs(costs, overlaps, all_weight: float) -> np.ndarray:
+def _mean_cost(costs: np.ndarray, overlaps: np.ndarray, all_weight: float) -> np.ndarray:
     """Mean squared difference of every axis (A,), NaN where too little overlaps."""
     squares, overlap = np.sum(costs, axis=0), np.sum(overlaps, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -137,22 +137,22 @@ def _towards_the_light(total: np.ndarray, logarithm: np.ndarray, above: np.ndarr
     low = above & (rows[:, None] < max(30.0, float(rows[above.any(axis=1)].min()) + 10.0))
     ends = []
     for end in (k, k + n):
-        turn = separation_deg(0.0, panorama.azimuth_deg, 0.0, panorama.azimuth_deg[0] + 0.5 * end * panorama.step_deg)
-        near = low & (turn[None, :] < 45.0)
+        axis_deg = panorama.azimuth_deg[0] + 0.5 * end * panorama.step_deg
+        near = low & (separation_deg(0.0, panorama.azimuth_deg, 0.0, axis_deg)[None, :] < 45.0)
         ends.append(logarithm[near].mean() if near.any() else -np.inf)
     return k if ends[0] >= ends[1] else k + n
 
 
-def _vertex(total: np.ndarray, best: int, reach: int = 8) -> float:
+def _vertex(total: np.ndarray, best: int, half_width: int = 8) -> float:
     """Where the minimum lies between the axes, by a parabola through its surroundings [axes]."""
     n = total.size
-    offsets = np.arange(-reach, reach + 1)
+    offsets = np.arange(-half_width, half_width + 1)
     values = total[(best + offsets) % n]
     known = np.isfinite(values)
     if known.sum() < 5:
         return 0.0
     a, b, _ = np.polyfit(offsets[known], values[known], 2)
-    return float(np.clip(-b / (2 * a), -reach, reach)) if a > 0 else 0.0
+    return float(np.clip(-b / (2 * a), -half_width, half_width)) if a > 0 else 0.0
 
 
 def _axis_deg(panorama: Panorama, k: float) -> float:
@@ -160,18 +160,14 @@ def _axis_deg(panorama: Panorama, k: float) -> float:
     return float(np.mod(panorama.origin_deg + panorama.azimuth_deg[0] + 0.5 * k * panorama.step_deg, 360.0))
 
 
-def _scatter(costs, overlaps, best: int, above: np.ndarray, rows: np.ndarray) -> float:
+def _scatter(costs: np.ndarray, overlaps: np.ndarray, best: int, above: np.ndarray, rows: np.ndarray) -> float:
     """Standard deviation of the axis [deg] by the jackknife over bands of elevation."""
     found = []
     step = 360.0 / above.shape[1]
     all_weight = _all_weight(above, rows)
     for left_out in range(len(costs)):
-        others = [i for i in range(len(costs)) if i != left_out]
-        if not others:
-            return 90.0
-        total = _sum_costs(
-            [costs[i] for i in others], [overlaps[i] for i in others], all_weight * len(others) / len(costs)
-        )
+        part = all_weight * (len(costs) - 1) / len(costs)
+        total = _mean_cost(np.delete(costs, left_out, axis=0), np.delete(overlaps, left_out, axis=0), part)
         n = total.size
         near = (best + np.arange(-n // 8, n // 8 + 1)) % n
         values = np.where(np.isfinite(total[near]), total[near], np.inf)
@@ -192,8 +188,8 @@ def _find_disc(panorama: Panorama, symmetry_deg: float) -> tuple[float, float, f
     light = np.where(panorama.elevation_deg[:, None] > -1.0, light, 0.0)
     light[panorama.saturated] = light.max() * 1.5
     azimuth = panorama.azimuth_deg + panorama.origin_deg
-    turn = np.abs(np.mod(azimuth - symmetry_deg + 180.0, 360.0) - 180.0)
-    near = np.where(turn[None, :] < DISC_NEAR_DEG, light, 0.0)
+    from_meridian = np.abs(np.mod(azimuth - symmetry_deg + 180.0, 360.0) - 180.0)
+    near = np.where(from_meridian[None, :] < DISC_NEAR_DEG, light, 0.0)
     row, column = np.unravel_index(int(near.argmax()), near.shape)
     peak = near[row, column]
     away = separation_deg(

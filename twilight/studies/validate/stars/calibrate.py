@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
@@ -22,17 +22,17 @@ from twilight.studies.validate.stars.solve import CameraSolution, refine, with_l
 FOCAL_STEPS = (1.0, 0.97, 1.03, 0.94, 1.06, 0.91, 1.09)
 """Fractions of the guessed focal length that are tried, in this order."""
 SURE = 8.0
-"""Surprise (`Attitude`) from which on the search ends."""
+"""Significance of an `Attitude` from which on the search ends."""
 LIKELY = 1.0
-"""Surprise from which on an attitude is worth solving."""
+"""Significance from which on an attitude is worth solving."""
 RESOLUTION_PX = 1.5
-"""Stars nearer to each other than this are one source."""
+"""Distance of stars below which they are one source [pixel]."""
 FIRST_RADIUS_RAD = np.radians(1.0)
-"""Radius of matching before anything is solved."""
+"""Radius of matching before anything is solved [rad]."""
 LOWEST_SIN = np.sin(np.radians(2.0))
-"""Sources and stars nearer to a known horizon are left to the landscape."""
+"""Sine of the elevation over a known horizon below which sources and stars are left to the landscape."""
 LARGEST_CHANCE = 1e-6
-"""Largest chance of as many accidental matches as were found, with which a solution is taken."""
+"""Largest chance of as many accidental matches as were found with which a solution is accepted."""
 SOURCES_IN_SEARCH = 300
 """Brightest sources that the search of the attitude uses."""
 
@@ -148,8 +148,7 @@ def calibrate(
         raise TwilightError(
             f"no orientation of the sky fits the {len(sources)} star-like sources of the picture; check projection, "
             "focal length (to 10 %), lens.mirrored"
-            + (", place and time" if air is None else "")
-            + ", and that it shows at least some ten stars"
+            f"{', place and time' if air is None else ''}, and that it shows at least some ten stars"
         )
     attitude, camera = found
     radius = min(FIRST_RADIUS_RAD, 0.03 * image.width_px / camera.focal_length_px)
@@ -158,7 +157,7 @@ def calibrate(
         raise TwilightError(
             f"the {len(sources)} star-like sources of the picture fit no orientation of the sky better than by chance"
         )
-    return _finish(guess, fit, attitude, sources, stars, zenith, year if moment is None else moment.year)
+    return _finish(fit, attitude, sources, stars, zenith, year if moment is None else moment.year)
 
 
 def _search(
@@ -171,20 +170,19 @@ def _search(
     panorama = guess.projection == "latlong"
     best: tuple[Attitude, CameraModel] | None = None
     for step in (1.0,) if panorama else FOCAL_STEPS:
-        camera = (
-            guess
-            if panorama
-            else with_lens(guess, step * guess.focal_length_px, guess.principal_point_px, guess.lens.distortion)
-        )
+        camera = guess
+        if not panorama:
+            focal_px = step * guess.focal_length_px
+            camera = with_lens(guess, focal_px, guess.principal_point_px, guess.lens.distortion)
         own = camera.directions_own(xy)
         own = own[np.isfinite(own).all(axis=1)]
         pixel = 1.0 / camera.focal_length_px
         attitude = find_attitude(own, stars, _solid_angle(camera), sky_sr, max(0.5 * pixel, np.radians(0.1)))
-        if attitude is not None and (best is None or attitude.surprise > best[0].surprise):
+        if attitude is not None and (best is None or attitude.significance > best[0].significance):
             best = attitude, camera
-            if attitude.surprise > SURE:
+            if attitude.significance > SURE:
                 break
-    return best if best is not None and best[0].surprise > LIKELY else None
+    return best if best is not None and best[0].significance > LIKELY else None
 
 
 def _solid_angle(camera: CameraModel) -> float:
@@ -193,9 +191,9 @@ def _solid_angle(camera: CameraModel) -> float:
         return 2.0 * np.pi
     n = 20000
     up = 1.0 - (2.0 * np.arange(n) + 1.0) / n
-    turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(n)
+    longitude = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(n)
     flat = np.sqrt(1.0 - up**2)
-    even = np.stack([flat * np.cos(turn), flat * np.sin(turn), up], axis=-1)
+    even = np.stack([flat * np.cos(longitude), flat * np.sin(longitude), up], axis=-1)
     fraction = camera.inside(camera.project_own(even)).mean()
     return float(min(4.0 * np.pi * fraction, 2.0 * np.pi))
 
@@ -205,13 +203,7 @@ def _beyond_chance(fit: CameraSolution) -> bool:
 
 
 def _finish(
-    guess: CameraModel,
-    fit: CameraSolution,
-    attitude: Attitude,
-    sources: Sources,
-    stars: Stars,
-    zenith: np.ndarray,
-    year: float,
+    fit: CameraSolution, attitude: Attitude, sources: Sources, stars: Stars, zenith: np.ndarray, year: float
 ) -> Calibration:
     """The camera with its orientation and the figures of the fit."""
     matrix = fit.state.matrix
@@ -231,4 +223,4 @@ def _finish(
     data = fit.state.camera.model_dump()
     data["orientation"] = {"azimuth_deg": azimuth, "elevation_deg": elevation, "roll_deg": roll}
     data["calibration"] = solved.facts()
-    return Calibration(CameraModel.model_validate(data), fit, attitude, sources, stars, float(year), orientation)
+    return replace(solved, camera=CameraModel.model_validate(data))

@@ -17,14 +17,14 @@ from twilight.sky.stars import Stars, bright_stars
 from twilight.studies.validate.stars.refraction import lifted
 
 LOWEST_RAD = np.radians(2.0)
-"""Stars nearer to the horizon are left out: haze hides them, and their refraction depends on the air of the day."""
+"""Elevation of the lowest stars [rad]: haze hides lower ones, and their refraction depends on the air of the day."""
 PLANETS = {"Mercury": -0.6, "Venus": -4.4, "Mars": -1.6, "Jupiter": -9.4, "Saturn": -9.4}
 """Magnitudes at 1 au from the sun and the Earth, fully lit (Meeus 1998, Astronomical Algorithms, ch. 41), Saturn with
 its ring half open; phases are left out, which is well within what a match allows."""
 FIRST_YEAR = 1900
-"""Proper motions and planets are used from this year on."""
+"""First year in which proper motions and planets are used."""
 LAST_YEAR = 2100
-"""They are used up to this year."""
+"""Last year in which proper motions and planets are used."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ def horizontal(place: StarSite, moment: datetime, pressure_hpa: float, temperatu
     """
     check_year(moment.year)
     zenith = np.array([0.0, 0.0, 1.0])
-    with _astropy() as (coordinates, units):
-        time = _time(moment)
+    with _astropy() as (coordinates, units, Time):
+        time = Time(moment.astimezone(UTC).replace(tzinfo=None), scale="utc")
         stars = bright_stars(float(time.jyear))
         site = coordinates.EarthLocation(
             lat=place.latitude_deg * units.deg, lon=place.longitude_deg * units.deg, height=place.altitude_km * units.km
@@ -87,9 +87,7 @@ def equatorial(year: float) -> Stars:
 
 def precession(year: float) -> np.ndarray:
     """Matrix (3, 3) from the axes of the ICRS to those of the mean equator and equinox of a Julian year."""
-    with _astropy() as (coordinates, units):
-        from astropy.time import Time  # optional
-
+    with _astropy() as (coordinates, units, Time):
         frame = coordinates.FK5(equinox=Time(year, format="jyear"))
         axes = coordinates.SkyCoord(ra=[0.0, 90.0, 0.0] * units.deg, dec=[0.0, 0.0, 90.0] * units.deg, frame="icrs")
         return np.asarray(axes.transform_to(frame).cartesian.xyz.value)
@@ -100,9 +98,7 @@ def planet_tracks(first_year: float, last_year: float, step_days: float) -> tupl
 
     Light time and aberration, which move them by less than an arcminute, are left out.
     """
-    with _astropy() as (coordinates, _):
-        from astropy.time import Time  # optional
-
+    with _astropy() as (coordinates, _, Time):
         time = Time(np.arange(first_year, last_year, step_days / 365.25), format="jyear")
         earth = coordinates.get_body_barycentric("earth", time, ephemeris="builtin").xyz.value
         tracks = [
@@ -119,13 +115,6 @@ def check_year(year: float) -> None:
         raise TwilightError(f"the year {year:g} must be from {FIRST_YEAR} to {LAST_YEAR}")
 
 
-def _time(moment: datetime) -> Any:
-    """The moment as astropy has it, without leap-second tables beyond those installed."""
-    from astropy.time import Time  # optional
-
-    return Time(moment.astimezone(UTC).replace(tzinfo=None), scale="utc")
-
-
 def _east_north_up(frame: Any) -> np.ndarray:
     azimuth, elevation = frame.az.rad, frame.alt.rad
     return np.stack(
@@ -134,14 +123,15 @@ def _east_north_up(frame: Any) -> np.ndarray:
 
 
 @contextmanager
-def _astropy() -> Iterator[tuple[Any, Any]]:
-    """(astropy.coordinates, astropy.units), with an Earth that turns evenly: UT1 = UTC, and no motion of the poles.
+def _astropy() -> Iterator[tuple[Any, Any, Any]]:
+    """(astropy.coordinates, astropy.units, Time), with an Earth that turns evenly: UT1 = UTC, poles that do not move.
 
     The tables of how it does turn come over the network, or take astropy 10 s to read; they hold less than 0.9 s, less
     than a camera's clock is off, and 0.5 arcsec.
     """
     try:
         from astropy import coordinates, units  # optional
+        from astropy.time import Time  # optional
         from astropy.utils import iers  # optional
     except ImportError:
         raise missing("astropy", "calibration from stars") from None
@@ -156,4 +146,4 @@ def _astropy() -> Iterator[tuple[Any, Any]]:
     )
     with warnings.catch_warnings(), iers.conf.set_temp("auto_download", False), iers.earth_orientation_table.set(level):
         warnings.simplefilter("ignore")
-        yield coordinates, units
+        yield coordinates, units, Time

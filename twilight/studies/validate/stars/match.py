@@ -16,11 +16,11 @@ from twilight.studies.validate.stars.refraction import lifted
 STARS_PER_SOURCE = 1.5
 """Brightest stars in the picture that are compared with sources, for each source."""
 LARGEST_MAGNITUDE_ERROR = 2.0
-"""A star matched to a source this much too bright or too faint is refused; extinction and vignetting stay below."""
+"""Error of a source's brightness beyond which its match is refused [mag]; extinction and vignetting stay below."""
 ENOUGH_FOR_BRIGHTNESS = 8
 """Matches from which on their brightness is compared too."""
-CHANCE_TURNS = 8
-"""Turns of the sky about the picture's middle by which accidental matches are counted."""
+CHANCE_ROTATIONS = 8
+"""Rotations of the sky by which accidental matches are counted."""
 
 
 @dataclass(frozen=True)
@@ -104,9 +104,10 @@ def chance_matches(state: Pose, sources: Sources, stars: Stars, radius_rad: floa
     """How many pairs pass the same tests where the sky is turned away by 4 to 12 deg: matches to expect by accident."""
     random = np.random.default_rng(7)
     counts = []
-    for _ in range(CHANCE_TURNS):
+    for _ in range(CHANCE_ROTATIONS):
         axis = random.normal(size=3)
-        turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(random.uniform(4.0, 12.0))).as_matrix()
-        pairs = match(replace(state, matrix=turn @ state.matrix), sources, stars, radius_rad, np.zeros(3), np.pi)
+        rotation = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(random.uniform(4.0, 12.0)))
+        turned = replace(state, matrix=rotation.as_matrix() @ state.matrix)
+        pairs = match(turned, sources, stars, radius_rad, np.zeros(3), np.pi)
         counts.append(int(fit_in_brightness(pairs, sources, stars).sum()))
     return float(np.mean(counts))

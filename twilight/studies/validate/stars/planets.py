@@ -15,11 +15,13 @@ from twilight.studies.validate.stars.refraction import lifted
 FAINTEST_MAG = 1.5
 """Magnitude of the faintest source that may be a planet; Mars at its faintest, and Mercury, are missed."""
 STEP_DAYS = 2.0
-REACH_RAD = np.radians(1.0)
-"""How far a planet may be from its source: stitched panoramas are bent by that much."""
+"""Step of the dates that are tried [d]."""
+LARGEST_SEPARATION_RAD = np.radians(1.0)
+"""Largest angle between a planet and its source [rad]: stitched panoramas are bent by that much."""
 LEAST_PLANETS = 2
+"""Number of planets that a date needs."""
 CONSPICUOUS = {"Venus": 10.0, "Jupiter": 15.0}
-"""Planets that cannot be missed when they stand this high [deg]."""
+"""Elevations [deg] from which on a planet cannot be missed."""
 
 
 @dataclass(frozen=True)
@@ -61,12 +63,13 @@ def date_by_planets(made: Calibration, first_year: float, last_year: float) -> D
     years, tracks = planet_tracks(first_year, last_year, STEP_DAYS)
     chord = np.linalg.norm(tracks[:, :, None, :] - sources[None, None], axis=-1).min(axis=-1)
     distance = 2.0 * np.arcsin(np.clip(0.5 * chord, 0.0, 1.0))  # (time, planet)
-    there = distance < REACH_RAD
+    there = distance < LARGEST_SEPARATION_RAD
     overhead = zenith @ made.fit.state.matrix @ to_equator
     for name, least_deg in CONSPICUOUS.items():
         i = list(PLANETS).index(name)
         high = tracks[:, i] @ overhead > np.sin(np.radians(least_deg))
-        there[high & ~there[:, i] & _in_picture(made, tracks[:, i] @ to_equator.T)] = False
+        in_picture = made.camera.inside(made.fit.state.project(tracks[:, i] @ to_equator.T))
+        there[high & ~there[:, i] & in_picture] = False
     count = there.sum(axis=1)
     most = int(count.max())
     if most < LEAST_PLANETS:
@@ -74,19 +77,14 @@ def date_by_planets(made: Calibration, first_year: float, last_year: float) -> D
     spread = np.where(there, distance**2, 0.0).sum(axis=1) / np.maximum(count, 1)
     best = int(np.argmin(np.where(count == most, spread, np.inf)))
     as_good = (count == most) & (spread <= max(2.0 * spread[best], np.radians(0.3) ** 2))
-    first, last = best, best
-    while first > 0 and as_good[first - 1]:
-        first -= 1
-    while last < len(years) - 1 and as_good[last + 1]:
-        last += 1
+    # the dates without a gap about the best
+    worse = np.flatnonzero(~as_good)
+    first = int(worse[worse < best].max(initial=-1)) + 1
+    last = int(worse[worse > best].min(initial=len(years))) - 1
     elsewhere = np.flatnonzero((count == most) & (np.abs(years - years[best]) > 1.0 / 6.0))
     others = 0 if not len(elsewhere) else 1 + int((np.diff(elsewhere) > 30).sum())
     planets = {n: float(np.degrees(distance[best, i])) for i, n in enumerate(PLANETS) if there[best, i]}
     return Dating(_moment(years[best]), _moment(years[first]), _moment(years[last]), planets, others)
-
-
-def _in_picture(made: Calibration, sky: np.ndarray) -> np.ndarray:
-    return made.camera.inside(made.fit.state.project(sky))
 
 
 def _moment(year: float) -> datetime:

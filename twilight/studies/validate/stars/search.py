@@ -7,7 +7,8 @@ are right to a per cent or two, so that a guess of the focal length is tried in 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -16,21 +17,21 @@ from scipy.special import bdtrc
 from twilight.sky.stars import Stars
 
 SEEDS = 26
-"""Sources that pairs are made of."""
-WITNESSES = 30
-"""Sources near a pair that a hypothesis is judged by."""
+"""Number of sources that pairs are made of."""
+CHECKS = 30
+"""Number of sources near a pair by which a hypothesis is tested."""
 NEAREST_PAIR_RAD = np.radians(3.0)
 """Least distance of two seeds that make a pair."""
 FARTHEST_PAIR_RAD = np.radians(35.0)
 """Largest distance of two seeds that make a pair."""
 NEIGHBOURHOOD_RAD = np.radians(40.0)
-"""Radius around a pair from which its witnesses come."""
+"""Radius around a pair [rad] within which sources test its hypotheses."""
 SCALE_UNCERTAINTY = 0.015
 """Relative uncertainty of distances in the picture: between two steps of the focal length, and by distortion."""
 CHANCE_OF_A_HIT = 0.05
 """Fraction of the sky near enough to a star to count as a hit."""
 DECISIVE = 6.0
-"""Powers of ten between the chance of the best hypothesis and one over the number of hypotheses tried."""
+"""Significance of the best hypothesis beyond which no further ones are tried."""
 MAP_STEP_DEG = 0.25
 """Side of the cells of the map of the sky near stars."""
 MOST_CATALOGUE = 1500
@@ -41,14 +42,15 @@ MOST_CATALOGUE = 1500
 class Attitude:
     """How the sky lies in the camera: own = matrix @ sky (own axes right, forward, up).
 
-    matrix (3, 3).  surprise: powers of ten of (chance that witnesses hit stars that often) x (hypotheses tried), with
-    the sign turned: above 3 is as good as certain.  centre (3,): middle of the pair, own axes.
+    matrix (3, 3).  significance: -log10(chance that as many checks hit stars x hypotheses tried): above 3 is as good as
+    certain.  hits, checks: sources near the pair that fall on stars, and all of them.  centre (3,): middle of the pair,
+    own axes.
     """
 
     matrix: np.ndarray
-    surprise: float
+    significance: float
     hits: int
-    witnesses: int
+    checks: int
     centre: np.ndarray
 
 
@@ -79,7 +81,7 @@ def find_attitude(own: np.ndarray, stars: Stars, picture_sr: float, sky_sr: floa
         return None
     fraction = np.clip(picture_sr / sky_sr, 1e-4, 1.0)
     side = np.clip(np.sqrt(picture_sr / 12.0), np.radians(2.0), np.radians(25.0))
-    listed = own[spread(own, 4 * WITNESSES, side, 6)]
+    listed = own[spread(own, 4 * CHECKS, side, 6)]
     seeds = listed[spread(listed, SEEDS, side, 2)]
     number = int(np.clip(3.0 * len(seeds) / fraction, 150, MOST_CATALOGUE))
     bright = stars.directions[:number]
@@ -88,10 +90,8 @@ def find_attitude(own: np.ndarray, stars: Stars, picture_sr: float, sky_sr: floa
     first, second, distance = _pairs_by_distance(bright)
     best: Attitude | None = None
     tried = 0
-    seed_pairs = sorted(
-        ((i, j) for j in range(len(seeds)) for i in range(j)), key=lambda pair: (pair[0] + pair[1], pair[1])
-    )
-    for i, j in seed_pairs:
+    pairs = combinations(range(len(seeds)), 2)
+    for i, j in sorted(pairs, key=lambda pair: (pair[0] + pair[1], pair[1])):  # the brightest pairs first
         a, b = seeds[i], seeds[j]
         between = _angle(a, b)
         if not NEAREST_PAIR_RAD <= between <= FARTHEST_PAIR_RAD:
@@ -104,21 +104,19 @@ def find_attitude(own: np.ndarray, stars: Stars, picture_sr: float, sky_sr: floa
         starts, ends = np.concatenate([one, two]), np.concatenate([two, one])
         matrices = _frame(a, b)[None].transpose(0, 2, 1) @ _frame(bright[starts], bright[ends])
         middle = (a + b) / np.linalg.norm(a + b)
-        judges = _witnesses(listed, middle, a, b)
-        if len(judges) < 4:
+        checks = _checks(listed, middle, a, b)
+        if len(checks) < 4:
             continue
         tried += len(matrices)
-        hits = _count_hits(matrices, judges, near)
+        hits = _count_hits(matrices, checks, near)
         top = int(hits.argmax())
-        probability = max(float(bdtrc(hits[top] - 1, len(judges), chance)), 1e-300) if hits[top] else 1.0
-        surprise = -np.log10(probability)
-        if best is None or surprise > best.surprise:
-            best = Attitude(matrices[top], surprise, int(hits[top]), len(judges), middle)
-        if best.surprise - np.log10(tried) > DECISIVE:
+        probability = max(float(bdtrc(hits[top] - 1, len(checks), chance)), 1e-300) if hits[top] else 1.0
+        significance = -np.log10(probability)
+        if best is None or significance > best.significance:
+            best = Attitude(matrices[top], significance, int(hits[top]), len(checks), middle)
+        if best.significance - np.log10(tried) > DECISIVE:
             break
-    if best is None:
-        return None
-    return Attitude(best.matrix, best.surprise - np.log10(max(tried, 1)), best.hits, best.witnesses, best.centre)
+    return None if best is None else replace(best, significance=best.significance - np.log10(tried))
 
 
 def _angle(a: np.ndarray, b: np.ndarray) -> float:
@@ -143,10 +141,10 @@ def _frame(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.stack([middle, normal, np.cross(middle, normal)], axis=-2)
 
 
-def _witnesses(listed: np.ndarray, middle: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _checks(listed: np.ndarray, middle: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The first sources of the list around the pair, without the pair itself."""
     around = (listed @ middle > np.cos(NEIGHBOURHOOD_RAD)) & (listed @ a < np.cos(1e-6)) & (listed @ b < np.cos(1e-6))
-    return listed[around][:WITNESSES]
+    return listed[around][:CHECKS]
 
 
 def _hit_map(directions: np.ndarray, sky_sr: float, error_rad: float) -> tuple[np.ndarray, float]:
@@ -157,24 +155,20 @@ def _hit_map(directions: np.ndarray, sky_sr: float, error_rad: float) -> tuple[n
     rows, columns = round(180 / MAP_STEP_DEG), round(360 / MAP_STEP_DEG)
     latitude = np.radians((np.arange(rows) + 0.5) * MAP_STEP_DEG - 90.0)[:, None]
     longitude = np.radians((np.arange(columns) + 0.5) * MAP_STEP_DEG)[None, :]
-    cells = np.stack(
-        np.broadcast_arrays(
-            np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)
-        ),
-        axis=-1,
-    )
+    parts = (np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude))
+    cells = np.stack(np.broadcast_arrays(*parts), axis=-1)
     chord, _ = cKDTree(directions).query(cells.reshape(-1, 3), distance_upper_bound=2.0 * np.sin(0.5 * radius))
     near = np.isfinite(chord).reshape(rows, columns)
     covered = float((near * np.cos(latitude)).sum() / (columns * np.cos(latitude).sum()) * 4.0 * np.pi / sky_sr)
     return near, min(covered, 0.5)
 
 
-def _count_hits(matrices: np.ndarray, judges: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """How many of the judges (K, 3) fall near a star under each attitude (H, 3, 3)."""
+def _count_hits(matrices: np.ndarray, checks: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """How many of the sources (K, 3) fall near a star under each attitude (H, 3, 3)."""
     rows, columns = near.shape
     hits = np.empty(len(matrices), dtype=int)
     for start in range(0, len(matrices), 4096):
-        sky = judges @ matrices[start : start + 4096]  # own = matrix @ sky, so sky = own @ matrix
+        sky = checks @ matrices[start : start + 4096]  # own = matrix @ sky, so sky = own @ matrix
         row = ((np.arcsin(np.clip(sky[..., 2], -1.0, 1.0)) / np.pi + 0.5) * rows).astype(int)
         column = np.mod((np.arctan2(sky[..., 1], sky[..., 0]) / (2.0 * np.pi) * columns).astype(int), columns)
         hits[start : start + 4096] = near[np.minimum(row, rows - 1), column].sum(axis=-1)

@@ -1,4 +1,4 @@
-"""From an attitude that is about right to a camera: matching and robust least squares, turn by turn."""
+"""From an attitude that is about right to a camera: matching and robust least squares in turn."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from twilight.studies.validate.stars.detect import Sources
 from twilight.studies.validate.stars.match import Match, Pose, chance_matches, fit_in_brightness, match
 
 NEIGHBOURHOODS_DEG = (35.0, 55.0, 80.0, 180.0, 180.0, 180.0, 180.0)
-"""How far from the pair that gave the attitude stars are matched, turn by turn."""
+"""Distance from the pair that gave the attitude within which stars are matched [deg], iteration by iteration."""
 CLIP_SIGMA = 3.5
 """Matches farther off than this many standard deviations of the others are dropped."""
 SMALLEST_RADIUS_PX = 0.7
@@ -55,11 +55,9 @@ class CameraSolution:
 
 
 def with_lens(
-    camera: CameraModel,
-    focal_length_px: float,
-    principal_point_px: np.ndarray,
+    camera: CameraModel, focal_length_px: float, principal_point_px: np.ndarray,
     distortion: np.ndarray | tuple[float, ...],
-) -> CameraModel:
+) -> CameraModel:  # fmt: skip
     """The camera with these instead of its own focal length (in whatever form), principal point and distortion."""
     data = camera.model_dump()
     for name in ("focal_length_mm", "sensor_width_mm", "field_of_view_deg"):
@@ -123,8 +121,8 @@ def _free(camera: CameraModel, matches: int, neighbourhood_deg: float, orders: i
     names = ["focal_length", "principal_point", *(f"k{n}" for n in range(1, orders + 1))]
     able = []
     for name in names:
-        least, reach = FREE_FROM.get(name, FREE_FROM_LATER)
-        if matches >= least and neighbourhood_deg >= reach:
+        least_matches, least_deg = FREE_FROM.get(name, FREE_FROM_LATER)
+        if matches >= least_matches and neighbourhood_deg >= least_deg:
             able.append(name)
     return tuple(able)
 

@@ -29,8 +29,8 @@ STEP_KM = 0.01
 """Altitudes at which n r is tabulated, to find the lowest points of rays."""
 
 
-class Sights(NamedTuple):
-    """T lines of sight of an observer above the air [deg].
+class LimbGeometry(NamedTuple):
+    """Angles [deg] of T lines of sight of an observer above the air.
 
     elevation_deg: apparent; sun_elevation_deg: true; azimuth_deg: from the sun; scattering_angle_deg: of light
     scattered once, at the straight line's tangent point
@@ -51,13 +51,13 @@ def tangent_altitudes(medium: Medium, tangent_km: ArrayLike, observer_altitude_k
         raise TwilightError(
             f"observer_altitude_km is {observer_altitude_km:g}; allowed is more than {medium.top_km:g}, above the air"
         )
-    found = np.atleast_1d(np.asarray(tangent_km, dtype=float))
-    if found.ndim != 1 or found.size == 0 or not np.all((found >= medium.bottom_km) & (found <= medium.top_km)):
+    tangent = np.atleast_1d(np.asarray(tangent_km, dtype=float))
+    if tangent.ndim != 1 or tangent.size == 0 or not np.all((tangent >= medium.bottom_km) & (tangent <= medium.top_km)):
         raise TwilightError(
             f"tangent_km must be one number or more, each from {medium.bottom_km:g} (the ground) to {medium.top_km:g} "
             "(the top of the air)"
         )
-    return found
+    return tangent
 
 
 def limb_elevation_deg(medium: Medium, tangent_km: np.ndarray, observer_altitude_km: float) -> np.ndarray:
@@ -66,22 +66,23 @@ def limb_elevation_deg(medium: Medium, tangent_km: np.ndarray, observer_altitude
     return -np.degrees(np.arccos(np.minimum((radius + tangent_km) / (radius + observer_altitude_km), 1.0)))
 
 
-def sights(
+def limb_geometry(
     medium: Medium, tangent_km: np.ndarray, observer_altitude_km: float, sun_elevation_deg: float, azimuth_deg: float
-) -> Sights:
+) -> LimbGeometry:
     """Lines of sight (T,) whose tangent points have the sun at an elevation, in an azimuth from it [deg]."""
     low, high = medium.earth_radius_km + tangent_km, medium.earth_radius_km + observer_altitude_km
     length = np.sqrt(high**2 - low**2)
     sun, azimuth = np.radians(sun_elevation_deg), np.radians(azimuth_deg)
-    ahead, across, up = np.cos(sun) * np.cos(azimuth), np.cos(sun) * np.sin(azimuth), np.sin(sun)
-    # the observer's vertical in the tangent point's (up, ahead) is (low, -length) / high
-    seen = np.degrees(np.arcsin(np.clip((low * up - length * ahead) / high, -1.0, 1.0)))
-    level = (length * up + low * ahead) / high
-    return Sights(
+    # direction of the sun at the tangent point: along the line of sight, across its vertical plane, and up
+    along, across, up = np.cos(sun) * np.cos(azimuth), np.cos(sun) * np.sin(azimuth), np.sin(sun)
+    # the observer's vertical in the tangent point's (up, along) is (low, -length) / high
+    sun_of_observer = np.degrees(np.arcsin(np.clip((low * up - length * along) / high, -1.0, 1.0)))
+    level = (length * up + low * along) / high
+    return LimbGeometry(
         limb_elevation_deg(medium, tangent_km, observer_altitude_km),
-        seen,
+        sun_of_observer,
         np.degrees(np.arctan2(across, level)),
-        np.full(tangent_km.size, np.degrees(np.arccos(np.clip(ahead, -1.0, 1.0)))),
+        np.full(tangent_km.size, np.degrees(np.arccos(np.clip(along, -1.0, 1.0)))),
     )
 
 
@@ -92,7 +93,7 @@ def bent_tangent_km(medium: Medium, tangent_km: np.ndarray) -> np.ndarray:
     refractivity = medium.at(height).refractivity
     out = np.empty((tangent_km.size, medium.n_wavelengths))
     for w in range(medium.n_wavelengths):
-        # from above a ray turns at the highest place that has its n r
+        # the lowest point of a ray from above is the highest place that has its n r
         invariant = np.minimum.accumulate((radius * (1.0 + refractivity[:, w]))[::-1])[::-1]
         out[:, w] = np.interp(medium.earth_radius_km + tangent_km, invariant, height, left=np.nan)
     return out
