@@ -28,13 +28,17 @@ ZONES = ("render", "climates/continental-average.yaml", "--sun-elevation", "-4",
 COMPACT = (*ZONES, "--solver", "compact")
 
 
-def seconds(root: Path, command: tuple[str, ...], folder: Path, **environment: str) -> tuple[float, float] | None:
-    """(wall, processor) seconds of a command of the program at `root`; None where it cannot do it."""
+def environment(root: Path, folder: Path) -> dict[str, str]:
+    """The variables under which the program at `root` keeps machine code and fields in a folder."""
     env = {**os.environ, "PYTHONPATH": str(root), "NUMBA_CACHE_DIR": str(folder / "numba")}
-    env |= {"TWILIGHT_CACHE_DIR": str(folder / "cache"), **environment}
+    return env | {"TWILIGHT_CACHE_DIR": str(folder / "cache")}
+
+
+def seconds(root: Path, command: tuple[str, ...], folder: Path, **more: str) -> tuple[float, float] | None:
+    """(wall, processor) seconds of a command of the program at `root`, with more variables; None where it fails."""
     run = [sys.executable, "-P", "-m", "twilight", *command, "--output", str(folder / "sky")]
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    done = subprocess.run(run, cwd=root, env=env, capture_output=True, text=True)
+    done = subprocess.run(run, cwd=root, env=environment(root, folder) | more, capture_output=True, text=True)
     wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode:
         print(f"{root}: {done.stderr.splitlines()[-1] if done.stderr else done.returncode}", file=sys.stderr)
@@ -47,11 +51,10 @@ def preview_seconds(root: Path, folder: Path) -> tuple[float, float] | None:
 
     The command is stopped then.
     """
-    env = {**os.environ, "PYTHONPATH": str(root), "NUMBA_CACHE_DIR": str(folder / "numba")}
-    env |= {"TWILIGHT_CACHE_DIR": str(folder / "cache")}
     begin = time.perf_counter()
     run = [sys.executable, "-P", "-m", "twilight", *ZONES, "--output", str(folder / "sky")]
-    process = psutil.Popen(run, cwd=root, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    process = psutil.Popen(run, cwd=root, env=environment(root, folder), **quiet)
     found = None
     while found is None and process.poll() is None:
         if any((folder / "sky").rglob("sky.preview.png")):

@@ -69,12 +69,12 @@ def merge(made: Path, target: Path) -> None:
         made_by |= dict.fromkeys(rows, earlier)
         if not rows:
             others.append(note)
-    kept = [row for row in old if which(row) not in set(map(which, new))]
+    unchanged = [row for row in old if which(row) not in set(map(which, new))]
     of_heading: dict[str, list[str]] = {}
-    for name in dict.fromkeys(map(which, kept)):
+    for name in dict.fromkeys(map(which, unchanged)):
         of_heading.setdefault(made_by[name], []).append(name)
     notes = [f"rows of {', '.join(names)}: {heading}" for heading, names in of_heading.items()]
-    results.write(target, list(new[0]), [list(row.values()) for row in kept + new], notes=[*notes, *others])
+    results.write(target, list(new[0]), [list(row.values()) for row in unchanged + new], notes=[*notes, *others])
 
 
 def picture() -> None:

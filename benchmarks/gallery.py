@@ -26,61 +26,21 @@ SKIES = (
         "Sunset in air without particles, the sun's disc on the horizon",
         "pure-air --sun-elevation 0.3 --disc",
     ),
-    (
-        "hazy-sunset",
-        "The same sun in continental haze",
-        "continental-average --sun-elevation 0.3 --disc",
-    ),
-    (
-        "disc",
-        "Its disc: flattened, redder below, a green rim above",
-        "pure-air --sun-elevation 0.3 --disc --only disc",
-    ),
-    (
-        "civil-twilight",
-        "Civil twilight",
-        "continental-average --sun-elevation -4",
-    ),
-    (
-        "nautical-twilight",
-        "Nautical twilight, the arch over the sun",
-        "continental-average --sun-elevation -9",
-    ),
-    (
-        "blue-hour",
-        "Clean air in the blue hour: ozone makes it blue",
-        "continental-clean --sun-elevation -6",
-    ),
-    (
-        "purple-light",
-        "Purple light under a volcanic stratosphere",
-        "volcanic-stratosphere --sun-elevation -4.5",
-    ),
+    ("hazy-sunset", "The same sun in continental haze", "continental-average --sun-elevation 0.3 --disc"),
+    ("disc", "Its disc: flattened, redder below, a green rim above", "pure-air --sun-elevation 0.3 --disc --only disc"),
+    ("civil-twilight", "Civil twilight", "continental-average --sun-elevation -4"),
+    ("nautical-twilight", "Nautical twilight, the arch over the sun", "continental-average --sun-elevation -9"),
+    ("blue-hour", "Clean air in the blue hour: ozone makes it blue", "continental-clean --sun-elevation -6"),
+    ("purple-light", "Purple light under a volcanic stratosphere", "volcanic-stratosphere --sun-elevation -4.5"),
     (
         "belt-of-venus",
         "All round: the Earth's shadow and the Belt of Venus on the left and right edge",
         "continental-clean --sun-elevation -2 --set output.views=[panorama]",
     ),
-    (
-        "desert",
-        "Desert dust in the late afternoon",
-        "desert --sun-elevation 6 --disc",
-    ),
-    (
-        "urban",
-        "A polluted city at sunset",
-        "urban --sun-elevation 1 --disc",
-    ),
-    (
-        "maritime",
-        "Over the sea in the tropics",
-        "maritime-tropical --sun-elevation 12",
-    ),
-    (
-        "arctic",
-        "Arctic twilight over snow",
-        "arctic --sun-elevation -5 --set ground.albedo=0.85",
-    ),
+    ("desert", "Desert dust in the late afternoon", "desert --sun-elevation 6 --disc"),
+    ("urban", "A polluted city at sunset", "urban --sun-elevation 1 --disc"),
+    ("maritime", "Over the sea in the tropics", "maritime-tropical --sun-elevation 12"),
+    ("arctic", "Arctic twilight over snow", "arctic --sun-elevation -5 --set ground.albedo=0.85"),
     (
         "noon",
         "The whole sky at noon, looking up",
@@ -108,22 +68,14 @@ SKIES = (
         "The last light, and airglow over it",
         "pure-air --sun-elevation -17 --set night.airglow=1 --exposure -6",
     ),
-    (
-        "eye",
-        "Nautical twilight as an eye sees it",
-        "continental-average --sun-elevation -11 --tone eye",
-    ),
+    ("eye", "Nautical twilight as an eye sees it", "continental-average --sun-elevation -11 --tone eye"),
     (
         "camera",
         "The same as a camera takes it: ISO 1600, f/2.8",
         "continental-average --sun-elevation -11 --tone camera --set output.camera.iso=1600 "
         "--set output.camera.f_number=2.8",
     ),
-    (
-        "haber2005",
-        "The air of Haber, Magnor and Seidel 2005",
-        "haber2005 --sun-elevation -3",
-    ),
+    ("haber2005", "The air of Haber, Magnor and Seidel 2005", "haber2005 --sun-elevation -3"),
 )
 """Name, title, and what follows `twilight render` (and `--quality draft`)."""
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import re
 import subprocess
 import sys
 import tempfile
@@ -97,7 +96,7 @@ def main() -> None:
     rows = {row["case"]: dict(row) for row in results.read_rows(path)} if path.exists() else {}
     for row in rows.values():
         row["taken_over_planned"] = f"{float(row['processor_s']) / float(row['planned_processor_s']):.3g}"
-    commit = re.search(r"commit (.*?):", results.heading("x"))
+    commit = results.commit().removeprefix("commit ")
     for name in [name for name in chosen if name in rows or not options.plan]:
         n_bytes, seconds, blocks = planned(CASES[name])
         row = rows.setdefault(name, {"case": name})
@@ -108,7 +107,7 @@ def main() -> None:
                 measured(("render", *compiled, "--output", f"{folder}/sky", "--overwrite"))
                 taken = measured(("render", *CASES[name], "--output", f"{folder}/sky", "--overwrite"))
             row |= dict(zip(("measured_gb", "processor_s", "wall_s"), (taken[0] / 1e9, *taken[1:]), strict=True))
-            row |= {"load": f"{os.getloadavg()[0]:.1f}", "commit": commit[1] if commit else ""}
+            row |= {"load": f"{os.getloadavg()[0]:.1f}", "commit": commit}
         row |= {"planned_gb": n_bytes / 1e9, "planned_processor_s": seconds, "in_blocks": blocks}
         row["taken_over_planned"] = float(row["processor_s"]) / seconds
         shown = {key: f"{value:.3g}" if isinstance(value, float) else value for key, value in row.items()}

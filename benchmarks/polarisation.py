@@ -38,7 +38,7 @@ from twilight.config.load import load, load_climate
 from twilight.io import write_polarisation_png
 from twilight.scene.medium import climate_medium
 from twilight.solvers import montecarlo, zones
-from twilight.studies.compare.accuracy import colour_spread
+from twilight.studies.compare.accuracy import colour_errors
 
 HERE = Path(__file__).parent
 STANDARD = zones.QUALITIES["standard"]
@@ -86,7 +86,7 @@ def scalar(climates) -> None:
                 size = np.abs(e)
                 numbers = (np.median(size), np.percentile(size, 95), size.max(), e.min(), e.max(), e.mean())
                 rows.append([climate, f"{sun:g}", name, *(f"{x:.2f}" for x in numbers)])
-            colours = colour_spread(j, i, None, medium.wavelength_nm)
+            colours = colour_errors(j, i, None, medium.wavelength_nm)
             if colours is not None:
                 for name, s in (("luminance", colours.luminance), ("CIEDE2000", colours.ciede2000)):
                     rows.append(

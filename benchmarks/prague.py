@@ -55,7 +55,7 @@ def main() -> None:
     nodes = channel_nodes(options.channels, options.start_nm, WIDTH_NM, options.nodes)
     fields: dict[tuple[int, int], object] = {}
 
-    def field_of(v: int, b: int, tell: object) -> object:
+    def field_of(v: int, b: int, progress: object) -> object:
         scene = resolve(airs[v].config(float(albedo[b]), options.quality), wavelength_nm=nodes.wavelength_nm)
         fields[v, b] = Problem(scene).solve()
         return fields[v, b]
@@ -75,10 +75,8 @@ def main() -> None:
             exact = nodes.mean(field.radiance(sun, e, a))
             for c in range(options.channels):
                 air = {"visibility_km": float(axes.visibility_km[v]), "albedo": float(albedo[b])}
-                off.append(
-                    100.0
-                    * (sky.radiance(sun, e, a, options.start_nm + WIDTH_NM * (c + 0.5), **air) / exact[:, c] - 1.0)
-                )
+                found = sky.radiance(sun, e, a, options.start_nm + WIDTH_NM * (c + 0.5), **air)
+                off.append(100.0 * (found / exact[:, c] - 1.0))
         worst = max(np.percentile(np.abs(one), 95) for one in off)
         rows.append([sun, *(f"{x:.2f}" for x in (np.median(np.abs(off)), np.percentile(np.abs(off), 95), worst))])
         print(*rows[-1], flush=True)

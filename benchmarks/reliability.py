@@ -60,11 +60,11 @@ def processor() -> str:
 
 def tests(files: list[str]) -> None:
     """slow_tests.csv"""
-    commit = re.search(r"commit (.*?):", results.heading("x"))
+    commit = results.commit().removeprefix("commit ")
     for file in files or slow_files():
         row = run_tests(file)
         rows = {r["file"]: tuple(r.values()) for r in results.read_rows(TESTS)} if TESTS.exists() else {}
-        rows[file] = (file, *map(str, row[:3]), f"{row[3]:.0f}", processor(), commit[1] if commit else "")
+        rows[file] = (file, *map(str, row[:3]), f"{row[3]:.0f}", processor(), commit)
         results.write(TESTS, COLUMNS, sorted(rows.values()), command="python benchmarks/reliability.py tests")
 
 

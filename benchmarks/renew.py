@@ -172,9 +172,7 @@ BENCHMARKS = {
         "cameras from stars",
     ),
     "bruneton2008_cie": Benchmark(
-        "bruneton2008.py",
-        "bruneton2008_cie.csv, ../docs/bruneton2008-cie.png",
-        "Bruneton and Neyret's fig. 6 and 7",
+        "bruneton2008.py", "bruneton2008_cie.csv, ../docs/bruneton2008-cie.png", "Bruneton and Neyret's fig. 6 and 7"
     ),
     "segments": Benchmark("segments.py", "segments.csv", "aerial perspective against the reference solution"),
     "terrain": Benchmark("terrain.py", "terrain.csv", "light shafts exactly and by eq. 17 and 18"),
@@ -201,15 +199,14 @@ def note(name: str, cpu: float, wall: float) -> None:
     """Put a run into renewed.csv, in place of the last of that name."""
     path = HERE / "renewed.csv"
     rows = {row["name"]: tuple(row.values()) for row in results.read_rows(path)} if path.exists() else {}
-    commit = re.search(r"commit (.*?):", results.heading("x"))
-    rows[name] = (name, f"{cpu:.1f}", f"{wall:.1f}", commit[1] if commit else "")
+    rows[name] = (name, f"{cpu:.1f}", f"{wall:.1f}", results.commit().removeprefix("commit "))
     results.write(path, COLUMNS, [rows[n] for n in BENCHMARKS if n in rows], command="python benchmarks/renew.py")
 
 
 def made_at(benchmark: Benchmark) -> str:
-    """The commits in the first lines of the files that it writes; a word where none of these is kept, or none says."""
-    kept = [path for name in benchmark.writes.split(", ") if name for path in sorted(HERE.glob(name))]
-    first = [path.read_text(encoding="utf-8").partition("\n")[0] for path in kept if path.suffix == ".csv"]
+    """The commits in the first lines of the files that it writes; a word where there is no such file, or none says."""
+    tables = [path for name in benchmark.writes.split(", ") if name for path in sorted(HERE.glob(name))]
+    first = [path.read_text(encoding="utf-8").partition("\n")[0] for path in tables if path.suffix == ".csv"]
     commits = sorted({found[1] for line in first if (found := re.search(r"commit (\w+)", line))})
     if commits:
         return ", ".join(commits)

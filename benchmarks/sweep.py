@@ -3,9 +3,9 @@
     python benchmarks/sweep.py [--set KEY=VALUE ...] [--places 1x1,1x2,2x1]
 
 Runs of the same sweep, each on machine code that is there: WORKERSxTHREADS, 1x1 unless said otherwise.  Processor
-time hardly depends on what else the machine does; `busy` is the share of the workers' wall time that went into tasks,
-and the rest is Dask and the dataset.  `read_s`: xarray opens the dataset lazily and takes the mean radiance of every
-sky, chunk by chunk.
+time hardly depends on what else the machine does; `busy` is the fraction of the workers' wall time that went into
+tasks, and the rest is Dask and the dataset.  `read_s`: xarray opens the dataset lazily and takes the mean radiance of
+every sky, chunk by chunk.
 
 Writes benchmarks/sweep.csv.
 """

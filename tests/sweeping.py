@@ -1,4 +1,4 @@
-"""What the tests of sweeps share: the toy solver of `toy_swept`, its scene, and what it must give."""
+"""What the tests of sweeps share: the toy solver of `toy_solver`, its scene, and what it must give."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ def toy():
         patch.syspath_prepend(folder)
         paths = [str(folder), *([os.environ["PYTHONPATH"]] if os.environ.get("PYTHONPATH") else [])]
         patch.setenv("PYTHONPATH", os.pathsep.join(paths))
-        patch.setenv("DASK_DISTRIBUTED__WORKER__PRELOAD", "['toy_swept']")
-        patch.setitem(solvers.SOLVERS, "toy", "toy_swept")
-        import toy_swept
+        patch.setenv("DASK_DISTRIBUTED__WORKER__PRELOAD", "['toy_solver']")
+        patch.setitem(solvers.SOLVERS, "toy", "toy_solver")
+        import toy_solver
 
-        yield toy_swept
+        yield toy_solver
 
 
 @pytest.fixture

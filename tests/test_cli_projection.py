@@ -8,16 +8,7 @@ from typer.testing import CliRunner
 from twilight.cli.app import app
 from twilight.numerics.projections import PROJECTIONS
 
-USUAL = (
-    "render",
-    "pure-air",
-    "--sun-elevation",
-    "2",
-    "--quality",
-    "draft",
-    "--set",
-    "wavelengths.list_nm=[450,550,650]",
-)
+USUAL = "render pure-air --sun-elevation 2 --quality draft --set wavelengths.list_nm=[450,550,650]".split()
 
 
 @pytest.fixture(scope="module")

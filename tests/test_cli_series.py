@@ -58,22 +58,22 @@ def test_a_series_is_a_table_a_dataset_and_numbered_files(plain, table, tmp_path
 
 
 def test_an_interrupted_series_goes_on_and_says_what_was_there(plain, table, tmp_path, monkeypatch):
-    looked = []
+    computed = []
     real = PlainField.radiance
 
     def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg):
-        looked.append(sun_elevation_deg)
-        if looked == [5, 0, -5]:
+        computed.append(sun_elevation_deg)
+        if computed == [5, 0, -5]:
             raise KeyboardInterrupt
         return real(self, sun_elevation_deg, elevation_deg, azimuth_deg)
 
     monkeypatch.setattr(PlainField, "radiance", radiance)
     command = ("render", table, "--sun-elevation=5,0,-5", "--output", tmp_path / "out")
-    assert call(*command).exit_code == 130 and looked == [5, 0, -5]
+    assert call(*command).exit_code == 130 and computed == [5, 0, -5]
     again = call(*command)
-    assert again.exit_code == 0 and looked == [5, 0, -5, -5]
+    assert again.exit_code == 0 and computed == [5, 0, -5, -5]
     assert "2 of 3 were there already" in again.stderr and len(again.stdout.splitlines()) == 5
-    assert call(*command).stdout == again.stdout and looked == [5, 0, -5, -5]
+    assert call(*command).stdout == again.stdout and computed == [5, 0, -5, -5]
     refused = call(*command, "--set", "ground.albedo=0.5")
     assert refused.exit_code == 2 and "(ground.albedo is 0.0, asked is 0.5)" in refused.stderr
     fewer = call("render", table, "--sun-elevation=5,0", "--output", tmp_path / "out")

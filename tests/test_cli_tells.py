@@ -67,16 +67,8 @@ def test_the_plan_says_what_is_missing_though_it_matters():
     clean = rows("--solver", "zones", "--set", "wavelengths={list_nm: [450, 550, 670]}")
     assert not {"polarisation", "oxygen at 629 nm"} & clean.keys()
     assert clean["bands of oxygen"][0].startswith("no wavelength of this scene lies in them")
-    scalar = rows(
-        "--solver",
-        "zones",
-        "--quality",
-        "draft",
-        "--set",
-        "solver.polarisation=false",
-        "--set",
-        "wavelengths={list_nm: [550, 629, 762, 940]}",
-    )
+    words = "--solver zones --quality draft --set solver.polarisation=false --set".split()
+    scalar = rows(*words, "wavelengths={list_nm: [550, 629, 762, 940]}")
     assert "scalar theory" in scalar["polarisation"][1] and "solver.polarisation: false" in scalar["polarisation"][0]
     assert scalar["oxygen at 629 nm"][0].endswith("holds 629 nm")
     assert not {"bands of oxygen", "bands of water vapour"} & scalar.keys()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twilight.base.errors import TwilightError
-from twilight.studies.compare.accuracy import colour_spread, noise_largest, noise_quantile, radiance_spread
+from twilight.studies.compare.accuracy import colour_errors, noise_largest, noise_quantile, radiance_errors
 from twilight.studies.compare.directions import half_texture, stratified_directions
 from twilight.studies.compare.figure import LARGEST_PERCENT, FigurePoint, draw, read_points
 from twilight.studies.compare.reference_solution import COLUMNS, read_references
@@ -24,18 +24,18 @@ def test_noise_quantiles_are_those_of_the_normal_distribution():
 def test_noise_of_unequal_deviations_agrees_with_draws():
     sigma = np.geomspace(0.01, 1.0, 60)
     draws = np.abs(sigma * np.random.default_rng(0).standard_normal((20_000, 60)))
-    for share in (0.5, 0.95):
-        assert noise_quantile(sigma, share) == pytest.approx(np.quantile(draws, share), rel=0.02)
+    for fraction in (0.5, 0.95):
+        assert noise_quantile(sigma, fraction) == pytest.approx(np.quantile(draws, fraction), rel=0.02)
     assert noise_largest(sigma) == pytest.approx(np.median(draws.max(axis=1)), rel=0.02)
 
 
 def test_errors_without_noise_are_plain_quantiles():
     reference = np.array([1.0, 2.0, 4.0, 5.0, 0.0])
-    spread = radiance_spread(np.array([1.01, 1.96, 4.0, 5.5, 3.0]), reference, np.zeros(5))
-    assert spread.median == pytest.approx(1.5)  # of 0, 1, 2 and 10 %; the black direction does not count
-    assert spread.largest == pytest.approx(10.0)
-    assert spread.mean == pytest.approx((1 - 2 + 0 + 10) / 4)
-    assert radiance_spread(np.ones(3), np.zeros(3), np.zeros(3)) is None
+    errors = radiance_errors(np.array([1.01, 1.96, 4.0, 5.5, 3.0]), reference, np.zeros(5))
+    assert errors.median == pytest.approx(1.5)  # of 0, 1, 2 and 10 %; the black direction does not count
+    assert errors.largest == pytest.approx(10.0)
+    assert errors.mean == pytest.approx((1 - 2 + 0 + 10) / 4)
+    assert radiance_errors(np.ones(3), np.zeros(3), np.zeros(3)) is None
 
 
 @pytest.mark.parametrize("true_percent", (0.0, 0.5, 2.0))
@@ -44,9 +44,9 @@ def test_the_noise_of_the_reference_is_taken_out(true_percent):
     n = 200_000
     value = 1.0 + true_percent / 100.0 * rng.standard_normal(n)
     noisy = 1.0 + 0.01 * rng.standard_normal(n)
-    spread = radiance_spread(value, noisy, np.full(n, 0.01))
-    assert spread.noise_median == pytest.approx(0.6745, rel=0.02)
-    for found, factor in ((spread.median, 0.67449), (spread.p95, 1.95996)):
+    errors = radiance_errors(value, noisy, np.full(n, 0.01))
+    assert errors.noise_median == pytest.approx(0.6745, rel=0.02)
+    for found, factor in ((errors.median, 0.67449), (errors.p95, 1.95996)):
         # the quadratic difference of two quantiles that are each known to 0.3 %
         assert abs(found**2 - (factor * true_percent) ** 2) < 0.02 * factor**2 * (1 + true_percent**2)
 
@@ -54,14 +54,14 @@ def test_the_noise_of_the_reference_is_taken_out(true_percent):
 def test_a_change_of_brightness_alone_has_its_closed_form_colour_difference():
     grey = np.full((5, 8), 0.01)
     nm = np.linspace(380.0, 720.0, 8)
-    spread = colour_spread(1.1 * grey, grey, None, nm)
-    assert spread.luminance.median == pytest.approx(10.0, rel=1e-6)
+    errors = colour_errors(1.1 * grey, grey, None, nm)
+    assert errors.luminance.median == pytest.approx(10.0, rel=1e-6)
     # a spectrum in proportion to the sun's is nearly neutral; its lightness is that of middle grey, and 1.1 times it
     lightness = [116.0 * y ** (1 / 3) - 16.0 for y in (0.18, 0.18 * 1.1)]
     mean = 0.5 * sum(lightness)
     weight = 1.0 + 0.015 * (mean - 50.0) ** 2 / np.sqrt(20.0 + (mean - 50.0) ** 2)
-    assert spread.ciede2000.median == pytest.approx((lightness[1] - lightness[0]) / weight, rel=0.05)
-    same = colour_spread(grey, grey, None, nm)
+    assert errors.ciede2000.median == pytest.approx((lightness[1] - lightness[0]) / weight, rel=0.05)
+    same = colour_errors(grey, grey, None, nm)
     assert same.ciede2000.largest == 0.0 and same.luminance.largest < 1e-9
 
 
@@ -69,11 +69,11 @@ def test_noise_shows_in_the_colours_and_narrow_spectra_have_none():
     nm = np.array(NM)
     right = np.full((400, 3), 0.01)
     noisy = right * (1.0 + 0.02 * np.random.default_rng(5).standard_normal(right.shape))
-    spread = colour_spread(right, noisy, 0.02 * right, nm)
-    assert spread.ciede2000.noise_median > 0.2
-    assert spread.ciede2000.median < 0.5 * spread.ciede2000.noise_median
-    assert spread.luminance.median < 0.5 * spread.luminance.noise_median
-    assert colour_spread(right, right, None, np.array([500.0, 550.0, 590.0])) is None
+    errors = colour_errors(right, noisy, 0.02 * right, nm)
+    assert errors.ciede2000.noise_median > 0.2
+    assert errors.ciede2000.median < 0.5 * errors.ciede2000.noise_median
+    assert errors.luminance.median < 0.5 * errors.luminance.noise_median
+    assert colour_errors(right, right, None, np.array([500.0, 550.0, 590.0])) is None
 
 
 # Directions and tables ------------------------------------------------------------------------------------------
@@ -101,12 +101,12 @@ HEADER = ",".join(COLUMNS)
 @pytest.mark.parametrize(
     "text, says",
     (
-        ("", "lacks the column"),
+        ("", "holds no radiances"),
         (HEADER, "holds no radiances"),
         (HEADER.replace("azimuth_deg,", "") + "\n5,10,500,1,0", "lacks the column azimuth_deg"),
         (HEADER + "\n5,10,0,500,nan,0", "radiance_per_sr is 'nan'"),
         (HEADER + "\n5,10,0,500,-1,0", "radiance_per_sr is '-1'"),
-        (HEADER + "\n5,10,0,500,1", "standard_error_per_sr is None"),
+        (HEADER + "\n5,10,0,500,1", "line 2: has 5 cells, the header has 6"),
         (HEADER + "\n5,100,0,500,1,0", "elevation_deg is '100'"),
         (HEADER + "\n5,10,0,500,1,0\n5,10,0,500,1,0", "one row for each direction"),
         (HEADER + "\n5,10,0,500,1,0\n5,20,0,600,1,0", "one row for each direction"),

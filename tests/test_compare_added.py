@@ -33,7 +33,7 @@ def test_radiances_are_found_on_either_side_of_the_sun_and_have_their_errors(tmp
     config = scene_of(load(SCENE), made)
     assert config.wavelengths.wavelength_nm == (450.0, 550.0)
     (row,) = rows_of(made, {5.0: reference(RIGHT)}, config)
-    assert row.rung.name == "my code added" and row.timing is None
+    assert row.preset.name == "my code added" and row.timing is None
     assert row.error.median == pytest.approx(10.0) and row.error.largest == pytest.approx(10.0)
     with pytest.raises(TwilightError, match=r"mine\.csv: has no radiance for sun 5, elevation 80, azimuth 201 deg and"):
         rows_of(made, {5.0: ReferenceSolution(*[np.array([80.0]), np.array([201.0]), np.array([450.0])], RIGHT, RIGHT)},
@@ -49,7 +49,7 @@ def test_absolute_radiances_are_divided_by_the_sun_that_sky_h5_holds(tmp_path):
         for w, nm in enumerate((450, 550))
     )
     (row,) = rows_of(read_added(table(tmp_path, text, ABSOLUTE)), {5.0: reference(RIGHT)}, at)
-    assert row.rung.solver == "mine" and row.error.largest < 1e-9
+    assert row.preset.solver == "mine" and row.error.largest < 1e-9
 
 
 @pytest.mark.parametrize(

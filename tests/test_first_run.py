@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 from twilight import solvers
-from twilight.cli.first_run import SENTENCE, compiles_first, say_that_it_compiles
+from twilight.cli.first_run import SENTENCE, announce_compiling, must_compile
 
 KERNEL = """
 from numba import njit
@@ -16,15 +16,15 @@ def double(x):
 """
 
 
-def test_a_package_compiles_first_until_a_kernel_of_it_is_kept(tmp_path, monkeypatch):
+def test_a_package_must_be_compiled_until_machine_code_of_a_kernel_is_cached(tmp_path, monkeypatch):
     (tmp_path / "fresh_kernels.py").write_text(KERNEL)
     monkeypatch.syspath_prepend(tmp_path)
     import fresh_kernels
 
-    assert compiles_first("fresh_kernels")
+    assert must_compile("fresh_kernels")
     assert fresh_kernels.double(1.5) == 3.0
-    assert not compiles_first("fresh_kernels")
-    assert not compiles_first("json")  # nothing to compile
+    assert not must_compile("fresh_kernels")
+    assert not must_compile("json")  # nothing to compile
 
 
 def test_the_sentence_is_said_once_at_the_first_run(tmp_path, monkeypatch, capsys):
@@ -34,8 +34,8 @@ def test_the_sentence_is_said_once_at_the_first_run(tmp_path, monkeypatch, capsy
 
     monkeypatch.setitem(solvers.SOLVERS, "fresh", "fresh_solver")
     monkeypatch.setattr(solvers, "load", lambda name: sys.modules["fresh_solver"])
-    say_that_it_compiles("fresh")
+    announce_compiling("fresh")
     assert SENTENCE in capsys.readouterr().err
     fresh_solver.double(1.0)
-    say_that_it_compiles("fresh")
+    announce_compiling("fresh")
     assert capsys.readouterr().err == ""

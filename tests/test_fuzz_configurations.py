@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from fuzzing import ODD_YAML, Fault, attempt, check_message, limited, mutated_document, seeds
+from rendering import TABLE
 from typer.testing import CliRunner
 
 from twilight.cli.app import app
@@ -20,9 +21,7 @@ from twilight.scene.suns import count_suns
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[1]
-TABLE = (
-    "altitude_km,wavelength_nm,air_scattering_per_km,aerosol_extinction_per_km,aerosol_single_scattering_albedo,"
-    "aerosol_asymmetry,absorption_per_km,refractivity\n"
+ROWS = (
     "0,450,0.02,0.1,0.9,0.7,0,0.0003\n0,600,0.007,0.08,0.9,0.7,0,0.0003\n"
     "60,450,1e-5,0,0.9,0.7,0,0\n60,600,1e-6,0,0.9,0.7,0,0\n"
 )
@@ -30,7 +29,7 @@ TABLE = (
 
 def write_tables(folder: Path) -> None:
     """The tables that documents name."""
-    (folder / "t1.csv").write_text(TABLE)
+    (folder / "t1.csv").write_text(TABLE + ROWS)
     for table in (ROOT / "climates").glob("*.csv"):
         (folder / table.name).write_bytes(table.read_bytes())
 

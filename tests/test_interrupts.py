@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rendering import FILES
 
 from twilight.io import read_latlong_exr, read_sky, read_spectral_exr
 
 pytestmark = pytest.mark.slow
 
 SUNS = [40, 30, 20, 10, 5]
-FILES = {"sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5", "sun.json"}
 SCENE = f"""\
 version: 1
 climate: {{version: 1, name: test, refraction: {{model: none}}}}

@@ -12,10 +12,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from rendering import call
 
 from twilight.base.errors import TwilightError
-from twilight.cli.app import app
+from twilight.base.progress import silent
 from twilight.config import load_climate
 from twilight.numerics.spectrum import solar_at
 from twilight.scene.medium import climate_medium
@@ -80,7 +80,7 @@ def made(tmp_path_factory):
         return SmoothField(medium, 2.0 ** (v + b))
 
     path = tmp_path_factory.mktemp("prague") / "sky.dat"
-    size = write_prague(path, prague.PragueMaker(AXES, NODES, 6, True).make(field_of, lambda doing, share: None))
+    size = write_prague(path, prague.PragueMaker(AXES, NODES, 6, True).make(field_of, silent))
     assert size == path.stat().st_size
     return path, PragueSky.load(path), medium
 
@@ -114,7 +114,7 @@ def test_least_squares_find_a_sum_of_products():
     sides = []
     for breaks in (20, 15):
         place = random.uniform(0, breaks - 1, count)
-        sides.append(prague_fit.hats(place.astype(int), place % 1.0, breaks))
+        sides.append(prague_fit.linear_basis(place.astype(int), place % 1.0, breaks))
     truth = [random.uniform(0.5, 1.5, (2, side.breaks, rank)) for side in sides]
     parts = [prague_fit.at_directions(side, values) for side, values in zip(sides, truth, strict=True)]
     target = (parts[0] * parts[1]).sum(-1)
@@ -217,7 +217,7 @@ def test_a_file_that_is_not_whole_is_refused(made, tmp_path):
 )
 def test_the_command_refuses_in_a_sentence(options, said, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    found = CliRunner().invoke(app, ["export", "prague", *options])
+    found = call("export", "prague", *options)
     assert found.exit_code == 2 and said in found.output and not list(tmp_path.iterdir())
 
 
@@ -245,31 +245,16 @@ def test_the_published_reader_finds_the_same(made, tmp_path):
         pytest.skip("TWILIGHT_PRAGUE_READER names no folder with PragueSkyModel.cpp, or there is no g++")
     (tmp_path / "main.cpp").write_text(MAIN)
     source = [str(tmp_path / "main.cpp"), str(Path(READER) / "PragueSkyModel.cpp")]
-    subprocess.run(
-        [
-            "g++",
-            "-std=c++17",
-            "-O1",
-            "-w",
-            "-include",
-            "array",
-            "-include",
-            "tuple",
-            f"-I{READER}",
-            *source,
-            "-o",
-            str(tmp_path / "read"),
-        ],
-        check=True,
-    )
+    compiler = "g++ -std=c++17 -O1 -w -include array -include tuple".split()
+    subprocess.run([*compiler, f"-I{READER}", *source, "-o", str(tmp_path / "read")], check=True)
     path, sky, _ = made
     e, a = directions(40)
     cases = [(s, *place, 520.0, v, b) for s in (-12.0, -11.9, -0.1, 7.0, 20.0) for place in zip(e, a, strict=True)
              for v, b in ((30.0, 0.0), (44.0, 0.7))]  # fmt: skip
     lines = [f"{math.radians(s):.17g} {math.radians(e):.17g} {math.radians(a):.17g} 0 {nm} {v} {b}"
              for s, e, a, nm, v, b in cases]  # fmt: skip
-    told = subprocess.run([str(tmp_path / "read"), str(path)], input="\n".join(lines), capture_output=True, text=True)
-    theirs = np.array([line.split() for line in told.stdout.splitlines()], float)
+    read = subprocess.run([str(tmp_path / "read"), str(path)], input="\n".join(lines), capture_output=True, text=True)
+    theirs = np.array([line.split() for line in read.stdout.splitlines()], float)
     ours = []
     for s, e_, a_, nm, v, b in cases:
         air = {"visibility_km": v, "albedo": b}

@@ -79,19 +79,19 @@ def test_a_preview_is_written_said_and_taken_away(tmp_path, monkeypatch, capsys)
     config = scene("pure-air")
     (sun,) = resolve(config).suns
     path = tmp_path / "of-a-series" / preview.PREVIEW
-    with preview.shown(config, sun.name, path.parent):
+    with preview.show_preview(config, sun.name, path.parent):
         said = capsys.readouterr().err
         assert str(path) in said and "is a preview" in said and "by its own estimate within" in said
         with Image.open(path) as picture:
             assert "the model of clear air in place of pure-air" in picture.text["preview"]
     assert not path.exists()
-    with pytest.raises(KeyboardInterrupt), preview.shown(config, sun.name, path.parent):
+    with pytest.raises(KeyboardInterrupt), preview.show_preview(config, sun.name, path.parent):
         assert path.is_file()
         raise KeyboardInterrupt
     assert not path.exists()
     monkeypatch.setattr(terminal, "compiling", False)
     monkeypatch.setattr(preview, "LONG_S", 1e9)
-    with preview.shown(config, sun.name, path.parent):
+    with preview.show_preview(config, sun.name, path.parent):
         assert not path.exists()
 
 

@@ -8,12 +8,11 @@ import re
 import numpy as np
 import pytest
 import xarray as xr
+from rendering import call
 from sweeping import BASE, SUNS, planned, swept
-from typer.testing import CliRunner
 
 import twilight.api.accessor  # noqa: F401 - registers .sky
 from twilight import solvers
-from twilight.cli.app import app
 from twilight.config.climate import Climate
 from twilight.config.load import load_axes, load_series
 from twilight.config.scene import Config
@@ -105,7 +104,7 @@ def test_a_list_is_rendered_as_it_stands(toy):
 def test_a_wrong_sweep_is_one_sentence_before_anything_is_computed(toy, tmp_path, vary, says):
     path = tmp_path / "scenes.yaml"
     path.write_text(json.dumps({**BASE, "vary": vary}))
-    result = CliRunner().invoke(app, ["sweep", str(path), "--output", str(tmp_path / "out.zarr")])
+    result = call("sweep", str(path), "--output", str(tmp_path / "out.zarr"))
     assert result.exit_code == 2 and says in result.output, result.output
     assert len(result.output.splitlines()) == 1 and "scenes.yaml" in result.output
     assert not (tmp_path / "out.zarr").exists()
@@ -121,7 +120,7 @@ def test_a_wrong_sweep_is_one_sentence_before_anything_is_computed(toy, tmp_path
     ),
 )
 def test_wrong_options_are_one_sentence(toy, arguments, says):
-    result = CliRunner().invoke(app, ["sweep", "humidity", *arguments])
+    result = call("sweep", "humidity", *arguments)
     assert result.exit_code == 2 and says in result.output and "Traceback" not in result.output
 
 
@@ -289,7 +288,7 @@ def test_a_plan_says_what_is_there_already(toy, client, tmp_path, log):
 
     def plan(wanted):
         path.write_text(json.dumps({**BASE, "vary": wanted}))
-        return CliRunner().invoke(app, ["sweep", str(path), "--output", str(out), "--plan"])
+        return call("sweep", str(path), "--output", str(out), "--plan")
 
     assert "already" not in plan(vary).output and "not known before a task is finished" in plan(vary).output
     assert not out.exists()

@@ -47,11 +47,11 @@ def test_a_full_disk_loses_only_the_task_at_hand(toy, client, tmp_path, log, lim
             swept(made, client, path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    kept = {p: p.stat().st_mtime_ns for p in path.rglob("sun_normalised_radiance/[0-9]*/**/*") if p.is_file()}
-    assert (not kept and most_done == 0) or 2 <= len(kept) <= most_done + 1
+    finished = {p: p.stat().st_mtime_ns for p in path.rglob("sun_normalised_radiance/[0-9]*/**/*") if p.is_file()}
+    assert (not finished and most_done == 0) or 2 <= len(finished) <= most_done + 1
     outcome, failed = swept(made, client, path)
-    assert not failed and 9 - outcome.tasks in ({0} if most_done == 0 else {len(kept), len(kept) - 1})
-    assert sum(p.stat().st_mtime_ns == at for p, at in kept.items()) == 9 - outcome.tasks
+    assert not failed and 9 - outcome.tasks in ({0} if most_done == 0 else {len(finished), len(finished) - 1})
+    assert sum(p.stat().st_mtime_ns == at for p, at in finished.items()) == 9 - outcome.tasks
     with xr.open_zarr(path) as data:
         assert (data.status == 1).all()
         for i in range(9):

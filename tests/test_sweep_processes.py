@@ -13,15 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from rendering import call
 from sweeping import BASE, SUNS, right
-from typer.testing import CliRunner
 
-from twilight.cli.app import app
 from twilight.studies.sweep.store import JOURNAL
 
 
 def command(path, out, *more):
-    return [sys.executable, "-c", "import toy_swept; from twilight.cli import main; main()",
+    return [sys.executable, "-c", "import toy_solver; from twilight.cli import main; main()",
             "sweep", str(path), "--output", str(out), *more]  # fmt: skip
 
 
@@ -73,7 +72,7 @@ def slow_sweep(toy, tmp_path):
     """A file of six tasks of half a second and more."""
     path = tmp_path / "slow.yaml"
     vary = {"solver.factor": [1, 2, 3, 4, 5, 6], "sun.elevation_deg": SUNS}
-    path.write_text(json.dumps({**BASE, "solver": {"name": "toy", "wait_s": 0.7}, "vary": vary}))
+    path.write_text(json.dumps({**BASE, "solver": {"name": "toy", "wait_s": 0.25}, "vary": vary}))
     return path, tmp_path / "out.zarr"
 
 
@@ -150,7 +149,7 @@ def test_an_interrupt_stops_cleanly_and_a_dead_scheduler_is_a_sentence(toy, slow
 @pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_a_sentence(toy, slow_sweep):
     path, out = slow_sweep
-    result = CliRunner().invoke(app, ["sweep", str(path), "--output", str(out), "--scheduler", "tcp://127.0.0.1:9"])
+    result = call("sweep", str(path), "--output", str(out), "--scheduler", "tcp://127.0.0.1:9")
     assert result.exit_code == 2 and "cannot be reached" in result.output, result.output
 
 

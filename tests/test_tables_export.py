@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from twilight.base.errors import TwilightError
+from twilight.base.progress import silent
 from twilight.cli.app import app
 from twilight.config import load_climate
 from twilight.scene.medium import climate_medium
@@ -18,7 +19,7 @@ from twilight.solvers.tables.mapping import grid
 from twilight.studies.export import bruneton, sky_tables
 from twilight.studies.export.field_values import FieldSource
 from twilight.studies.export.folder import write_folder
-from twilight.studies.export.scattered_once import ManyLines
+from twilight.studies.export.single_scattering import SingleScattering
 from twilight.studies.export.texel_light import SKY_ROWS, texel_light
 
 SIZES = sky_tables.SkyTableSizes(suns=12, sky=6, ground=3, azimuths=5, altitude_km=(0.0, 5.0, 60.0))
@@ -42,20 +43,18 @@ def source():
 
 @pytest.fixture(scope="module")
 def made(source):
-    return sky_tables.fill(source, SIZES, {"climate": "bruneton2008"}, lambda doing, share: None)
+    return sky_tables.fill(source, SIZES, {"climate": "bruneton2008"}, silent)
+
+
+def filled(source, mapping, **options):
+    """Tables of Bruneton's layout from the ground."""
+    sun = np.array([1.9, 1.8, 1.5])
+    return bruneton.fill(source, sun, mapping=mapping, scale=4096.0, facts={}, progress=silent, rows=1, **options)
 
 
 @pytest.fixture(scope="module")
 def his(source):
-    return bruneton.fill(
-        source,
-        np.array([1.9, 1.8, 1.5]),
-        mapping=bruneton.make_mapping(6360.0, 6420.0),
-        scale=4096.0,
-        facts={},
-        progress=lambda doing, share: None,
-        rows=1,
-    )
+    return filled(source, bruneton.make_mapping(6360.0, 6420.0))
 
 
 def test_texels_of_the_own_layout_are_the_field(source, made):
@@ -114,9 +113,9 @@ def test_between_altitudes_the_root_of_the_height_above_the_ground_counts():
     }
     sky = np.broadcast_to(np.array([-1.0, -3.0, -9.0])[:, None, None, None, None], (3, 2, 4, 2, 3))
     made = sky_tables.SkyTables(header, sky, None, None)
-    share = (math.sqrt(4.5) - math.sqrt(1.5)) / (math.sqrt(9.5) - math.sqrt(1.5))
+    fraction = (math.sqrt(4.5) - math.sqrt(1.5)) / (math.sqrt(9.5) - math.sqrt(1.5))
     np.testing.assert_allclose(
-        made.radiance(5.0, 30.0, 20.0, observer_altitude_km=5.0), math.exp(-1.0 - 2.0 * share), rtol=1e-12
+        made.radiance(5.0, 30.0, 20.0, observer_altitude_km=5.0), math.exp(-1.0 - 2.0 * fraction), rtol=1e-12
     )
 
 
@@ -143,10 +142,7 @@ def test_his_shader_finds_the_field_at_the_texels(source, his, separate):
     """Bruneton's shader would find another sky than the field's."""
     if separate:
         few = his.mapping._replace(n_mu_s=4, n_nu=4, n_mu=12)
-        his = bruneton.fill(
-            source, np.array([1.9, 1.8, 1.5]), mapping=few, scale=4096.0, facts={}, progress=lambda doing, share: None,
-            rows=1, separate=True, higher_order=True,
-        )  # fmt: skip
+        his = filled(source, few, separate=True, higher_order=True)
         assert his.single_mie is not None and his.single_mie.max() > 0.0
         assert "single_mie_scattering.bin" in his.files("bin", False)
         # the shader's higher order and the rest: what air scattered once
@@ -159,7 +155,7 @@ def test_his_shader_finds_the_field_at_the_texels(source, his, separate):
         sun_deg = math.degrees(math.asin(sun[j]))
         if abs(sun[j]) < 0.02:
             continue  # where the shader fades single Mie scattering
-        # texels at which the field is asked itself
+        # texels at which the field itself is evaluated
         for m in (7, 9, 10) if separate else (64 + SKY_ROWS[5], 64 + SKY_ROWS[8], 64 + SKY_ROWS[17]):
             mu = view[0, m]
             across = math.sqrt((1.0 - mu**2) * (1.0 - sun[j] ** 2))
@@ -211,14 +207,7 @@ def test_luminance_factors_are_those_of_the_package():
 def test_a_layout_higher_than_the_air_is_refused(source):
     """Tables would be filled above the top of the air."""
     with pytest.raises(TwilightError, match="reaches up to 100 km"):
-        bruneton.fill(
-            source,
-            np.ones(3),
-            mapping=bruneton.make_mapping(6360.0, 6460.0),
-            scale=1.0,
-            facts={},
-            progress=lambda a, b: None,
-        )
+        filled(source, bruneton.make_mapping(6360.0, 6460.0))
 
 
 @pytest.mark.parametrize(
@@ -244,7 +233,7 @@ def test_the_command_refuses_in_one_sentence(arguments, words, tmp_path):
 def test_light_that_air_scattered_once_is_the_integral_of_its_scattering(source):
     """Straight up under a sun in the zenith, in closed form: T^2 of the air below integrates to the whole."""
     zenith, azimuth = np.array([0.5 * math.pi]), np.zeros((1, 1, 1))
-    found = ManyLines(source.medium, source.scaled, source.beam)(0.0, zenith, azimuth, zenith).air[0, 0, 0]
+    found = SingleScattering(source.medium, source.scaled, source.beam)(0.0, zenith, azimuth, zenith).air[0, 0, 0]
     medium = source.scaled.medium
     z = np.linspace(medium.bottom_km, medium.top_km, 40001)
     at = medium.at(z)
@@ -265,7 +254,7 @@ def test_light_looked_up_is_that_of_the_sunbeam(altitude_km):
     elevation_deg, azimuth_deg = np.array([-5.0, 0.3, 3.0, 40.0]), np.array([0.0, 60.0, 170.0])
     suns_deg = np.array([-8.0, -4.0, -1.0, 0.3, 5.0, 40.0])
     azimuth = np.broadcast_to(np.radians(azimuth_deg), (6, 4, 3))
-    many = ManyLines(medium, source.scaled, source.beam)
+    many = SingleScattering(medium, source.scaled, source.beam)
     found = many(altitude_km, np.radians(elevation_deg), azimuth, np.radians(suns_deg))
     exactly = source.single_aerosol(altitude_km, elevation_deg, azimuth_deg, suns_deg)
     for mine, exact in zip((found.aerosol, found.bare), exactly, strict=True):
@@ -275,11 +264,11 @@ def test_light_looked_up_is_that_of_the_sunbeam(altitude_km):
         assert off.max() < 0.02  # 1.4 % where a level beam grazes the haze's top
 
 
-def test_between_the_texels_at_which_the_field_is_asked():
+def test_between_the_texels_at_which_the_field_is_evaluated():
     """Texels of mu or r too far apart, or in the wrong places, would put bands into the sky."""
 
     class Twice(Smooth):
-        """The sky that `ManyLines` sums, and smooth light."""
+        """The sky that `SingleScattering` sums, and smooth light."""
 
         def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg, *, observer_altitude_km=0.0):
             e, a = np.broadcast_arrays(np.radians(elevation_deg), np.radians(azimuth_deg))
@@ -293,9 +282,9 @@ def test_between_the_texels_at_which_the_field_is_asked():
 
     few = bruneton.make_mapping(6360.0, 6420.0)._replace(n_mu_s=3, n_nu=2)
     source = FieldSource(Twice(), climate_medium(load_climate("bruneton2008"), None), False)
-    many = ManyLines(source.medium, source.scaled, source.beam)
+    many = SingleScattering(source.medium, source.scaled, source.beam)
     heights, view, _, _ = grid(few)
-    light = list(texel_light(source, few, 14, lambda share: None))
+    light = list(texel_light(source, few, 14, lambda fraction: None))
     for i in (0, 8, 9, 11, 13):
         _, found, once = light[i]
         expected = once.total + rest(np.arcsin(view[i]), heights[i])[:, None, None]

@@ -20,6 +20,7 @@ from browser import open_page
 from hazy_zones import QUICK
 from PIL import Image
 
+from twilight.base.progress import silent
 from twilight.solvers import zones
 from twilight.solvers.tables.mapping import grid
 from twilight.studies.export import bruneton
@@ -180,8 +181,8 @@ def random_tables(separate: bool = False, higher_order: bool = False) -> bruneto
     if separate:
         tables = replace(tables, single_mie=np.repeat(random.uniform(0.1, 0.15, (1, 32, 8, 128, 3)), 32, axis=0))
     if higher_order:
-        share = np.repeat(random.uniform(0.3, 0.45, (1, 32, 8, 128, 3)), 32, axis=0)
-        tables = replace(tables, higher_order=share * scattering[..., :3])
+        fraction = np.repeat(random.uniform(0.3, 0.45, (1, 32, 8, 128, 3)), 32, axis=0)
+        tables = replace(tables, higher_order=fraction * scattering[..., :3])
     return tables
 
 
@@ -255,9 +256,7 @@ def test_the_package_shows_the_sky_of_zones(show):
     field = zones.prepare(medium, QUICK)
     source = FieldSource(field, medium, medium.has_refraction)
     mapping = bruneton.make_mapping(6360.0, 6420.0)
-    tables = bruneton.fill(
-        source, np.ones(3), mapping=mapping, scale=4096.0, facts={}, progress=lambda doing, share: None, rows=2
-    )
+    tables = bruneton.fill(source, np.ones(3), mapping=mapping, scale=4096.0, facts={}, progress=silent, rows=2)
     suns = np.degrees(np.arcsin(grid(mapping)[2]))
     allowed = BETWEEN_SUNS | {float(suns[texel]): most for texel, most in AT_ITS_SUNS.items()}
     with show(replace(tables, irradiance=np.zeros_like(tables.irradiance))) as (page, errors):

@@ -6,25 +6,14 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from twilight.base.errors import TwilightError
-from twilight.cli.options import file_stem, numbers, numbers_or_range, option, scene_names, settings_of, within
+from twilight.cli import options
+from twilight.cli.options import option
 from twilight.cli.terminal import print_table, progress_bar
-
-MOST_WORKERS = 10_000
-"""Most processes."""
 
 
 def airmass(
-    scene: Annotated[
-        str,
-        typer.Argument(
-            metavar="CLIMATE_OR_CONFIG",
-            help="Name or file of a climate, or file of a configuration.",
-            autocompletion=scene_names,
-        ),
-    ],
+    scene: Annotated[str, options.SCENE_BY_FILE],
     gas: Annotated[str, option("NAME", "o3 or no2, as in the scene's model atmosphere; any name with --profile.")] = (
         "no2"
     ),
@@ -41,14 +30,14 @@ def airmass(
         str | None, option("KM,...", "Altitudes that bound the layers; without it, 15 layers up to 70 km.")
     ] = None,
     solver: Annotated[str | None, option("NAME", "zones (as it is without this), or montecarlo.")] = None,
-    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
+    quality: Annotated[str | None, options.QUALITY] = None,
     vary: Annotated[
         list[str] | None,
         option("KEY=V,...", "A table over values of a key, e.g. ground.albedo=0,0.8; may be repeated."),
     ] = None,
     workers: Annotated[int | None, option("N", "Processes on this machine, by Dask; without it, this process.")] = None,
     scheduler: Annotated[str | None, option("ADDRESS", "A running Dask scheduler, e.g. tcp://10.0.0.1:8786.")] = None,
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
     output: Annotated[Path | None, option("DIR", "Folder for tables, netCDF and picture.")] = None,
 ) -> None:
     """Compute air-mass factors of a gas: slant over vertical column, as seen in scattered sunlight.
@@ -57,36 +46,30 @@ def airmass(
     or of the configuration's own `vary`. On several processes each air is computed apart, and montecarlo divides its
     samples too.
     """
-    from twilight.base.whole_files import check_folder
     from twilight.config.load import load_axes
 
-    suns = numbers_or_range(sun, "--sun", 0.0, 108.0)
-    wavelengths = numbers(wavelength, "--wavelength", 300.0, 1000.0)
-    within(elevation, "--elevation", -90.0, 90.0)
-    within(azimuth, "--azimuth", -720.0, 720.0)
-    edges = None if layers is None else numbers(layers, "--layers", 0.0, 200.0)
-    chosen, names = settings_of(settings)
-    given = {
-        "wavelengths": {"list_nm": sorted(wavelengths)},
-        **({} if solver is None else {"solver.name": solver}),
-        **({} if quality is None else {"solver.quality": quality}),
+    suns = options.parse_numbers_or_range(sun, "--sun", 0.0, 108.0)
+    wavelengths = options.parse_numbers(wavelength, "--wavelength", 300.0, 1000.0)
+    options.check_range(elevation, "--elevation", -90.0, 90.0)
+    options.check_range(azimuth, "--azimuth", -720.0, 720.0)
+    edges = None if layers is None else options.parse_numbers(layers, "--layers", 0.0, 200.0)
+    given: options.Given = {
+        "wavelengths": ({"list_nm": sorted(wavelengths)}, "--wavelength"),
+        "solver.name": (solver, "--solver"),
+        "solver.quality": (quality, "--quality"),
+        "vary": (dict(map(_axis, vary)) if vary else None, "--vary"),
     }
-    if vary:
-        given["vary"] = dict(_axis(text) for text in vary)
-        names = {**names, "vary": "--vary"}
-    series = load_axes(scene, {**given, **chosen}, names)
+    series = load_axes(scene, *options.settings_of(settings, given))
     for axis in series.axes:
         for key in axis.points[0]:
             if key.split(".")[0] in ("wavelengths", "sun", "output"):
                 raise TwilightError(f"vary: {key} cannot be an axis of this table; allowed is what air, ground, "
                                     "observer and solver have, and --sun and --wavelength take lists")  # fmt: skip
     config = series.config({key: value for axis in series.axes for key, value in axis.points[0].items()})
-    if workers is not None and not 1 <= workers <= MOST_WORKERS:
-        raise TwilightError(f"--workers: {workers} is not allowed; it must be from 1 to {MOST_WORKERS}")
+    options.check_range(workers, "--workers", 1, options.MAX_WORKERS)
     if scheduler is not None and workers is not None:
         raise TwilightError("--scheduler: a running scheduler has its own workers; no --workers")
-    folder = output or Path("out") / ("airmass-" + file_stem(config.title, "scene"))
-    check_folder(folder)
+    folder = options.output_folder(output, "airmass", config.title)
 
     from twilight.studies.airmass import factors, gas_profile, report
     from twilight.studies.airmass.table import Question, box_table

@@ -6,22 +6,14 @@ import time
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from twilight.base.errors import TwilightError
-from twilight.cli.options import one_config, option, scene_names, settings_of, within
+from twilight.cli import options
+from twilight.cli.options import flag, option
 from twilight.cli.terminal import progress_bar
 
 
 def animate(
-    scene: Annotated[
-        str,
-        typer.Argument(
-            metavar="CLIMATE_OR_CONFIG",
-            help="Name or file of a climate or configuration.",
-            autocompletion=scene_names,
-        ),
-    ],
+    scene: Annotated[str, options.SCENE],
     output: Annotated[
         Path, option("FILE", "Ends in .mp4, .webp or .gif; without a suffix a folder of numbered EXR.", "--output")
     ],
@@ -42,18 +34,17 @@ def animate(
     projection: Annotated[str | None, option("NAME", "Projection, as observer.view.kind.")] = None,
     width: Annotated[int | None, option("PIXELS", "Width of the pictures.")] = None,
     height: Annotated[int | None, option("PIXELS", "Height of the pictures.")] = None,
-    disc: Annotated[bool, typer.Option("--disc", help="Draw the sun's disc, as sun.disc.")] = False,
-    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    disc: Annotated[bool, flag("--disc", "Draw the sun's disc, as sun.disc.")] = False,
+    quality: Annotated[str | None, options.QUALITY] = None,
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
 ) -> None:
     """Make a film of the sky under a moving sun, all from one field; an interrupted one continues."""
-    within(speed, "--speed", 0.001, 1e6)
-    within(frames_per_second, "--frames-per-second", 0.1, 240.0)
-    for end, name in ((from_deg, "--from"), (to_deg, "--to")):
-        if end is not None:
-            within(end, name, -90.0, 90.0)
-    chosen, names = settings_of(settings)
-    given = {
+    options.check_range(speed, "--speed", 0.001, 1e6)
+    options.check_range(frames_per_second, "--frames-per-second", 0.1, 240.0)
+    options.check_range(from_deg, "--from", -90.0, 90.0)
+    options.check_range(to_deg, "--to", -90.0, 90.0)
+    chosen, names = options.settings_of(settings)
+    given: options.Given = {
         "observer.view.kind": (projection, "--projection"),
         "observer.view.width": (width, "--width"),
         "observer.view.height": (height, "--height"),
@@ -61,26 +52,15 @@ def animate(
         "sun.disc": (disc or None, "--disc"),
         "output.tone_mapping": (tone, "--tone"),
     }
-    for key, (value, name) in given.items():
-        if value is not None:
-            chosen[key], names[key] = value, name
-    how: str | float | None = exposure
-    if exposure is not None and exposure not in ("constant", "metered"):
-        how = _exposure_value(exposure)
-
+    options.put_options(chosen, names, given)
+    how = exposure if exposure in (None, "constant", "metered") else _exposure_value(exposure)
     chosen |= _usual_view(scene, chosen)
-    config = one_config(scene, chosen, names, "animate")
+    config = options.load_one_scene(scene, chosen, names, "animate")
 
     from twilight.animation.film import Animation
 
     film = Animation(
-        config,
-        output,
-        speed=speed,
-        frames_per_second=frames_per_second,
-        exposure=how,
-        from_deg=from_deg,
-        to_deg=to_deg,
+        config, output, speed=speed, frames_per_second=frames_per_second, exposure=how, from_deg=from_deg, to_deg=to_deg
     )
     rows, columns = film.view.shape
     n = len(film.line)
@@ -118,5 +98,5 @@ def _exposure_value(text: str) -> float:
         raise TwilightError(
             f"--exposure: {text} is not known, choose constant, metered or an exposure value such as 8"
         ) from None
-    within(value, "--exposure", -60.0, 60.0)
+    options.check_range(value, "--exposure", -60.0, 60.0)
     return value

@@ -27,7 +27,7 @@ from twilight.cli import (
     view,
     visible,
 )
-from twilight.cli.terminal import sentences
+from twilight.cli.terminal import with_errors_as_sentences
 
 app = typer.Typer(
     name="twilight",
@@ -60,7 +60,7 @@ commands = (
     cache.cache,
 )
 for command in commands:
-    app.command()(sentences(command))
+    app.command()(with_errors_as_sentences(command))
 app.add_typer(climate.app)
 app.add_typer(export.app)
 app.add_typer(fit.app)

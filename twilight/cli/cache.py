@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
+from twilight.cli.options import flag
 
 
-def cache(
-    clear: Annotated[bool, typer.Option("--clear", help="Remove all that is cached.")] = False,
-) -> None:
+def cache(clear: Annotated[bool, flag("--clear", "Remove all that is cached.")] = False) -> None:
     """Show or clear the cache: a scene that was solved before is shown at once.
 
     So are the skies that `twilight validate estimate` has computed.

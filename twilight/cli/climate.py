@@ -9,26 +9,25 @@ from typing import Annotated, Any
 import typer
 
 from twilight.base.errors import TwilightError
-from twilight.cli.options import climate_names, option, settings_of, within
-from twilight.cli.terminal import sentences
+from twilight.cli import options
+from twilight.cli.options import argument, option
+from twilight.cli.terminal import with_errors_as_sentences
 
 app = typer.Typer(name="climate", help="Make climates.", no_args_is_help=True, rich_markup_mode=None)
 
 
 def from_files(
     files: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="FILE...", help="Soundings, reanalyses, AERONET, ozone, SAGE: known by what they hold."),
+        list[Path] | None, argument("FILE...", "Soundings, reanalyses, AERONET, ozone, SAGE: known by what they hold.")
     ] = None,
     at: Annotated[
         str | None, option("TIME", "Date and time, e.g. 2026-06-21T21:45 or '2026-06-21 civil dusk'; needs a place.")
     ] = None,
-    latitude: Annotated[float | None, option("DEG", "North positive.")] = None,
-    longitude: Annotated[float | None, option("DEG", "East positive.")] = None,
-    time_zone: Annotated[str | None, option("ZONE", "For a TIME without offset, e.g. Europe/Berlin.")] = None,
+    latitude: Annotated[float | None, options.LATITUDE] = None,
+    longitude: Annotated[float | None, options.LONGITUDE] = None,
+    time_zone: Annotated[str | None, options.TIME_ZONE_OF_TIME] = None,
     base: Annotated[
-        str,
-        typer.Option(metavar="CLIMATE", help="Gives what the files do not.", autocompletion=climate_names),
+        str, option("CLIMATE", "Gives what the files do not.", complete=options.climate_names)
     ] = "continental-average",
     ozone: Annotated[
         str | None, option("climatology", "The usual ozone column of the place and date, where no file has one.")
@@ -48,14 +47,14 @@ def from_files(
     if ozone not in (None, CLIMATOLOGY):
         raise TwilightError(f"--ozone: must be {CLIMATOLOGY}, got {ozone}; a file of ozone stands among the files")
     wanted = _wanted(at, latitude, longitude, time_zone)
-    climate = load_climate(base, *settings_of(settings))
+    climate = load_climate(base, *options.settings_of(settings))
     readings = [read(str(path), wanted) for path in files or ()]
     data = assemble(climate, readings, wanted, usual_ozone=ozone is not None)
     date = f"-{wanted.time:%Y-%m-%d}" if wanted.time is not None else ""
     data["name"] = name or f"{climate.name}{date}"
     where = "" if wanted.latitude_deg is None else f" at {wanted.latitude_deg:g} N {wanted.longitude_deg:g} E"
     data["description"] = f"The air of {climate.name} with that of files{where}{date and f' on {date[1:]}'}"
-    for words in said(data["air"]["sources"]):
+    for words in source_lines(data["air"]["sources"]):
         print(f"twilight: {words}", file=sys.stderr)
 
     class Whole(yaml.SafeDumper):
@@ -66,12 +65,12 @@ def from_files(
     print(yaml.dump(data, None, Whole, sort_keys=False, default_flow_style=None, width=118, allow_unicode=True), end="")
 
 
-def said(sources: dict[str, str]) -> list[str]:
+def source_lines(sources: dict[str, str]) -> list[str]:
     """A line for each part of the air: where it is from."""
     return [f"{name}: {words}" for name, words in sources.items()]
 
 
-def said_in_short(sources: dict[str, str]) -> str:
+def source_summary(sources: dict[str, str]) -> str:
     """Which parts of the air are from files, and which are the climate's own."""
     of: dict[bool, list[str]] = {True: [], False: []}
     for name, words in sources.items():
@@ -82,22 +81,18 @@ def said_in_short(sources: dict[str, str]) -> str:
 
 def _wanted(at: str | None, latitude: float | None, longitude: float | None, zone: str | None) -> Any:
     """The place and time of the options."""
-    from twilight.config.sun import SunAt
-    from twilight.config.validate import Origins, validate
     from twilight.io.air import PlaceAndTime
 
     if (latitude is None) != (longitude is None):
         raise TwilightError("--latitude and --longitude: give both, or neither")
-    if latitude is not None and longitude is not None:
-        within(latitude, "--latitude", -90.0, 90.0)
-        within(longitude, "--longitude", -360.0, 360.0)
+    options.check_range(latitude, "--latitude", -90.0, 90.0)
+    options.check_range(longitude, "--longitude", -360.0, 360.0)
     if at is None:
         return PlaceAndTime(None, latitude, longitude)
     if latitude is None:
         raise TwilightError("--at: a time needs a place: give --latitude and --longitude")
-    section = {"at": at, "latitude_deg": latitude, "longitude_deg": longitude, "time_zone": zone}
-    sun = validate(SunAt, section, Origins({(): "--at"}))
+    sun = options.sun_at(at, latitude, longitude, zone)
     return PlaceAndTime(sun.aware(sun.at), latitude, longitude)
 
 
-app.command("from")(sentences(from_files))
+app.command("from")(with_errors_as_sentences(from_files))

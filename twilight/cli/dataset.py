@@ -6,51 +6,44 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from twilight.base.errors import TwilightError
-from twilight.cli.options import option, scene_names, settings_of, solver_names, within
-from twilight.cli.sweep import place_of, print_plan, run_into
+from twilight.cli import options
+from twilight.cli.options import argument, option
+from twilight.cli.sweep import print_plan, resources_of, run_sweep_into
 from twilight.cli.terminal import progress_bar
 
 
 def dataset(
     scene: Annotated[
-        str,
-        typer.Argument(
-            metavar="CONFIG", help="A climate, or a configuration with a Latin hypercube.", autocompletion=scene_names
-        ),
+        str, argument("CONFIG", "A climate, or a configuration with a Latin hypercube.", options.scene_names)
     ],
     airs: Annotated[int, option("N", "Airs that are drawn; each is seen under all suns.")],
     output: Annotated[Path, option("DIR.zarr", "The dataset; continued where it is there.")],
     validation: Annotated[float, option("FRACTION", "Of the airs, held back for validation.")] = 0.1,
     seed: Annotated[int, option("N", "Of the draw of the airs and of the split.")] = 0,
     solver: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="In place of the configuration's.", autocompletion=solver_names),
+        str | None, option("NAME", "In place of the configuration's.", complete=options.solver_names)
     ] = None,
-    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
+    quality: Annotated[str | None, options.QUALITY] = None,
     scheduler: Annotated[str | None, option("ADDRESS", "A running Dask scheduler; without it, this machine.")] = None,
     batch_system: Annotated[str | None, option("NAME", "Jobs of slurm, pbs and others, as in sweep.")] = None,
-    workers: Annotated[int | None, option("N", "Processes on this machine (default: its cores), or jobs.")] = None,
-    threads: Annotated[int | None, option("N", "Of each worker; without it, cores are shared evenly.")] = None,
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
-    plan: Annotated[bool, typer.Option("--plan", help="Only say what would be computed.")] = False,
+    workers: Annotated[int | None, options.WORKERS] = None,
+    threads: Annotated[int | None, options.THREADS] = None,
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
+    plan: Annotated[bool, options.ONLY_PLAN] = False,
 ) -> None:
     """Draw airs and compute their skies under many suns into a dataset with a part for validation."""
     from twilight.base.whole_files import check_folder
     from twilight.studies.dataset.draw import VALIDATION, split_of, training_series, write_split
     from twilight.studies.sweep.sweep import Sweep
 
-    within(airs, "--airs", 2, 100_000)
-    within(seed, "--seed", 0, 2**31 - 1)
+    options.check_range(airs, "--airs", 2, 100_000)
+    options.check_range(seed, "--seed", 0, 2**31 - 1)
     if not 0.0 < validation < 1.0:
         raise TwilightError(f"--validation: {validation:g} is not allowed; it must be above 0 and below 1")
-    place = place_of(scheduler, batch_system, workers, threads, output)
-    chosen, names = settings_of(settings)
-    for key, value, name in (("solver.name", solver, "--solver"), ("solver.quality", quality, "--quality")):
-        if value is not None:
-            chosen[key], names[key] = value, name
+    resources = resources_of(scheduler, batch_system, workers, threads, output)
+    chosen, names = options.settings_of(settings)
+    options.put_options(chosen, names, {"solver.name": (solver, "--solver"), "solver.quality": (quality, "--quality")})
     series = training_series(scene, airs, seed, chosen, names)
     split = split_of(airs, validation, seed)
     with progress_bar() as bar:
@@ -62,4 +55,4 @@ def dataset(
         return
     check_folder(output.parent)
     facts = {"airs": airs, "validation": validation, "seed": seed}
-    run_into(made, output, place, lambda path: write_split(path, split, facts))
+    run_sweep_into(made, output, resources, lambda path: write_split(path, split, facts))

@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from twilight.base.errors import TwilightError
-from twilight.cli.options import climate_names, option, settings_of, within
+from twilight.cli import options
+from twilight.cli.options import argument, option
 from twilight.cli.terminal import print_table
 
 if TYPE_CHECKING:
@@ -20,9 +19,7 @@ SATELLITE_KM = (200.0, 400_000.0)
 
 
 def eclipse(
-    climate: Annotated[
-        list[str], typer.Argument(metavar="CLIMATE...", help="Names or files.", autocompletion=climate_names)
-    ],
+    climate: Annotated[list[str], argument("CLIMATE...", "Names or files.", options.climate_names)],
     date: Annotated[str | None, option("DATE", "Of an eclipse of the moon, e.g. 2018-07-27.")] = None,
     satellite_altitude_km: Annotated[
         float | None, option("KM", "In place of a date: sunlight on a satellite that enters the shadow.")
@@ -38,8 +35,6 @@ def eclipse(
     Sunlight is refracted, spread and dimmed by the air around the Earth's limb, the same everywhere along it; for the
     moon light that this air scatters forwards, once, is added.
     """
-    import datetime as dt
-
     import numpy as np
 
     from twilight.base.whole_files import check_folder
@@ -49,16 +44,13 @@ def eclipse(
 
     if (date is None) == (satellite_altitude_km is None):
         raise TwilightError("eclipse: takes either --date or --satellite-altitude-km")
-    chosen, _ = settings_of(settings)
+    chosen, _ = options.settings_of(settings)
     nm = np.array(WAVELENGTHS_NM)
     if satellite_altitude_km is not None:
-        within(satellite_altitude_km, "--satellite-altitude-km", *SATELLITE_KM)
+        options.check_range(satellite_altitude_km, "--satellite-altitude-km", *SATELLITE_KM)
         folder = output or Path("out") / f"shadow-{satellite_altitude_km:g}-km"
     else:
-        try:
-            day = dt.date.fromisoformat(str(date))
-        except ValueError:
-            raise TwilightError(f"--date: {date} is not a date such as 2018-07-27") from None
+        day = options.parse_date(str(date), "--date", "2018-07-27")
         folder = output or Path("out") / f"eclipse-{day.isoformat()}"
     check_folder(folder)
     shadows = {}

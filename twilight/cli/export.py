@@ -10,10 +10,11 @@ from typing import Annotated, Any, Literal
 import typer
 
 from twilight.base.errors import TwilightError
+from twilight.cli import options
 from twilight.cli.export_prague import prague
 from twilight.cli.export_shader import shader
-from twilight.cli.options import option
-from twilight.cli.terminal import progress_bar, sentences
+from twilight.cli.options import argument, flag, option
+from twilight.cli.terminal import progress_bar, with_errors_as_sentences
 
 RGB_NM = (680.0, 550.0, 440.0)
 """Wavelengths of red, green and blue (Bruneton and Neyret 2008 sec. 2.1, and his code of 2017)."""
@@ -23,29 +24,22 @@ TAKRAM_KM = (6360.0, 6420.0)
 
 def tables(
     climate: Annotated[
-        str,
-        typer.Argument(
-            metavar="CLIMATE", help="Name or file of a climate; of a configuration its climate and its horizon count."
-        ),
+        str, argument("CLIMATE", "Name or file of a climate; of a configuration its climate and its horizon count.")
     ],
     layout: Annotated[
-        Literal["twilight", "bruneton2017", "takram"],
-        option("NAME", "twilight, bruneton2017 or takram."),
+        Literal["twilight", "bruneton2017", "takram"], option("NAME", "twilight, bruneton2017 or takram.")
     ] = "twilight",
     output: Annotated[Path | None, option("DIR", "New folder; without it, out/CLIMATE-LAYOUT.")] = None,
     solver: Annotated[Literal["zones", "tables"], option("NAME", "Whose field fills them: zones or tables.")] = "zones",
-    quality: Annotated[str, option("NAME", "Preset of the solver.")] = "standard",
-    half: Annotated[bool, typer.Option("--half", help="Half floats, in bruneton2017; takram always has them.")] = False,
+    quality: Annotated[str, options.QUALITY] = "standard",
+    half: Annotated[bool, flag("--half", "Half floats, in bruneton2017; takram always has them.")] = False,
     single_mie: Annotated[
-        bool, typer.Option("--single-mie", help="single_mie_scattering too, in takram: aerosol in its own colours.")
+        bool, flag("--single-mie", "single_mie_scattering too, in takram: aerosol in its own colours.")
     ] = False,
     higher_order: Annotated[
-        bool,
-        typer.Option(
-            "--higher-order", help="higher_order_scattering too, in takram: light that mountains' shadows leave."
-        ),
+        bool, flag("--higher-order", "higher_order_scattering too, in takram: light that mountains' shadows leave.")
     ] = False,
-    exr: Annotated[bool, typer.Option("--exr", help="OpenEXR, slices stacked, instead of .bin, in takram.")] = False,
+    exr: Annotated[bool, flag("--exr", "OpenEXR, slices stacked, instead of .bin, in takram.")] = False,
     scale: Annotated[
         float | None, option("FACTOR", "On scattering and irradiance; 4096 for half floats, 1 otherwise.")
     ] = None,
@@ -56,11 +50,11 @@ def tables(
     for name, asked in (("--single-mie", single_mie), ("--higher-order", higher_order), ("--exr", exr)):
         if asked and layout != "takram":
             raise TwilightError(f"{name}: is for takram, {layout} has no such file")
-    if scale is not None and not 1e-6 <= scale <= 1e9:
-        raise TwilightError(f"--scale: {scale:g} is not allowed, 1e-6 to 1e9 is")
+    options.check_range(scale, "--scale", 1e-6, 1e9)
     import numpy as np
 
     from twilight import __version__
+    from twilight.base.progress import part_of
     from twilight.config import load_climate, load_series
     from twilight.config.solver import choose_solver
     from twilight.config.validate import Origins
@@ -92,17 +86,14 @@ def tables(
     solar = np.interp(medium.wavelength_nm, *solar_spectrum())
     begin = time.process_time()
     with progress_bar() as bar:
-        field = load(solver).prepare(medium, settings, progress=lambda doing, fraction: bar(doing, 0.2 * fraction))
+        field = load(solver).prepare(medium, settings, progress=part_of(bar, 0.0, 0.2))
         solved = time.process_time()
         source = FieldSource(field, medium, facts["refraction"])
-
-        def tell(doing: str, fraction: float) -> None:
-            bar(doing, 0.2 + 0.8 * fraction)
-
+        progress = part_of(bar, 0.2, 0.8)
         if layout == "twilight":
             facts["solar_irradiance"] = solar[::-1].tolist()
             altitudes = sky_tables.altitudes_of(medium.bottom_km, medium.top_km)
-            files = sky_tables.fill(source, sky_tables.SkyTableSizes(altitude_km=altitudes), facts, tell).files()
+            files = sky_tables.fill(source, sky_tables.SkyTableSizes(altitude_km=altitudes), facts, progress).files()
         else:
             r = medium.earth_radius_km
             radii = TAKRAM_KM if layout == "takram" else (r + medium.bottom_km, r + medium.top_km)
@@ -113,7 +104,7 @@ def tables(
                 mapping=bruneton.make_mapping(*radii),
                 scale=scale or (4096.0 if half else 1.0),
                 facts={**facts, "layout": layout, "number": "float16" if half else "float32"},
-                progress=tell,
+                progress=progress,
                 separate=single_mie,
                 higher_order=higher_order,
             )
@@ -126,9 +117,4 @@ def tables(
 
 app = typer.Typer(name="export", help="Tables for other programs.", no_args_is_help=True)
 for command in (tables, shader, prague):
-    app.command()(sentences(command))
-
-
-@app.callback()
-def _export() -> None:
-    """Tables for other programs."""
+    app.command()(with_errors_as_sentences(command))

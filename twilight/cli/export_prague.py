@@ -6,10 +6,9 @@ import time
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import typer
-
 from twilight.base.errors import TwilightError
-from twilight.cli.options import climate_names, numbers, option, within
+from twilight.cli import options
+from twilight.cli.options import argument, flag, option
 from twilight.cli.terminal import progress_bar
 
 FULL_M = (0.0, 500.0, 1000.0, 2000.0, 4000.0, 7000.0, 10_000.0, 15_000.0)
@@ -19,10 +18,10 @@ FULL_M = (0.0, 500.0, 1000.0, 2000.0, 4000.0, 7000.0, 10_000.0, 15_000.0)
 def prague(
     climates: Annotated[
         list[str],
-        typer.Argument(
-            metavar="CLIMATE...",
-            help="A climate whose aerosol is scaled to the visibilities, or several that are taken as they are.",
-            autocompletion=climate_names,
+        argument(
+            "CLIMATE...",
+            "A climate whose aerosol is scaled to the visibilities, or several that are taken as they are.",
+            options.climate_names,
         ),
     ],
     output: Annotated[Path, option("FILE.dat", "The file.")],
@@ -38,7 +37,7 @@ def prague(
     width_nm: Annotated[float, option("NM", "Width of a channel.")] = 40.0,
     nodes: Annotated[int, option("N", "Wavelengths of each channel at which light is computed.")] = 2,
     rank: Annotated[int, option("N", "Products in each sky.")] = 9,
-    polarisation: Annotated[bool, typer.Option("--polarisation", help="The degree of polarisation too.")] = False,
+    polarisation: Annotated[bool, flag("--polarisation", "The degree of polarisation too.")] = False,
     quality: Annotated[str, option("NAME", "Preset of zones.")] = "draft",
 ) -> None:
     """Write the sky of a climate, for every sun down to -18 deg, as a file of the Prague Sky Model."""
@@ -48,17 +47,16 @@ def prague(
         ("--rank", rank, 1, 20),
         ("--width-nm", width_nm, 1.0, 200.0),
     ):
-        within(value, name, low, high)
+        options.check_range(value, name, low, high)
     end_nm = start_nm + channels * width_nm
     if not (start_nm >= 280.0 and end_nm <= 1000.0):
         raise TwilightError(
             f"--channels {channels} of --width-nm {width_nm:g} from --start-nm {start_nm:g} reach from {start_nm:g} to "
             f"{end_nm:g} nm; allowed is 280 to 1000 nm"
         )
-    if output.suffix != ".dat":
-        raise TwilightError(f"--output: {output} must end in .dat")
-    visibilities = None if visibility is None else tuple(numbers(visibility, "--visibility", 1.0, 400.0))
-    albedos = sorted(numbers(albedo, "--albedo", 0.0, 1.0))
+    options.check_suffix(output, "--output", ".dat")
+    visibilities = None if visibility is None else tuple(options.parse_numbers(visibility, "--visibility", 1.0, 400.0))
+    albedos = sorted(options.parse_numbers(albedo, "--albedo", 0.0, 1.0))
 
     import numpy as np
 
@@ -84,9 +82,9 @@ def prague(
     )
     asked = channel_nodes(channels, start_nm, width_nm, nodes)
 
-    def field_of(v: int, b: int, tell: Any) -> Any:
+    def field_of(v: int, b: int, progress: Any) -> Any:
         scene = resolve(airs[v].config(float(axes.albedo[b]), quality), wavelength_nm=asked.wavelength_nm)
-        return Problem(scene).solve(tell)
+        return Problem(scene).solve(progress)
 
     begin = time.process_time()
     with progress_bar() as bar:

@@ -5,36 +5,34 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from twilight.cli.options import file_stem, one_config, option, settings_of
+from twilight.cli import options
+from twilight.cli.options import argument, option
 from twilight.cli.terminal import progress_bar
 
 
 def shader(
-    climate: Annotated[str, typer.Argument(metavar="CLIMATE", help="Name or file of a climate or configuration.")],
+    climate: Annotated[str, argument("CLIMATE", "Name or file of a climate or configuration.")],
     output: Annotated[Path | None, option("DIR", "New folder; without it, out/CLIMATE-shader.")] = None,
-    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    quality: Annotated[str | None, options.QUALITY] = None,
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
 ) -> None:
     """Write the sky of a climate from the ground, for every sun, as GLSL and WGSL with two textures, and a page."""
-    from twilight.cli.first_run import say_that_it_compiles
+    from twilight.cli.first_run import announce_compiling
     from twilight.engine import Problem
     from twilight.scene import resolve
     from twilight.studies.export.folder import check_new, write_folder
     from twilight.viewer import check_altitudes
     from twilight.viewer.shader import shader_sky
 
-    chosen, names = settings_of(settings)
-    if quality is not None:
-        chosen["solver.quality"], names["solver.quality"] = quality, "--quality"
-    config = one_config(climate, chosen, names, "export shader")
+    chosen, names = options.settings_of(settings)
+    options.put_options(chosen, names, {"solver.quality": (quality, "--quality")})
+    config = options.load_one_scene(climate, chosen, names, "export shader")
     problem = Problem(resolve(config))
     name = problem.scene.medium.name or config.title
     check_altitudes(problem.scene, None, name)
-    folder = output or Path("out") / f"{file_stem(name, 'sky')}-shader"
+    folder = output or Path("out") / f"{options.file_stem(name, 'sky')}-shader"
     check_new(folder)
-    say_that_it_compiles(config.chosen_solver.name)
+    announce_compiling(config.chosen_solver.name)
     with progress_bar() as bar:
         from twilight.base.progress import part_of
 

@@ -8,7 +8,7 @@ from pathlib import Path
 SENTENCE = "the first run compiles its kernels, which takes a minute or two; their machine code is kept for later runs"
 
 
-def compiles_first(package: str) -> bool:
+def must_compile(package: str) -> bool:
     """Whether numba keeps no machine code yet of any kernel of a package that is imported (and has kernels to keep)."""
     from numba.core.dispatcher import Dispatcher
 
@@ -23,12 +23,12 @@ def compiles_first(package: str) -> bool:
     return bool(kernels)
 
 
-def say_that_it_compiles(solver: str) -> None:
+def announce_compiling(solver: str) -> None:
     """One sentence on stderr where a solver has to be compiled."""
     from twilight import solvers
     from twilight.cli import terminal
 
     solvers.load(solver)
-    if compiles_first(solvers.SOLVERS[solver]):
+    if must_compile(solvers.SOLVERS[solver]):
         terminal.compiling = True
         print(f"twilight: {SENTENCE}", file=sys.stderr)

@@ -8,9 +8,10 @@ from typing import Annotated, Any
 import typer
 
 from twilight.base.errors import TwilightError
+from twilight.cli import options
 from twilight.cli.fit_compact import compact
-from twilight.cli.options import one_config, option, settings_of
-from twilight.cli.terminal import print_table, progress_bar, sentences
+from twilight.cli.options import argument, flag, option
+from twilight.cli.terminal import print_table, progress_bar, with_errors_as_sentences
 
 TURBIDITIES = (2.0, 3.0, 4.0, 5.0, 6.0)
 """Turbidities that the coefficients are fitted to (Preetham 1999 sec. 3.2)."""
@@ -28,50 +29,35 @@ HELD_OUT_SUN_ZENITH_DEG = (12.0, 43.0, 66.0, 81.0)
 
 def perez(
     scene: Annotated[
-        str, typer.Argument(metavar="CLIMATE_OR_CONFIG", help="Climate or configuration; with --per-sky also a sky.h5.")
+        str, argument("CLIMATE_OR_CONFIG", "Climate or configuration; with --per-sky also a sky.h5.")
     ] = "continental-average",
-    per_sky: Annotated[
-        bool, typer.Option("--per-sky", help="Fit the five parameters to each sky of the scene.")
-    ] = False,
+    per_sky: Annotated[bool, flag("--per-sky", "Fit the five parameters to each sky of the scene.")] = False,
     sun_elevation: Annotated[float | None, option("DEG", "With --per-sky: true elevation of the sun.")] = None,
     haze: Annotated[
         str | None, option("NAME", "Aerosol of the skies: climate (default), scaled, or preetham1999, the paper's.")
     ] = None,
-    solver: Annotated[str | None, option("NAME", "See `twilight solvers`.")] = None,
-    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    solver: Annotated[str | None, options.SOLVER] = None,
+    quality: Annotated[str | None, options.QUALITY] = None,
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
     output: Annotated[Path | None, option("FILE.yaml", "Coefficients; without it, out/perez_NAME.yaml.")] = None,
 ) -> None:
     """Fit Perez's sky, as Preetham did: 5 turbidities, 12 suns, 343 directions; or five parameters to one sky."""
-    if output is not None and output.suffix not in (".yaml", ".yml"):
-        raise TwilightError(f"--output: {output} must end in .yaml")
+    options.check_suffix(output, "--output", ".yaml", ".yml")
     if per_sky and haze is not None:
         raise TwilightError("--haze: takes part in the fit over turbidities, not in --per-sky")
     if not per_sky and sun_elevation is not None:
         raise TwilightError("--sun-elevation: is for --per-sky; the fit over turbidities has its own suns")
-    chosen, names = _chosen(sun_elevation, solver, quality, settings)
-    if per_sky:
-        _each_sky(scene, chosen, names, output)
-    else:
-        _set(scene, chosen, names, haze or "climate", output)
-
-
-def _chosen(
-    sun_elevation: float | None, solver: str | None, quality: str | None, settings: list[str] | None
-) -> tuple[dict[str, Any], dict[str, str]]:
-    """Dotted keys with their values, and what to call each in errors."""
-
     sun = None if sun_elevation is None else {"elevation_deg": sun_elevation}
     given = {
         "sun": (sun, "--sun-elevation"),
         "solver.name": (solver, "--solver"),
         "solver.quality": (quality, "--quality"),
     }
-    chosen = {key: value for key, (value, _) in given.items() if value is not None}
-    names = {key: option for key, (_, option) in given.items()}
-    set_here, called = settings_of(settings)
-    chosen, names = chosen | set_here, names | called
-    return chosen, names
+    chosen, names = options.settings_of(settings, given)
+    if per_sky:
+        _each_sky(scene, chosen, names, output)
+    else:
+        _set(scene, chosen, names, haze or "climate", output)
 
 
 def _set(scene: str, chosen: dict[str, Any], names: dict[str, str], haze: str, output: Path | None) -> None:
@@ -84,7 +70,7 @@ def _set(scene: str, chosen: dict[str, Any], names: dict[str, str], haze: str, o
     from twilight.studies.fit.perez import fit_set
     from twilight.studies.fit.truth import compute_truth
 
-    config = one_config(scene, chosen, names, "fit perez")
+    config = options.load_one_scene(scene, chosen, names, "fit perez")
     name = config.title if haze == "climate" else f"{config.title}-{haze}"
     path = _path(output, name)
     solver, quality, _ = config.chosen_solver
@@ -194,8 +180,8 @@ def _skies(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> Any:
     done = 0
     with progress_bar() as bar:
         for case in cases:
-            tell = part_of(bar, done / total, count_suns(case.config) / total, case.name)
-            for frame in frames(resolve(case.config, mixed=True), tell):
+            part = part_of(bar, done / total, count_suns(case.config) / total, case.name)
+            for frame in frames(resolve(case.config, mixed=True), part):
                 yield "_".join(part for part in (case.config.title, case.name, frame.name) if part), frame.sky
             done += count_suns(case.config)
 
@@ -211,10 +197,5 @@ def _path(output: Path | None, name: str) -> Path:
 
 
 app = typer.Typer(name="fit", help="Fit analytic models to computed skies.", no_args_is_help=True)
-app.command()(sentences(perez))
-app.command()(sentences(compact))
-
-
-@app.callback()
-def _fit() -> None:
-    """Fit analytic models to computed skies."""
+app.command()(with_errors_as_sentences(perez))
+app.command()(with_errors_as_sentences(compact))

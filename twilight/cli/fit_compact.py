@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Annotated
 
 from twilight.base.errors import TwilightError
-from twilight.cli.options import numbers, one_config, option, settings_of
+from twilight.cli import options
+from twilight.cli.options import argument, option
 from twilight.cli.terminal import print_table, progress_bar
 
 FITTED_KEYS = (
@@ -23,30 +22,32 @@ FITTED_KEYS = (
     "solar_spectrum",
     "omit_negligible",
 )
+"""Keys and sections of a configuration that change nothing in a compact model."""
 FITTED_CLIMATE_KEYS = ("aerosol.optical_depth_550nm", "ground.albedo")
+"""Keys of a climate that a compact model is a function of."""
 
 
 def compact(
-    climate: Annotated[
-        str, typer.Argument(metavar="CLIMATE", help="Climate or configuration.")
-    ] = "continental-average",
+    climate: Annotated[str, argument("CLIMATE", "Climate or configuration.")] = "continental-average",
     output: Annotated[Path | None, option("FILE.npz", "Model; without it, out/compact_NAME.npz.")] = None,
     quality: Annotated[str | None, option("NAME", "Preset of the solver zones.")] = None,
     optical_depths: Annotated[
         str | None,
         option("LIST", "Aerosol optical depths at 550 nm, at least 4; 7 from 0.01 to 0.8 and the climate's own."),
     ] = None,
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
 ) -> None:
     """Fit a compact spectral sky: every sun to -18 deg, direction, 380 to 740 nm, aerosol load, albedo and ozone."""
     from twilight.base.whole_files import check_file
     from twilight.studies.fit.compact.build import fit_compact, seconds_per_value, write_model
 
-    if output is not None and output.suffix != ".npz":
-        raise TwilightError(f"--output: {output} must end in .npz")
-    depths = None if optical_depths is None else numbers(optical_depths, "--optical-depths", 0.0, 100.0)
-    chosen, names = _chosen(quality, settings)
-    config = one_config(climate, chosen, names, "fit compact")
+    options.check_suffix(output, "--output", ".npz")
+    depths = None if optical_depths is None else options.parse_numbers(optical_depths, "--optical-depths", 0.0, 100.0)
+    chosen, names = options.settings_of(settings, {"solver.quality": (quality, "--quality")})
+    for key in chosen:
+        if key.split(".")[0] in FITTED_KEYS or key.removeprefix("climate.") in FITTED_CLIMATE_KEYS:
+            raise TwilightError(f"--set {key}: changes nothing in a compact sky, which is for all of these")
+    config = options.load_one_scene(climate, chosen, names, "fit compact")
     path = output or Path("out") / f"compact_{config.climate.name}.npz"
     check_file(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -54,10 +55,10 @@ def compact(
         fit = fit_compact(config, depths, bar)
     size = write_model(fit.model, path)
     value_s, grid_s, sky_s = seconds_per_value(fit.model)
-    rows = [
-        [f"{e.sun_elevation_deg[0]:g} to {e.sun_elevation_deg[1]:g}", e.part, *(_percent(x) for x in _three(e))]
-        for e in fit.errors
-    ]
+    rows = []
+    for e in fit.errors:
+        percents = [f"{100.0 * error:.2f} %" for error in (e.median, e.p95, e.largest)]
+        rows.append([f"{e.sun_elevation_deg[0]:g} to {e.sun_elevation_deg[1]:g}", e.part, *percents])
     print_table(["sun [deg]", "directions", "median", "95 %", "largest"], rows, right=(2, 3, 4))
     print(f"errors against {fit.model.provenance['solver']} ({fit.model.provenance['quality']}) of skies that were not")
     print("fitted: random suns, directions, wavelengths, aerosol loads, albedos and ozone columns")
@@ -65,25 +66,3 @@ def compact(
     print(f"{value_s * 1e9:.0f} ns for a direction and wavelength, {grid_s * 1e9:.0f} ns on rows and columns, ", end="")
     print(f"{sky_s * 1e3:.2g} ms for a sun")
     print(f"wrote {path} ({size / 1e6:.2f} MB)")
-
-
-def _three(error: Any) -> tuple[float, float, float]:
-    return error.median, error.p95, error.largest
-
-
-def _percent(fraction: float) -> str:
-    return f"{100.0 * fraction:.2f} %"
-
-
-def _chosen(quality: str | None, settings: list[str] | None) -> tuple[dict[str, Any], dict[str, str]]:
-    """Dotted keys with their values, and what to call each in errors; what the model is a function of is refused."""
-
-    chosen: dict[str, Any] = {}
-    names: dict[str, str] = {}
-    if quality is not None:
-        chosen["solver.quality"], names["solver.quality"] = quality, "--quality"
-    set_here, called = settings_of(settings)
-    for key in set_here:
-        if key.split(".")[0] in FITTED_KEYS or key.removeprefix("climate.") in FITTED_CLIMATE_KEYS:
-            raise TwilightError(f"--set {key}: changes nothing in a compact sky, which is for all of these")
-    return chosen | set_here, names | called

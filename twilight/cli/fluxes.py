@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from twilight.base.errors import TwilightError
-from twilight.cli.options import file_stem, numbers, one_config, option, scene_names, settings_of
+from twilight.cli import options
+from twilight.cli.options import option
 from twilight.cli.terminal import print_table, progress_bar
 
 USUAL_NM = (
@@ -19,18 +20,11 @@ USUAL_NM = (
 
 
 def fluxes(
-    scene: Annotated[
-        str,
-        typer.Argument(
-            metavar="CLIMATE_OR_CONFIG",
-            help="Name or file of a climate or configuration.",
-            autocompletion=scene_names,
-        ),
-    ],
+    scene: Annotated[str, options.SCENE],
     sun_elevation: Annotated[str, option("DEG,...", "True elevations of the sun.")] = "60,30,10,0,-3,-6",
     altitude_km: Annotated[str | None, option("KM,...", "Altitudes; without it, the ground to 60 km.")] = None,
-    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    quality: Annotated[str | None, options.QUALITY] = None,
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
     output: Annotated[Path | None, option("DIR", "Folder for the files; without it, out/fluxes-NAME.")] = None,
 ) -> None:
     """Irradiances, actinic fluxes, heating rates and photolysis frequencies at altitudes, for any sun.
@@ -40,29 +34,26 @@ def fluxes(
     """
     import numpy as np
 
-    from twilight.base.whole_files import check_folder
     from twilight.engine import check_size, solve
     from twilight.scene import resolve
     from twilight.studies.flux import report
     from twilight.studies.flux.fluxes import check, fluxes_of
     from twilight.studies.flux.rates import air_of, heating_rates, photolysis_frequencies
 
-    suns = numbers(sun_elevation, "--sun-elevation", -90.0, 90.0)
-    chosen, names = settings_of(settings)
-    if quality is not None:
-        chosen["solver.quality"], names["solver.quality"] = quality, "--quality"
-    config = one_config(scene, chosen, names, "fluxes")
+    suns = options.parse_numbers(sun_elevation, "--sun-elevation", -90.0, 90.0)
+    chosen, names = options.settings_of(settings)
+    options.put_options(chosen, names, {"solver.quality": (quality, "--quality")})
+    config = options.load_one_scene(scene, chosen, names, "fluxes")
     if config.wavelengths is None and config.climate.medium is None:
-        config = one_config(scene, {**chosen, "wavelengths": {"list_nm": list(USUAL_NM)}}, names, "fluxes")
+        config = options.load_one_scene(scene, {**chosen, "wavelengths": {"list_nm": list(USUAL_NM)}}, names, "fluxes")
     resolved = resolve(config, mixed=True)
     ground = resolved.medium.bottom_km
     if altitude_km is None:
         altitudes = [ground, *(z for z in (2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 60.0) if z > ground)]
     else:
-        altitudes = sorted(numbers(altitude_km, "--altitude-km", 0.0, 40000.0))
+        altitudes = sorted(options.parse_numbers(altitude_km, "--altitude-km", 0.0, 40000.0))
     check(resolved, np.array(altitudes))
-    folder = output or Path("out") / f"fluxes-{file_stem(config.title, 'scene')}"
-    check_folder(folder)
+    folder = options.output_folder(output, "fluxes", config.title)
     check_size(config)
     try:
         air = air_of(resolved, np.array(altitudes))

@@ -4,22 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
-from twilight.cli.options import option, scene_names, settings_of, within
+from twilight.cli import options
+from twilight.cli.options import option
 from twilight.cli.terminal import print_table
 
 
 def light(
-    climate: Annotated[
-        str,
-        typer.Argument(
-            metavar="CLIMATE", help="Name or file of a climate or configuration.", autocompletion=scene_names
-        ),
-    ],
+    climate: Annotated[str, options.CLIMATE],
     at: Annotated[list[str], option("TIME", "E.g. 2026-06-21T22:15, or '2026-06-21 civil dusk'; may be repeated.")],
-    latitude: Annotated[float, option("DEG", "North positive.")],
-    longitude: Annotated[float, option("DEG", "East positive.")],
+    latitude: Annotated[float, options.LATITUDE],
+    longitude: Annotated[float, options.LONGITUDE],
     quantity: Annotated[
         list[str] | None,
         option(
@@ -41,9 +35,9 @@ def light(
         option("NAME", "sun, sky, moon, airglow, stars, zodiacal_light, light_pollution, ground; without it, all."),
     ] = None,
     time_zone: Annotated[str | None, option("ZONE", "Of times without an offset; without it, UTC.")] = None,
-    altitude_km: Annotated[float | None, option("KM", "Altitude of the observer above sea level.")] = None,
-    quality: Annotated[str | None, option("NAME", "Preset of the solver: draft, standard, reference.")] = None,
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    altitude_km: Annotated[float | None, options.ALTITUDE_KM] = None,
+    quality: Annotated[str | None, options.QUALITY_LISTED] = None,
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
 ) -> None:
     """Print the light of directions or surfaces at a place and times: sun, sky, moon, stars, airglow, ground.
 
@@ -54,8 +48,8 @@ def light(
     from twilight.engine.towards import towards as read
     from twilight.sky.quantities.catalogue import quantity as known
 
-    within(latitude, "--latitude", -90.0, 90.0)
-    within(longitude, "--longitude", -180.0, 360.0)
+    options.check_range(latitude, "--latitude", -90.0, 90.0)
+    options.check_range(longitude, "--longitude", -180.0, 360.0)
     where = towards or ["zenith"]
     surfaces = [one for one in where if isinstance(read(one), Surface)]
     directions = [one for one in where if one not in surfaces]
@@ -71,7 +65,7 @@ def light(
                 continue
         made = light_of(
             (latitude, longitude), list(at), some, wanted, climate, sources=source, time_zone=time_zone,
-            altitude_km=altitude_km, quality=quality, settings=settings_of(settings)[0],
+            altitude_km=altitude_km, quality=quality, settings=options.settings_of(settings)[0],
         )  # fmt: skip
         for t, text in enumerate(at):
             for d, target in enumerate(some):

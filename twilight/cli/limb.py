@@ -5,19 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from twilight.base.errors import TwilightError
-from twilight.cli.options import (
-    file_stem,
-    numbers,
-    numbers_or_range,
-    one_config,
-    option,
-    scene_names,
-    settings_of,
-    within,
-)
+from twilight.cli import options
+from twilight.cli.options import flag, option
 from twilight.cli.terminal import print_table, progress_bar
 
 PRINTED = 12
@@ -25,14 +15,7 @@ PRINTED = 12
 
 
 def limb(
-    scene: Annotated[
-        str,
-        typer.Argument(
-            metavar="CLIMATE_OR_CONFIG",
-            help="Name or file of a climate, or file of a configuration.",
-            autocompletion=scene_names,
-        ),
-    ],
+    scene: Annotated[str, options.SCENE_BY_FILE],
     tangent_km: Annotated[
         str, option("KM", "Apparent tangent altitudes: first:last:step, or numbers with commas between them.")
     ] = "10:80:2",
@@ -46,17 +29,17 @@ def limb(
     ] = None,
     field_of_view_shape: Annotated[str, option("NAME", "box, or gaussian with that width at half maximum.")] = "box",
     air_mass: Annotated[
-        bool, typer.Option("--air-mass", help="Box air-mass factors too: derivatives by the absorption of each layer.")
+        bool, flag("--air-mass", "Box air-mass factors too: derivatives by the absorption of each layer.")
     ] = False,
     layers: Annotated[
         str | None, option("KM,...", "Altitudes that bound their layers; without it, 15 layers up to 70 km.")
     ] = None,
     occultation: Annotated[
-        bool, typer.Option("--occultation", help="The sun behind the limb, in place of scattered light.")
+        bool, flag("--occultation", "The sun behind the limb, in place of scattered light.")
     ] = False,
     solver: Annotated[str | None, option("NAME", "zones (as it is without this), or montecarlo.")] = None,
-    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    quality: Annotated[str | None, options.QUALITY] = None,
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
     output: Annotated[Path | None, option("DIR", "Folder for tables, netCDF and picture.")] = None,
 ) -> None:
     """Radiance of the limb against tangent altitude, seen from above the air; or the sun's light through the limb.
@@ -64,17 +47,15 @@ def limb(
     Writes limb.csv, limb.nc and limb.png, or occultation.csv, .nc and .png: transmittance of the bent rays, the angle
     by which they are bent, and how thin that spreads sunlight.
     """
-    from twilight.base.whole_files import check_folder
-
-    tangents = numbers_or_range(tangent_km, "--tangent-km", 0.0, 200.0)
-    within(altitude_km, "--altitude-km", 50.0, 40_000.0)
-    wavelengths = sorted(numbers(wavelength, "--wavelength", 280.0, 1000.0))
-    chosen, names = settings_of(settings)
-    given = {
-        "wavelengths": {"list_nm": wavelengths},
-        **({} if solver is None else {"solver.name": solver}),
-        **({} if quality is None else {"solver.quality": quality}),
+    tangents = options.parse_numbers_or_range(tangent_km, "--tangent-km", 0.0, 200.0)
+    options.check_range(altitude_km, "--altitude-km", 50.0, 40_000.0)
+    wavelengths = sorted(options.parse_numbers(wavelength, "--wavelength", 280.0, 1000.0))
+    given: options.Given = {
+        "wavelengths": ({"list_nm": wavelengths}, "--wavelength"),
+        "solver.name": (solver, "--solver"),
+        "solver.quality": (quality, "--quality"),
     }
+    chosen, names = options.settings_of(settings, given)
     if occultation:
         for value, name in ((sun_zenith, "--sun-zenith"), (sun_elevation, "--sun-elevation"), (azimuth, "--azimuth")):
             if value is not None:
@@ -90,17 +71,13 @@ def limb(
         raise TwilightError("--layers: is for --air-mass alone")
     if field_of_view_shape != "box" and field_of_view_km is None:
         raise TwilightError("--field-of-view-shape: goes with --field-of-view-km")
-    if azimuth is not None:
-        within(azimuth, "--azimuth", -720.0, 720.0)
-    if sun_zenith is not None:
-        within(sun_zenith, "--sun-zenith", 0.0, 108.0)
-    if sun_elevation is not None:
-        within(sun_elevation, "--sun-elevation", -18.0, 90.0)
-    edges = None if layers is None else numbers(layers, "--layers", 0.0, 200.0)
-    config = one_config(scene, {**given, **chosen}, names, "limb")
+    options.check_range(azimuth, "--azimuth", -720.0, 720.0)
+    options.check_range(sun_zenith, "--sun-zenith", 0.0, 108.0)
+    options.check_range(sun_elevation, "--sun-elevation", -18.0, 90.0)
+    edges = None if layers is None else options.parse_numbers(layers, "--layers", 0.0, 200.0)
+    config = options.load_one_scene(scene, chosen, names, "limb")
     stem = "occultation" if occultation else "limb"
-    folder = output or Path("out") / f"{stem}-{file_stem(config.title, 'scene')}"
-    check_folder(folder)
+    folder = options.output_folder(output, stem, config.title)
 
     from twilight.base.progress import part_of
     from twilight.engine import check_size, solve

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -12,13 +14,27 @@ from twilight.base.errors import TwilightError
 
 if TYPE_CHECKING:
     from twilight.config import Config
+    from twilight.config.sun import SunAt
 
-MOST = 1000
-"""Most numbers of a range."""
+MAX_RANGE_NUMBERS = 1000
+"""Most numbers of a range `first:last:step`."""
+MAX_WORKERS = 10_000
+"""Most processes or jobs, and most threads of each."""
 
 
-def option(metavar: str, help: str, *names: str) -> Any:
-    return typer.Option(*names, metavar=metavar, help=help)
+def argument(metavar: str, help: str, complete: Callable[[str], list[str]] | None = None) -> Any:
+    """A positional argument; complete: the names that the shell offers for what was typed."""
+    return typer.Argument(metavar=metavar, help=help, autocompletion=complete)
+
+
+def option(metavar: str, help: str, *names: str, complete: Callable[[str], list[str]] | None = None) -> Any:
+    """An option with a value, by the name of its parameter or by `names`."""
+    return typer.Option(*names, metavar=metavar, help=help, autocompletion=complete)
+
+
+def flag(name: str, help: str) -> Any:
+    """An option without a value."""
+    return typer.Option(name, help=help)
 
 
 def climate_names(incomplete: str) -> list[str]:
@@ -49,20 +65,62 @@ def _starting(kind: str, incomplete: str) -> list[str]:
     return [name for name in shipped(kind) if name.startswith(incomplete)]
 
 
-def settings_of(texts: Iterable[str] | None) -> tuple[dict[str, Any], dict[str, str]]:
+SCENE = argument("CLIMATE_OR_CONFIG", "Name or file of a climate or configuration.", scene_names)
+CLIMATE = argument("CLIMATE", "Name or file of a climate or configuration.", scene_names)
+SCENE_BY_FILE = argument("CLIMATE_OR_CONFIG", "Name or file of a climate, or file of a configuration.", scene_names)
+SETTINGS = option("KEY=VALUE", "Any key; may be repeated.", "--set")
+SOLVER = option("NAME", "See `twilight solvers`.", complete=solver_names)
+QUALITY = option("NAME", "Preset of the solver.")
+QUALITY_LISTED = option("NAME", "Preset of the solver: draft, standard, reference.")
+LATITUDE = option("DEG", "North positive.")
+LONGITUDE = option("DEG", "East positive.")
+ALTITUDE_KM = option("KM", "Altitude of the observer above sea level.")
+TIME_ZONE = option("ZONE", "E.g. Europe/Berlin; without it, UTC.")
+TIME_ZONE_OF_TIME = option("ZONE", "For a TIME without offset, e.g. Europe/Berlin.")
+THREADS = option("N", "Of each worker; without it, cores are shared evenly.")
+WORKERS = option("N", "Processes on this machine (default: its cores), or jobs.")
+ONLY_PLAN = flag("--plan", "Only say what would be computed.")
+
+
+Given = Mapping[str, tuple[Any, str]]
+"""Options by the dotted key that each sets: the value, None where the option was not given, and its name for errors."""
+
+
+def settings_of(texts: Iterable[str] | None, given: Given | None = None) -> tuple[dict[str, Any], dict[str, str]]:
     """The values of `--set KEY=VALUE` by dotted key, and what to call each in errors.
 
+    given: options that --set may override.
     Errors: TwilightError for a text that is not KEY=VALUE.
     """
     from twilight.config.load import parse_setting
 
-    chosen = dict(parse_setting(text) for text in texts or ())
-    return chosen, {key: f"--set {key}" for key in chosen}
+    chosen: dict[str, Any] = {}
+    names: dict[str, str] = {}
+    put_options(chosen, names, given or {})
+    for key, value in map(parse_setting, texts or ()):
+        chosen[key], names[key] = value, f"--set {key}"
+    return chosen, names
+
+
+def put_options(chosen: dict[str, Any], names: dict[str, str], given: Given) -> None:
+    """Set the keys of the options that were given, which override what is chosen already."""
+    for key, (value, name) in given.items():
+        if value is not None:
+            chosen[key], names[key] = value, name
 
 
 def file_stem(text: str, otherwise: str) -> str:
     """A text as part of a file's name."""
     return re.sub(r"[^\w.+-]+", "-", text).strip("-.") or otherwise
+
+
+def output_folder(output: Path | None, prefix: str, name: str, otherwise: str = "scene") -> Path:
+    """The folder that --output names, else out/PREFIX-NAME; TwilightError where it cannot be a folder."""
+    from twilight.base.whole_files import check_folder
+
+    folder = output or Path("out") / f"{prefix}-{file_stem(name, otherwise)}"
+    check_folder(folder)
+    return folder
 
 
 def check_polarised(config: Any) -> None:
@@ -82,33 +140,34 @@ def check_polarised(config: Any) -> None:
         )
 
 
-def numbers(text: str, option: str, low: float, high: float) -> list[float]:
+def parse_numbers(text: str, option: str, low: float, high: float) -> list[float]:
     """Numbers with commas between them, each once; TwilightError for anything else."""
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
         raise TwilightError(f"{option}: {text} must be numbers with commas between them, e.g. 5,0,-6") from None
     for value in values:
-        within(value, option, low, high)
+        check_range(value, option, low, high)
     return list(dict.fromkeys(values))
 
 
-def numbers_or_range(text: str, option: str, low: float, high: float) -> list[float]:
-    """Numbers of `first:last:step`, or with commas between them; TwilightError for anything else, and above MOST."""
+def parse_numbers_or_range(text: str, option: str, low: float, high: float) -> list[float]:
+    """Numbers of `first:last:step`, or with commas between them; TwilightError for anything else, and above
+    MAX_RANGE_NUMBERS."""
     if ":" not in text:
-        return numbers(text, option, low, high)
+        return parse_numbers(text, option, low, high)
     try:
         first, last, step = (float(part) for part in text.split(":"))
     except ValueError:
         raise TwilightError(f"{option}: {text} must be first:last:step, e.g. 80:96:0.5") from None
     for value in (first, last):
-        within(value, option, low, high)
-    if not (step > 0.0 and last >= first and (last - first) / step < MOST):
-        raise TwilightError(f"{option}: {text} must go up by a step above 0, to at most {MOST} numbers")
+        check_range(value, option, low, high)
+    if not (step > 0.0 and last >= first and (last - first) / step < MAX_RANGE_NUMBERS):
+        raise TwilightError(f"{option}: {text} must go up by a step above 0, to at most {MAX_RANGE_NUMBERS} numbers")
     return [first + k * step for k in range(int((last - first) / step + 1e-6) + 1)]
 
 
-def one_config(scene: str, chosen: dict[str, Any], names: dict[str, str], command: str) -> Config:
+def load_one_scene(scene: str, chosen: dict[str, Any], names: dict[str, str], command: str) -> Config:
     """The configuration of a command that takes one scene; TwilightError for a series of them."""
     from twilight.config import load_series
 
@@ -118,7 +177,31 @@ def one_config(scene: str, chosen: dict[str, Any], names: dict[str, str], comman
     return cases[0].config
 
 
-def within(value: float, option: str, low: float, high: float) -> None:
-    """TwilightError for a value of an option that is not between the two."""
-    if not low <= value <= high:
+def sun_at(at: str | None, latitude: float | None, longitude: float | None, time_zone: str | None) -> SunAt:
+    """The section `sun` of a place and time; errors name the options."""
+    from twilight.config.sun import SunAt
+    from twilight.config.validate import Origins, validate
+
+    section = {"at": at, "latitude_deg": latitude, "longitude_deg": longitude, "time_zone": time_zone}
+    names = {"latitude_deg": "--latitude", "longitude_deg": "--longitude", "at": "--at", "time_zone": "--time-zone"}
+    return validate(SunAt, section, Origins({(): "--at", **{(key,): name for key, name in names.items()}}))
+
+
+def check_range(value: float | None, option: str, low: float, high: float) -> None:
+    """TwilightError for a value of an option that is given and not from `low` to `high`."""
+    if value is not None and not low <= value <= high:
         raise TwilightError(f"{option}: {value:.10g} is not allowed; it must be from {low:g} to {high:g}")
+
+
+def check_suffix(path: Path | None, option: str, *suffixes: str) -> None:
+    """TwilightError for a file that is given and whose name ends in none of the suffixes; suffixes[0] is named."""
+    if path is not None and path.suffix.lower() not in suffixes:
+        raise TwilightError(f"{option}: {path} must end in {suffixes[0]}")
+
+
+def parse_date(text: str, option: str, example: str = "2026-06-21") -> dt.date:
+    """The date of an option; TwilightError for anything else."""
+    try:
+        return dt.date.fromisoformat(text.strip())
+    except ValueError:
+        raise TwilightError(f"{option}: {text} is not a date such as {example}") from None

@@ -6,19 +6,15 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from twilight.cli import options
+from twilight.cli.options import argument, flag, option
 
-from twilight.base.errors import TwilightError
-from twilight.cli.options import option
-
-Image = Annotated[Path, typer.Argument(metavar="IMAGE", help="HDR, EXR, TIFF, PNG, JPEG or RAW.")]
+Image = Annotated[Path, argument("IMAGE", "HDR, EXR, TIFF, PNG, JPEG or RAW.")]
 CameraFile = Annotated[
     Path | None,
     option("CAMERA.yaml", "Projection, lens, orientation and response; unset: a panorama twice as wide as high."),
 ]
-WhiteBalance = Annotated[
-    bool, typer.Option("--white-balance", help="Free gains of red, green and blue besides the exposure.")
-]
+WhiteBalance = Annotated[bool, flag("--white-balance", "Free gains of red, green and blue besides the exposure.")]
 Azimuth = Annotated[
     float | None,
     option("DEG", "In the camera's azimuths; unset: the scene's if the camera's azimuth is known, else found."),
@@ -29,9 +25,7 @@ Skyline = Annotated[
 MaskImage = Annotated[
     Path | None, option("IMAGE", "Picture of the photograph's size, bright where there is sky.", "--mask")
 ]
-NoAutomaticMask = Annotated[
-    bool, typer.Option("--no-automatic-mask", help="Do not look for ground, trees, buildings and clouds.")
-]
+NoAutomaticMask = Annotated[bool, flag("--no-automatic-mask", "Do not look for ground, trees, buildings and clouds.")]
 MinElevation = Annotated[float, option("DEG", "Compare nothing below.")]
 Glare = Annotated[float, option("DEG", "Radius about a risen sun that is masked.")]
 Resolution = Annotated[float, option("DEG", "Cells of the comparison; must divide 90.")]
@@ -55,8 +49,7 @@ def open_photograph(
     from twilight.studies.camera import read_camera
     from twilight.studies.validate.photographs.photograph import read_photograph
 
-    if sun_azimuth_deg is not None and not -360.0 <= sun_azimuth_deg <= 360.0:
-        raise TwilightError(f"--sun-azimuth: {sun_azimuth_deg:g} must be from -360 to 360 deg")
+    options.check_range(sun_azimuth_deg, "--sun-azimuth", -360.0, 360.0)
     photograph = read_photograph(
         image,
         None if camera is None else read_camera(camera),

@@ -93,7 +93,7 @@ def wait_s(config: Config, compiles: bool) -> float | None:
 
 
 @contextmanager
-def shown(config: Config, sun: str, folder: Path) -> Iterator[None]:
+def show_preview(config: Config, sun: str, folder: Path) -> Iterator[None]:
     """Write the preview of a sky into its folder where it has one, say so, and take it away at the end."""
     path = folder / PREVIEW
     seconds = wait_s(config, terminal.compiling)

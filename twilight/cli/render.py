@@ -7,21 +7,15 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from twilight.base.errors import TwilightError
-from twilight.cli.options import check_polarised, numbers, option, scene_names, settings_of, solver_names
+from twilight.cli import options
+from twilight.cli.options import flag, option
 from twilight.cli.terminal import print_table, time_of
 from twilight.numerics.projections import PERSPECTIVE_UP_DEG, PROJECTIONS, usual_width
 
 
 def render(
-    scene: Annotated[
-        str,
-        typer.Argument(
-            metavar="CLIMATE_OR_CONFIG", help="Name or file of a climate or configuration.", autocompletion=scene_names
-        ),
-    ],
+    scene: Annotated[str, options.SCENE],
     sun_elevation: Annotated[
         str | None, option("DEG,...", "True elevation of the sun; several with commas between them: -4,-5.")
     ] = None,
@@ -33,14 +27,12 @@ def render(
             "--sun-elevation.  Needs a place; see `twilight times`.",
         ),
     ] = None,
-    latitude: Annotated[float | None, option("DEG", "North positive.")] = None,
-    longitude: Annotated[float | None, option("DEG", "East positive.")] = None,
-    time_zone: Annotated[str | None, option("ZONE", "For a TIME without offset, e.g. Europe/Berlin.")] = None,
-    altitude_km: Annotated[float | None, option("KM", "Altitude of the observer above sea level.")] = None,
-    solver: Annotated[
-        str | None, typer.Option(metavar="NAME", help="See `twilight solvers`.", autocompletion=solver_names)
-    ] = None,
-    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
+    latitude: Annotated[float | None, options.LATITUDE] = None,
+    longitude: Annotated[float | None, options.LONGITUDE] = None,
+    time_zone: Annotated[str | None, options.TIME_ZONE_OF_TIME] = None,
+    altitude_km: Annotated[float | None, options.ALTITUDE_KM] = None,
+    solver: Annotated[str | None, options.SOLVER] = None,
+    quality: Annotated[str | None, options.QUALITY] = None,
     target_stderr: Annotated[
         float | None, option("FRACTION", "Relative standard error of every pixel, e.g. 0.01, where a solver estimates.")
     ] = None,
@@ -48,7 +40,7 @@ def render(
         float | None,
         option("FRACTION", "Error of 95 % of directions that a solver chooses its settings for, e.g. 0.01."),
     ] = None,
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
     renderer: Annotated[
         str | None, option("NAME", "Whose axes sky.rgb.exr has: openexr, mitsuba, blender, pbrt or radiance.")
     ] = None,
@@ -57,13 +49,11 @@ def render(
         option("EV100|series", "Of the pictures: a value, or one for all of a series; without it, by each sky."),
     ] = None,
     tone: Annotated[
-        str | None,
-        option("NAME", "Of the pictures: photographic, filmic, gamma, eye, camera (output.camera)."),
+        str | None, option("NAME", "Of the pictures: photographic, filmic, gamma, eye, camera (output.camera).")
     ] = None,
     only: Annotated[str | None, option("NAMES", "Which files, e.g. png,h5; see `output.files`.")] = None,
     projection: Annotated[
-        str | None,
-        option("KIND", f"A picture with the ground in it, sky.view.png: {', '.join(PROJECTIONS)}."),
+        str | None, option("KIND", f"A picture with the ground in it, sky.view.png: {', '.join(PROJECTIONS)}.")
     ] = None,
     size: Annotated[
         str | None,
@@ -73,52 +63,43 @@ def render(
         float | None, option("DEG", "Axis of a polariser before the pictures, from the vertical, clockwise.")
     ] = None,
     disc: Annotated[
-        bool, typer.Option("--disc", help="The sun's disc too: in the pictures, the environment maps and sun.png.")
+        bool, flag("--disc", "The sun's disc too: in the pictures, the environment maps and sun.png.")
     ] = False,
     output: Annotated[
-        Path | None,
-        option("DIR|FILE.nc", "Folder for the files; or one NetCDF file with the radiances of all suns."),
+        Path | None, option("DIR|FILE.nc", "Folder for the files; or one NetCDF file with the radiances of all suns.")
     ] = None,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Compute all again, and delete what else renders wrote to the folder.")
+        bool, flag("--overwrite", "Compute all again, and delete what else renders wrote to the folder.")
     ] = False,
     no_preview: Annotated[
-        bool, typer.Option("--no-preview", help="No picture of a fitted model while the sky is computed.")
+        bool, flag("--no-preview", "No picture of a fitted model while the sky is computed.")
     ] = False,
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Only say what the scene leaves out and why, and its size.")
-    ] = False,
+    plan: Annotated[bool, flag("--plan", "Only say what the scene leaves out and why, and its size.")] = False,
 ) -> None:
     """Compute a sky, or a series of them, and write PNG, EXR and HDF5. Goes on where it was interrupted."""
     from twilight.config import load_series
 
-    chosen: dict[str, Any] = {}
-    names: dict[str, str] = {}
-
-    def choose(key: str, value: Any, option: str) -> None:
-        if value is not None:
-            chosen[key], names[key] = value, option
-
-    sun, option = _sun(sun_elevation, at, latitude, longitude, time_zone)
-    choose("sun", sun, option)
-    choose("observer.altitude_km", altitude_km, "--altitude-km")
-    choose("solver.name", solver, "--solver")
-    choose("solver.quality", quality, "--quality")
-    choose("output.renderer", renderer, "--renderer")
-    choose(*_exposure(exposure), "--exposure")
-    choose("output.files", None if only is None else [name.strip() for name in only.split(",")], "--only")
-    if projection is not None:
-        if only is not None and "view" not in chosen["output.files"]:
-            raise TwilightError(f"--projection: its picture is the file `view`, which --only {only} leaves out")
-        choose("observer.view", _view(projection, size), "--projection" if size is None else "--projection, --size")
-    choose("output.polariser_deg", polariser, "--polariser")
-    choose("output.tone_mapping", tone, "--tone")
-    if disc:
-        choose("sun.disc", True, "--disc")
-        choose("output.disc", True, "--disc")
-    set_here, called = settings_of(settings)
-    chosen.update(set_here)
-    names.update(called)
+    sun, sun_option = _sun(sun_elevation, at, latitude, longitude, time_zone)
+    exposure_key, exposure_value = _exposure(exposure)
+    files = None if only is None else [name.strip() for name in only.split(",")]
+    if projection is not None and files is not None and "view" not in files:
+        raise TwilightError(f"--projection: its picture is the file `view`, which --only {only} leaves out")
+    view = None if projection is None else _view(projection, size)
+    given: options.Given = {
+        "sun": (sun, sun_option),
+        "observer.altitude_km": (altitude_km, "--altitude-km"),
+        "solver.name": (solver, "--solver"),
+        "solver.quality": (quality, "--quality"),
+        "output.renderer": (renderer, "--renderer"),
+        exposure_key: (exposure_value, "--exposure"),
+        "output.files": (files, "--only"),
+        "observer.view": (view, "--projection" if size is None else "--projection, --size"),
+        "output.polariser_deg": (polariser, "--polariser"),
+        "output.tone_mapping": (tone, "--tone"),
+        "sun.disc": (disc or None, "--disc"),
+        "output.disc": (disc or None, "--disc"),
+    }
+    chosen, names = options.settings_of(settings, given)
     if size is not None and projection is None:
         if any(case.config.observer.view is None for case in load_series(scene, chosen, names)):
             raise TwilightError("--size: is the size of the picture of --projection; give both")
@@ -128,14 +109,14 @@ def render(
         if fraction is not None:
             target_option = f"--{target_key.replace('_', '-')}"
             _check_target(load_series(scene, chosen, names), target_option, target_key)
-            choose(f"solver.{target_key}", fraction, target_option)
+            options.put_options(chosen, names, {f"solver.{target_key}": (fraction, target_option)})
     cases = load_series(scene, chosen, names)
     if plan:
         _print_plans(cases)
         return
-    from twilight.cli.climate import said_in_short
-    from twilight.cli.first_run import say_that_it_compiles
-    from twilight.cli.preview import shown
+    from twilight.cli.climate import source_summary
+    from twilight.cli.first_run import announce_compiling
+    from twilight.cli.preview import show_preview
     from twilight.cli.render_files import check_cases, render_files
     from twilight.cli.render_one_file import SUFFIX, check_one_file, render_one_file
     from twilight.config.sun import SunElevation
@@ -144,9 +125,9 @@ def render(
     if output is not None and one_file:
         check_one_file(cases, scene, {key: names.get(key, key) for key in chosen}, output, overwrite)
     for case in cases:
-        check_polarised(case.config)
+        options.check_polarised(case.config)
     check_cases(cases)  # before anything is said: a refusal is one sentence
-    for words in dict.fromkeys(said_in_short(a.sources) for c in cases if (a := c.config.climate.air) and a.sources):
+    for words in dict.fromkeys(source_summary(a.sources) for c in cases if (a := c.config.climate.air) and a.sources):
         print(f"twilight: {words}", file=sys.stderr)
     if any(_has_default_sun(case.config) for case in cases):
         default = SunElevation().elevation_deg
@@ -155,11 +136,11 @@ def render(
             file=sys.stderr,
         )
     for name in sorted({case.config.chosen_solver.name for case in cases}):
-        say_that_it_compiles(name)
+        announce_compiling(name)
     if output is not None and one_file:
         render_one_file(cases[0].config, output)
         return
-    render_files(cases, scene, chosen, output, overwrite, None if no_preview else shown)
+    render_files(cases, scene, chosen, output, overwrite, None if no_preview else show_preview)
 
 
 def _has_default_sun(config: Any) -> bool:
@@ -220,7 +201,7 @@ def _sun(
     place = {"latitude_deg": latitude, "longitude_deg": longitude, "time_zone": zone}
     given = {key: value for key, value in place.items() if value is not None}
     if elevation is not None:
-        suns = numbers(elevation, "--sun-elevation", -90.0, 90.0)
+        suns = options.parse_numbers(elevation, "--sun-elevation", -90.0, 90.0)
         if at is not None and _DATE.fullmatch(at.strip()) and len(suns) == 1:
             side = "" if at.strip()[-1].isalpha() else " dusk"
             return _sun(None, f"{at.strip()}{side} {suns[0]:.10g}", latitude, longitude, zone)

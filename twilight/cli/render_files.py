@@ -27,7 +27,7 @@ TABLE = (
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _SkyToRender:
     """One sky of a render: its case, the name of its sun, its subfolder and its label."""
 
     case: Any
@@ -42,7 +42,10 @@ def check_cases(cases: Sequence[Any]) -> None:
 
     for case in cases:
         check_size(case.config)
-        _check_exposure(case.config)
+        lacks = {"png", "h5"} - set(case.config.output.files or ("png", "h5"))
+        if _by_series(case.config) and lacks:
+            names = ", ".join(sorted(lacks))
+            raise TwilightError(f"output.exposure: series draws its pictures from sky.h5; add {names}")
 
 
 def render_files(
@@ -60,23 +63,23 @@ def render_files(
     from twilight.base.whole_files import check_folder
     from twilight.io.folder import JOURNAL, open_folder
 
-    asked, wanted = _asked(cases)
-    root = output or _default_folder(cases, scene, settings, asked)
+    skies, wanted = _requested_skies(cases)
+    root = output or _default_folder(cases, scene, settings, skies)
     check_folder(root)
-    with open_folder(root, wanted, _code(cases), overwrite=overwrite) as folder, progress_bar() as progress:
-        first = next((one for one in asked if one.folder not in folder.finished), None)
+    with open_folder(root, wanted, _code_digest(cases), overwrite=overwrite) as folder, progress_bar() as progress:
+        first = next((one for one in skies if one.folder not in folder.finished), None)
         shown = preview(first.case.config, first.sun, root / first.folder) if preview and first else nullcontext()
         with shown:
-            rows = _compute(cases, asked, wanted, folder, progress)
-        rows = {one.folder: rows[one.folder] for one in asked}
-        one_exposure = [one for one in asked if _by_series(one.case.config)] if len(asked) > 1 else []
-        if one_exposure:
-            _expose_together(one_exposure, wanted, rows, folder, progress)
-        labels = {one.label: rows[one.folder] for one in asked}
-        once, notes = _once(asked, labels, folder, progress) if len(asked) > 1 else ([], [])
-    kept = len(folder.finished)
-    if kept:
-        print(f"twilight: {kept} of {len(asked)} were there already ({JOURNAL}); --overwrite computes them again",
+            rows = _compute(cases, skies, wanted, folder, progress)
+        rows = {one.folder: rows[one.folder] for one in skies}
+        with_one_exposure = [one for one in skies if _by_series(one.case.config)] if len(skies) > 1 else []
+        if with_one_exposure:
+            _expose_together(with_one_exposure, wanted, rows, folder, progress)
+        labels = {one.label: rows[one.folder] for one in skies}
+        once, notes = _write_series_files(skies, labels, folder, progress) if len(skies) > 1 else ([], [])
+    finished = len(folder.finished)
+    if finished:
+        print(f"twilight: {finished} of {len(skies)} were there already ({JOURNAL}); --overwrite computes them again",
               file=sys.stderr)  # fmt: skip
     cells = [[label, *(cell(row.get(key), form) for _, key, form in TABLE[1:])] for label, row in labels.items()]
     print_table([head for head, _, _ in TABLE], cells, right=tuple(range(1, len(TABLE))))
@@ -86,8 +89,8 @@ def render_files(
     for note in notes:
         print(note)
     names = folder.file_names()
-    what = ", ".join(sorted({name for one in asked for name in names[one.folder]}))
-    more = f" in {len(asked)} folders, and {', '.join(once)}" if len(asked) > 1 else ""
+    what = ", ".join(sorted({name for one in skies for name in names[one.folder]}))
+    more = f" in {len(skies)} folders, and {', '.join(once)}" if len(skies) > 1 else ""
     print(f"wrote {what}{more} to {root}{'' if str(root).endswith('/') else '/'}")
 
 
@@ -96,14 +99,14 @@ def cell(value: Any, form: str) -> str:
     return "-" if value is None else format(value, form)
 
 
-def _asked(cases: Sequence[Any]) -> tuple[list[_Asked], dict[str, Any]]:
+def _requested_skies(cases: Sequence[Any]) -> tuple[list[_SkyToRender], dict[str, Any]]:
     """All skies in their order, and what each is, by subfolder."""
     from twilight.io.folder import RequestedSky
     from twilight.io.provenance import configuration_hash
     from twilight.scene.record import resolved_configuration
     from twilight.scene.suns import count_suns, suns_of
 
-    asked, wanted = [], {}
+    skies, wanted = [], {}
     for case in cases:
         several = count_suns(case.config) > 1
         for sun in suns_of(case.config):
@@ -113,11 +116,11 @@ def _asked(cases: Sequence[Any]) -> tuple[list[_Asked], dict[str, Any]]:
                 raise TwilightError(f"sun: two suns have the name {sun.name}; they are less than 0.005 deg apart")
             configuration = resolved_configuration(case.config, sun.section)
             wanted[name] = RequestedSky(configuration_hash(configuration), configuration)
-            asked.append(_Asked(case, sun.name, name, label))
-    return asked, wanted
+            skies.append(_SkyToRender(case, sun.name, name, label))
+    return skies, wanted
 
 
-def _code(cases: Sequence[Any]) -> str:
+def _code_digest(cases: Sequence[Any]) -> str:
     """A digest of what the skies and their files are made by."""
     from twilight import solvers
     from twilight.base.digest import code_digest
@@ -126,18 +129,12 @@ def _code(cases: Sequence[Any]) -> str:
     return code_digest("twilight.engine.frames", "twilight.io.outputs", *(solvers.SOLVERS[name] for name in names))
 
 
-def _check_exposure(config: Any) -> None:
-    lacks = {"png", "h5"} - set(config.output.files or ("png", "h5"))
-    if _by_series(config) and lacks:
-        raise TwilightError(f"output.exposure: series draws its pictures from sky.h5; add {', '.join(sorted(lacks))}")
-
-
 def _by_series(config: Any) -> bool:
     return config.output.exposure == "series" and config.output.exposure_ev100 is None
 
 
 def _compute(
-    cases: Sequence[Any], asked: Sequence[_Asked], wanted: Mapping[str, Any], folder: Any, progress: Any
+    cases: Sequence[Any], skies: Sequence[_SkyToRender], wanted: Mapping[str, Any], folder: Any, progress: Any
 ) -> dict[str, dict[str, Any]]:
     """The figures of all skies by subfolder, computed and written where they are not there."""
     from twilight.base.progress import part_of
@@ -146,7 +143,7 @@ def _compute(
     from twilight.scene import resolve
 
     rows = dict(folder.finished)
-    missing = [one for one in asked if one.folder not in rows]
+    missing = [one for one in skies if one.folder not in rows]
     done = 0
     for case in cases:
         of_case = {one.sun: one for one in missing if one.case is case}
@@ -189,7 +186,7 @@ def _write(frame: Any, config: Any, folder: Path, exposure: float | None = None,
 
 
 def _expose_together(
-    asked: Sequence[_Asked], wanted: Mapping[str, Any], rows: dict[str, Any], folder: Any, progress: Any
+    skies: Sequence[_SkyToRender], wanted: Mapping[str, Any], rows: dict[str, Any], folder: Any, progress: Any
 ) -> None:
     """Draw the pictures of a series again with one exposure, that of its brightest sky, from their sky.h5."""
     from twilight.engine import Frame
@@ -199,12 +196,12 @@ def _expose_together(
 
     progress("one exposure for all", 1.0)
     exposures = {}
-    for one in asked:
+    for one in skies:
         o = one.case.config.output
         sky = read_sky(folder.root / one.folder / "sky.h5")
         exposures[one.folder] = render_view(sky, view=o.views[0], width=200, observer=o.colour_observer)[1]
     brightest = max(exposures.values())
-    for one in asked:
+    for one in skies:
         path = folder.root / one.folder
         frame = Frame(one.sun, read_sky(path / "sky.h5"))
         _write(frame, one.case.config, path, brightest, files=("png",))
@@ -212,8 +209,8 @@ def _expose_together(
         folder.add(one.folder, wanted[one.folder], files, rows[one.folder])
 
 
-def _once(
-    asked: Sequence[_Asked], labels: Mapping[str, Any], folder: Any, progress: Any
+def _write_series_files(
+    skies: Sequence[_SkyToRender], labels: Mapping[str, Any], folder: Any, progress: Any
 ) -> tuple[list[str], list[str]]:
     """The files that a series has once; sentences about those that it cannot have."""
     from twilight.api.plotting import contact_sheet
@@ -223,7 +220,7 @@ def _once(
     progress("the series", 1.0)
     root = folder.root
     folder.begin_series_files()
-    folders = dict(zip(labels, (root / one.folder for one in asked), strict=True))
+    folders = dict(zip(labels, (root / one.folder for one in skies), strict=True))
     made, notes = ["series.csv"], []
     write_table(labels, root / "series.csv")
     if all((folder / "sky.png").is_file() for folder in folders.values()):
@@ -238,13 +235,15 @@ def _once(
     return made, notes
 
 
-def _default_folder(cases: Sequence[Any], scene: str, settings: Mapping[str, Any], asked: Sequence[_Asked]) -> Path:
+def _default_folder(
+    cases: Sequence[Any], scene: str, settings: Mapping[str, Any], skies: Sequence[_SkyToRender]
+) -> Path:
     """`out/NAME_SUN`, with the settings that make it another sky than NAME's."""
     from twilight.config.vary import label
     from twilight.io.provenance import configuration_hash
 
     config = cases[0].config
-    name = f"{config.title}_{asked[0].sun}" if len(asked) == 1 else (config.name or Path(scene).stem)
+    name = f"{config.title}_{skies[0].sun}" if len(skies) == 1 else (config.name or Path(scene).stem)
     for key, value in settings.items():
         if key.split(".")[0] not in ("sun", "output", "vary"):
             name += f"_{label(key, value)}"

@@ -6,10 +6,9 @@ import json
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from twilight.base.errors import TwilightError
-from twilight.cli.options import climate_names, option, settings_of, solver_names
+from twilight.cli import options
+from twilight.cli.options import argument, option
 from twilight.cli.terminal import print_table
 
 DESCRIBED_NM = (300.0, 350.0, 400.0, 450.0, 550.0, 650.0, 800.0, 1000.0)
@@ -25,7 +24,7 @@ def climates() -> None:
     rows = []
     for name, path in shipped("climates").items():
         climate = load_climate(path)
-        medium = climate_medium(climate, _at(550.0))
+        medium = climate_medium(climate, _wavelengths(550.0))
         rows.append([name, f"{medium.optical_depth('aerosol')[0]:.3f}", climate.description])
     print_table(["climate", "AOD 550 nm", "description"], rows, right=(1,))
 
@@ -44,9 +43,7 @@ def configs() -> None:
 
 
 def solvers(
-    name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="Explain this solver's options.", autocompletion=solver_names)
-    ] = None,
+    name: Annotated[str | None, argument("NAME", "Explain this solver's options.", options.solver_names)] = None,
 ) -> None:
     """List the solvers, their qualities and first options with the values at quality `standard`; or explain one."""
     from dataclasses import asdict
@@ -72,18 +69,16 @@ def solvers(
     presets = {quality: asdict(settings) for quality, settings in qualities.items()}
     why = explain_options(type(qualities["standard"]))
     for title, keys in zip(("option", "solver.expert"), option_names(type(qualities["standard"])), strict=True):
-        rows = [[key, *(_shown(preset[key]) for preset in presets.values()), why.get(key, "")] for key in keys]
+        rows = [[key, *(_as_text(preset[key]) for preset in presets.values()), why.get(key, "")] for key in keys]
         if rows:
             print_table([title, *presets, "what it is"], rows, right=tuple(range(1, 1 + len(presets))))
 
 
-def _shown(value: Any) -> str:
+def _as_text(value: Any) -> str:
     return "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def schema(
-    document: Annotated[str, typer.Argument(metavar="climate|configuration", help="Which document.")] = "configuration",
-) -> None:
+def schema(document: Annotated[str, argument("climate|configuration", "Which document.")] = "configuration") -> None:
     """Print the JSON schema of climates or configurations, for editors."""
     from twilight.config import Climate, Config
 
@@ -94,15 +89,11 @@ def schema(
 
 
 def describe(
-    climate: Annotated[
-        str, typer.Argument(metavar="CLIMATE", help="Name or file of a climate.", autocompletion=climate_names)
-    ],
+    climate: Annotated[str, argument("CLIMATE", "Name or file of a climate.", options.climate_names)],
     settings: Annotated[
         list[str] | None, option("KEY=VALUE", "Any key of the climate; may be repeated.", "--set")
     ] = None,
-    output: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw the profile; without it, out/NAME_profile.png.")
-    ] = None,
+    output: Annotated[Path | None, option("FILE.png", "Draw the profile; without it, out/NAME_profile.png.")] = None,
 ) -> None:
     """Print a climate's optical depths, scale heights and refraction, and draw its profile."""
     from twilight.api.plotting import profile_figure
@@ -111,13 +102,12 @@ def describe(
     from twilight.scene.describe import facts, optical_depths
     from twilight.scene.medium import climate_medium, sky_columns
 
-    model = load_climate(climate, *settings_of(settings))
+    model = load_climate(climate, *options.settings_of(settings))
     path = output or Path("out") / f"{model.name}_profile.png"
-    if path.suffix.lower() != ".png":
-        raise TwilightError(f"--output: {path} must end in .png")
+    options.check_suffix(path, "--output", ".png")
     check_file(path)
     cover, model = sky_columns(model)[0]
-    medium = climate_medium(model, None if model.medium is not None else _at(*DESCRIBED_NM))
+    medium = climate_medium(model, None if model.medium is not None else _wavelengths(*DESCRIBED_NM))
     wavelength_nm = medium.wavelength_nm
     if model.description:
         print(f"{model.name}: {model.description}")
@@ -140,7 +130,7 @@ def describe(
     print(f"wrote {path}")
 
 
-def _at(*wavelength_nm: float) -> Any:
+def _wavelengths(*wavelength_nm: float) -> Any:
     import numpy as np
 
     return np.array(wavelength_nm)

@@ -10,7 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from twilight.base.errors import TwilightError
-from twilight.cli.options import config_names, file_stem, option, settings_of
+from twilight.cli import options
+from twilight.cli.options import argument, option
 from twilight.cli.terminal import print_table, progress_bar, time_of
 
 LISTED_SCENES = 5
@@ -18,23 +19,18 @@ LISTED_SCENES = 5
 
 
 def sweep(
-    scene: Annotated[
-        str,
-        typer.Argument(
-            metavar="CONFIG", help="Name or file of a configuration with `vary`.", autocompletion=config_names
-        ),
-    ],
+    scene: Annotated[str, argument("CONFIG", "Name or file of a configuration with `vary`.", options.config_names)],
     scheduler: Annotated[
         str | None, option("ADDRESS", "A running Dask scheduler, e.g. tcp://10.0.0.1:8786; without it, this machine.")
     ] = None,
     batch_system: Annotated[
         str | None, option("NAME", "Jobs of slurm, pbs, sge, lsf, htcondor, oar or moab, as jobqueue.yaml says.")
     ] = None,
-    workers: Annotated[int | None, option("N", "Processes on this machine (default: its cores), or jobs.")] = None,
-    threads: Annotated[int | None, option("N", "Of each worker; without it, cores are shared evenly.")] = None,
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    workers: Annotated[int | None, options.WORKERS] = None,
+    threads: Annotated[int | None, options.THREADS] = None,
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
     output: Annotated[Path | None, option("DIR.zarr", "The dataset; continued where it is there.")] = None,
-    plan: Annotated[bool, typer.Option("--plan", help="Only say what would be computed.")] = False,
+    plan: Annotated[bool, options.ONLY_PLAN] = False,
 ) -> None:
     """Compute the skies of a configuration's `vary` section into one dataset for xarray. Takes up what is there."""
     from twilight.base.whole_files import check_folder
@@ -42,46 +38,44 @@ def sweep(
     from twilight.config.slips import warn_of_slips
     from twilight.studies.sweep.sweep import Sweep
 
-    place = place_of(scheduler, batch_system, workers, threads, output)
-    chosen, names = settings_of(settings)
+    resources = resources_of(scheduler, batch_system, workers, threads, output)
+    chosen, names = options.settings_of(settings)
     series = load_axes(scene, chosen, names, ("configs",))
     with progress_bar() as bar:
         made = Sweep(series, bar)
     warn_of_slips(made.first)
-    name = file_stem(made.first.name or Path(scene).stem, "sweep")
+    name = options.file_stem(made.first.name or Path(scene).stem, "sweep")
     path = output or Path("out") / f"{name}.zarr"
     if plan:
         print_plan(made, path)
         return
     check_folder(path.parent)
-    run_into(made, path, place)
+    run_sweep_into(made, path, resources)
 
 
-def place_of(
+def resources_of(
     scheduler: str | None, batch_system: str | None, workers: int | None, threads: int | None, output: Path | None
 ) -> Any:
     """Where to compute, as `Resources`.  Errors: TwilightError for options that do not go together, or no .zarr."""
     from twilight.config.validate import unknown
     from twilight.studies.sweep.resources import BATCH_SYSTEMS, Resources, check_installed
 
-    for name, value in (("--workers", workers), ("--threads", threads)):
-        if value is not None and not 1 <= value <= 10_000:
-            raise TwilightError(f"{name}: {value} is not allowed; it must be from 1 to 10000")
+    options.check_range(workers, "--workers", 1, options.MAX_WORKERS)
+    options.check_range(threads, "--threads", 1, options.MAX_WORKERS)
     if batch_system is not None and batch_system not in BATCH_SYSTEMS:
         raise TwilightError(f"--batch-system: {batch_system} {unknown(batch_system, BATCH_SYSTEMS, 'batch system')}")
     if scheduler is not None and (batch_system is not None or workers is not None):
         raise TwilightError("--scheduler: a running scheduler has its own workers; no --workers, no --batch-system")
-    if output is not None and output.suffix != ".zarr":
-        raise TwilightError(f"--output: {output} must end in .zarr")
-    place = Resources(scheduler, batch_system, workers, threads)
-    check_installed(place)
-    return place
+    options.check_suffix(output, "--output", ".zarr")
+    resources = Resources(scheduler, batch_system, workers, threads)
+    check_installed(resources)
+    return resources
 
 
-def run_into(made: Any, path: Path, place: Any, begun: Callable[[Path], None] = lambda path: None) -> None:
+def run_sweep_into(made: Any, path: Path, resources: Any, begun: Callable[[Path], None] = lambda path: None) -> None:
     """Compute what the dataset of a sweep lacks and say how it went; `begun` is called when its folder is there."""
     from twilight.studies.sweep.resources import connect
-    from twilight.studies.sweep.run import failures, run_sweep
+    from twilight.studies.sweep.run import SweepOutcome, failures, run_sweep
     from twilight.studies.sweep.store import open_store
 
     with open_store(path, made) as store, progress_bar() as bar:
@@ -90,16 +84,13 @@ def run_into(made: Any, path: Path, place: Any, begun: Callable[[Path], None] = 
         if store.damaged:
             print(f"twilight: {store.damaged:,} tasks whose files are damaged are computed again", file=sys.stderr)
         bar("starting workers", 0.0)
+        outcome = SweepOutcome()
         if had < len(made.tasks):
-            with connect(place) as client:
-                outcome = run_sweep(client, store, threads=place.threads, progress=bar)
-        else:
-            from twilight.studies.sweep.run import SweepOutcome
-
-            outcome = SweepOutcome()
+            with connect(resources) as client:
+                outcome = run_sweep(client, store, threads=resources.threads, progress=bar)
         found = list(failures(store, outcome))
     if found:
-        rows = [[str(len(scenes)), _some(made, scenes), reason] for reason, scenes in found]
+        rows = [[str(len(scenes)), _examples(made, scenes), reason] for reason, scenes in found]
         print_table(["scenes", "such as", "failed because"], rows, right=(0,))
     before = f" ({had} tasks were there)" if had else ""
     print(
@@ -113,7 +104,7 @@ def run_into(made: Any, path: Path, place: Any, begun: Callable[[Path], None] = 
         raise typer.Exit(1)
 
 
-def _some(made: Any, scenes: list[tuple[int, ...]]) -> str:
+def _examples(made: Any, scenes: list[tuple[int, ...]]) -> str:
     text = ", ".join(made.label(scene) for scene in scenes[:LISTED_SCENES])
     return text + (", ..." if len(scenes) > LISTED_SCENES else "")
 
@@ -123,7 +114,7 @@ def print_plan(made: Any, path: Path) -> None:
     from twilight.studies.sweep.store import finished_tasks
 
     there = finished_tasks(path, made)
-    rows = [[d.name, f"{d.size:,}", "shared field" if d.serves else "own field"] for d in made.dimensions]
+    rows = [[d.name, f"{d.size:,}", "shared field" if d.shares_field else "own field"] for d in made.dimensions]
     print_table(["dimension", "size", "each value has"], rows, right=(1,))
     print(f"{made.scenes:,} skies of {made.fields:,} fields in {len(made.tasks):,} tasks")
     print(f"up to {made.bytes / 1e9:.3g} GB in {path}")

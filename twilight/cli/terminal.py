@@ -17,18 +17,18 @@ import typer
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.progress import Progress
 
-LINE_EVERY_S = 15.0
+PROGRESS_LINE_S = 15.0
 """Seconds between lines of progress where the output is no terminal."""
 
 
-def sentences(command: Callable[..., None]) -> Callable[..., None]:
+def with_errors_as_sentences(command: Callable[..., None]) -> Callable[..., None]:
     """The command, with a TwilightError printed as one sentence (exit code 2) and signals as exit codes 130 and 143."""
 
     @functools.wraps(command)
     def guarded(*args: Any, **kwargs: Any) -> None:
         try:
-            with _leaving_on_sigterm(), warnings.catch_warnings():
-                warnings.showwarning = _warnings_said_once()  # type: ignore[assignment]
+            with _leave_on_sigterm(), warnings.catch_warnings():
+                warnings.showwarning = _print_warnings_once()  # type: ignore[assignment]
                 command(*args, **kwargs)
         except TwilightError as error:
             print(f"twilight: {error}", file=sys.stderr)
@@ -46,7 +46,7 @@ def sentences(command: Callable[..., None]) -> Callable[..., None]:
     return guarded
 
 
-def _warnings_said_once() -> Callable[..., None]:
+def _print_warnings_once() -> Callable[..., None]:
     """What a user should know is a sentence, said once; other warnings are for developers and stay silent here."""
     said: set[str] = set()
 
@@ -59,7 +59,7 @@ def _warnings_said_once() -> Callable[..., None]:
 
 
 @contextmanager
-def _leaving_on_sigterm() -> Iterator[None]:
+def _leave_on_sigterm() -> Iterator[None]:
     """SIGTERM unwinds the stack like Ctrl-C does, so that temporary files go."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -83,7 +83,7 @@ def progress_bar() -> Iterator[Progress]:
     Gives a function of a few words on what is being done and the fraction done, 0 to 1.
     """
     if not sys.stderr.isatty():
-        yield _lines()
+        yield _progress_lines()
         return
     from rich import progress as rich_progress
     from rich.console import Console
@@ -98,14 +98,14 @@ def progress_bar() -> Iterator[Progress]:
         yield lambda doing, fraction: bar.update(task, completed=fraction, description=escape(doing))
 
 
-def _lines() -> Progress:
-    """A line on stderr every LINE_EVERY_S seconds, so that a log says what long work is doing."""
+def _progress_lines() -> Progress:
+    """A line on stderr every PROGRESS_LINE_S seconds, so that a log says what long work is doing."""
     begin = last = time.monotonic()
 
-    def tell(doing: str, fraction: float) -> None:
+    def print_line(doing: str, fraction: float) -> None:
         nonlocal last
         now = time.monotonic()
-        if now - last >= LINE_EVERY_S:
+        if now - last >= PROGRESS_LINE_S:
             last = now
             print(
                 f"twilight: {100 * fraction:3.0f} %, {time_left(fraction, now - begin)}: {doing}",
@@ -113,7 +113,7 @@ def _lines() -> Progress:
                 flush=True,
             )
 
-    return tell
+    return print_line
 
 
 def _time_left_column() -> Any:

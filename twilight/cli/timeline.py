@@ -5,25 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from twilight.base.errors import TwilightError
-from twilight.cli.options import file_stem, option, scene_names, settings_of, within
+from twilight.cli import options
+from twilight.cli.options import option
 from twilight.cli.terminal import print_table
 
 PURPOSES = ("darkness", "dawn", "reading", "melanopic", "flats")
 
 
 def timeline(
-    climate: Annotated[
-        str,
-        typer.Argument(
-            metavar="CLIMATE", help="Name or file of a climate or configuration.", autocompletion=scene_names
-        ),
-    ],
+    climate: Annotated[str, options.CLIMATE],
     at: Annotated[str, option("DATE", "The night from noon to noon, e.g. 2026-06-21.")],
-    latitude: Annotated[float, option("DEG", "North positive.")],
-    longitude: Annotated[float, option("DEG", "East positive.")],
+    latitude: Annotated[float, options.LATITUDE],
+    longitude: Annotated[float, options.LONGITUDE],
     purpose: Annotated[
         str | None,
         option(
@@ -42,8 +36,8 @@ def timeline(
     step: Annotated[str, option("DURATION", "Between rows, e.g. 30s, 1min, 1h.")] = "5min",
     start: Annotated[str | None, option("TIME", "First row, e.g. 2026-06-21T20:00 or '2026-06-21 sunset'.")] = None,
     stop: Annotated[str | None, option("TIME", "Last row.")] = None,
-    time_zone: Annotated[str | None, option("ZONE", "E.g. Europe/Berlin; without it, UTC.")] = None,
-    altitude_km: Annotated[float | None, option("KM", "Altitude of the observer above sea level.")] = None,
+    time_zone: Annotated[str | None, options.TIME_ZONE] = None,
+    altitude_km: Annotated[float | None, options.ALTITUDE_KM] = None,
     band: Annotated[str, option("NAME", "Filter of --for flats.")] = "V",
     aperture_m: Annotated[float, option("M", "Of the telescope of --for flats.")] = 1.0,
     obstruction_m: Annotated[float, option("M", "Diameter of its obstruction.")] = 0.0,
@@ -54,8 +48,8 @@ def timeline(
     saturation_counts: Annotated[float, option("COUNTS", "That a pixel never exceeds.")] = 65_535.0,
     exposure_s: Annotated[float | None, option("S", "Of flats of one length, whose counts are tabulated.")] = None,
     field_factor: Annotated[float, option("F", "Of limiting_magnitude and margin: 1.4 keen, 2 typical, 2.4.")] = 2.0,
-    quality: Annotated[str | None, option("NAME", "Preset of the solver: draft, standard, reference.")] = None,
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    quality: Annotated[str | None, options.QUALITY_LISTED] = None,
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
     output: Annotated[Path | None, option("STEM", "Of the files; without it, out/NAME_timeline.")] = None,
 ) -> None:
     """Tabulate light through a night, as CSV, netCDF and a figure, and find when it passes a value.
@@ -76,16 +70,13 @@ def timeline(
     from twilight.studies.timeline.flats import Flats
     from twilight.studies.timeline.presets import PRESETS
 
-    within(latitude, "--latitude", -90.0, 90.0)
-    within(longitude, "--longitude", -180.0, 360.0)
+    options.check_range(latitude, "--latitude", -90.0, 90.0)
+    options.check_range(longitude, "--longitude", -180.0, 360.0)
     if purpose is not None and purpose not in PURPOSES:
         raise TwilightError(f"--for: {purpose} {unknown(purpose, PURPOSES, 'purpose')}")
-    try:
-        day = dt.date.fromisoformat(at)
-    except ValueError:
-        raise TwilightError(f"--at: {at} is not a date such as 2026-06-21") from None
+    day = options.parse_date(at, "--at")
     texts, conditions = list(quantity or ()), list(when or ())
-    within(field_factor, "--field-factor", 0.5, 10.0)
+    options.check_range(field_factor, "--field-factor", 0.5, 10.0)
     flats = Flats(
         band, aperture_m, obstruction_m, pixel_arcsec, throughput, gain, level_counts, saturation_counts, exposure_s
     )
@@ -116,13 +107,11 @@ def timeline(
     first = moment(start) if start else marks[0].time
     last = moment(stop) if stop else marks[1].time
     times = work.rows(first, last, work.step_of(step))  # type: ignore[arg-type]
-    keys: dict[str, Any] = settings_of(settings)[0]
-    if quality is not None:
-        keys["solver.quality"] = quality
-    if altitude_km is not None:
-        keys["observer.altitude_km"] = altitude_km
+    keys, names = options.settings_of(settings)
+    given = {"solver.quality": (quality, "--quality"), "observer.altitude_km": (altitude_km, "--altitude-km")}
+    options.put_options(keys, names, given)
     config = load(climate, keys)
-    stem = output or Path("out") / f"{file_stem(config.name or config.climate.name, 'sky')}_timeline"
+    stem = output or Path("out") / f"{options.file_stem(config.name or config.climate.name, 'sky')}_timeline"
     paths = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "nc", "png")]
     for path in paths:
         check_file(path)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import typer
 
 from twilight.cli import validate_estimate, validate_photo, validate_photometry, validate_spectra, validate_stars
-from twilight.cli.terminal import sentences
+from twilight.cli.terminal import with_errors_as_sentences
 
 app = typer.Typer(
     name="validate", help="Compare computed skies with photographs; calibrate cameras.", no_args_is_help=True
@@ -21,9 +21,4 @@ commands: tuple[Callable[..., None], ...] = (
     validate_stars.stars,
 )
 for command in commands:
-    app.command()(sentences(command))
-
-
-@app.callback()
-def _validate() -> None:
-    """Compare computed skies with photographs; calibrate cameras."""
+    app.command()(with_errors_as_sentences(command))

@@ -9,24 +9,11 @@ from typing import Annotated, Any, get_args
 import typer
 
 from twilight.base.errors import TwilightError
-from twilight.cli.options import file_stem, one_config, option, settings_of
-from twilight.cli.photograph import (
-    Azimuth,
-    CameraFile,
-    Folder,
-    Glare,
-    Image,
-    MaskImage,
-    MinElevation,
-    NoAutomaticMask,
-    Resolution,
-    Settings,
-    Skyline,
-    WhiteBalance,
-    open_photograph,
-)
+from twilight.cli import options
+from twilight.cli import photograph as photo_options
+from twilight.cli.options import flag, option
 from twilight.cli.terminal import print_table, progress_bar
-from twilight.cli.validate_photo import _azimuth
+from twilight.cli.validate_photo import sun_azimuth_of
 
 SUN_STEP_DEG = 1.0
 """Distance of the suns that an estimate is made for from each other [deg]."""
@@ -37,12 +24,11 @@ MOST_SUNS = 25
 
 
 def estimate(
-    image: Image,
+    image: photo_options.Image,
     config: Annotated[
-        str,
-        option("CLIMATE_OR_CONFIG", "All that is not estimated; with several suns the elevation is, between them."),
+        str, option("CLIMATE_OR_CONFIG", "All that is not estimated; with several suns the elevation is, between them.")
     ],
-    camera: CameraFile = None,
+    camera: photo_options.CameraFile = None,
     types: Annotated[
         str, option("NAMES", "Aerosol types to try, with commas between.")
     ] = "continental_average,maritime_clean,desert,urban",
@@ -55,20 +41,19 @@ def estimate(
         ),
     ] = "humidity,ozone,albedo",
     library: Annotated[
-        Path | None,
-        option("DIR", "Folder where the fitted skies are cached, for other photographs of the same sun."),
+        Path | None, option("DIR", "Folder where the fitted skies are cached, for other photographs of the same sun.")
     ] = None,
-    white_balance: WhiteBalance = False,
-    no_colour: Annotated[bool, typer.Option("--no-colour", help="Use the luminance only.")] = False,
-    sun_azimuth: Azimuth = None,
-    profile: Skyline = None,
-    mask: MaskImage = None,
-    no_automatic_mask: NoAutomaticMask = False,
-    min_elevation: MinElevation = 3.0,
-    glare: Glare = 10.0,
-    resolution: Resolution = 3.0,
-    settings: Settings = None,
-    output: Folder = None,
+    white_balance: photo_options.WhiteBalance = False,
+    no_colour: Annotated[bool, flag("--no-colour", "Use the luminance only.")] = False,
+    sun_azimuth: photo_options.Azimuth = None,
+    profile: photo_options.Skyline = None,
+    mask: photo_options.MaskImage = None,
+    no_automatic_mask: photo_options.NoAutomaticMask = False,
+    min_elevation: photo_options.MinElevation = 3.0,
+    glare: photo_options.Glare = 10.0,
+    resolution: photo_options.Resolution = 3.0,
+    settings: photo_options.Settings = None,
+    output: photo_options.Folder = None,
 ) -> None:
     """Estimate aerosol, humidity, ozone, ground albedo and, on request, the sun's elevation from a photograph.
 
@@ -80,9 +65,9 @@ def estimate(
     """
     from twilight.base.whole_files import check_folder
 
-    chosen_types, design = _wanted(types, parameters)
-    chosen, names = settings_of(settings)
-    photograph = open_photograph(
+    chosen_types, design = _types_and_design(types, parameters)
+    chosen, names = options.settings_of(settings)
+    photograph = photo_options.open_photograph(
         image,
         camera,
         sun_azimuth,
@@ -93,16 +78,16 @@ def estimate(
         glare_deg=glare,
         resolution_deg=resolution,
     )
-    loaded = one_config(config, chosen, names, "validate estimate")
-    folder = output or Path("out") / ("estimate-" + file_stem(image.stem, "photo"))
+    loaded = options.load_one_scene(config, chosen, names, "validate estimate")
+    folder = options.output_folder(output, "estimate", image.stem, "photo")
     for place in (folder, *([library] if library else [])):
         check_folder(place)
         place.mkdir(parents=True, exist_ok=True)
-    options = {"white_balance": white_balance, "with_colour": not no_colour}
-    _estimate(image, photograph, loaded, chosen_types, design, sun_azimuth, library, options, folder)
+    free = {"white_balance": white_balance, "with_colour": not no_colour}
+    _estimate(image, photograph, loaded, chosen_types, design, sun_azimuth, library, free, folder)
 
 
-def _wanted(types: str, parameters: str) -> tuple[list[str], Any]:
+def _types_and_design(types: str, parameters: str) -> tuple[list[str], Any]:
     from twilight.config.aerosol import AerosolType
     from twilight.config.validate import unknown
     from twilight.studies.validate.photographs.library import OTHERS, Design
@@ -158,11 +143,11 @@ def _estimate(
     design: Any,
     sun_azimuth: float | None,
     folder_of_libraries: Path | None,
-    options: dict[str, bool],
+    free: dict[str, bool],
     folder: Path,
 ) -> None:
     from twilight.base.progress import part_of
-    from twilight.cli.validate_photo import _compare
+    from twilight.cli.validate_photo import compare_with_sky
     from twilight.engine import run
     from twilight.scene import resolve
     from twilight.sky.colour import sky_to_xyz
@@ -188,33 +173,33 @@ def _estimate(
         try:
             for i, name in enumerate(types):
                 file = None if folder_of_libraries is None else folder_of_libraries / f"{config.title}_{name}.npz"
-                tell = part_of(bar, 0.85 * i / len(types), 0.85 / len(types))
-                made_here = make_library(config, design, name, suns, photograph.cell_deg, file=file, progress=tell)
+                part = part_of(bar, 0.85 * i / len(types), 0.85 / len(types))
+                made_here = make_library(config, design, name, suns, photograph.cell_deg, file=file, progress=part)
                 libraries.append(made_here)
         except KeyboardInterrupt:
             if not libraries:
                 raise
-        left = types[len(libraries) :]
-        if left:
+        untried = types[len(libraries) :]
+        if untried:
             names = ", ".join(types[: len(libraries)])
             print(
-                f"twilight: interrupted; fits {names}, not {', '.join(left)} (once more to stop at once)",
+                f"twilight: interrupted; fits {names}, not {', '.join(untried)} (once more to stop at once)",
                 file=sys.stderr,
             )
         # the glare of a sun whose height is searched is masked about the middle of the search
         middle = libraries[0].apparent_elevations_deg
-        azimuth = _sun_of(photograph, config, suns, sun_azimuth)
+        azimuth = _sun_azimuth(photograph, config, suns, sun_azimuth)
         seen = photograph.seen(azimuth, float(0.5 * (middle[0] + middle[-1])))
 
         def compute(name: str, values: Any) -> Any:
             scene = _scene(config, design, values, name, photograph.cell_deg, suns)
             return sky_to_xyz(run(resolve(scene), numpy_only_sun=True), observer=OBSERVER)
 
-        made = fit(seen.sky, libraries, refine=compute, progress=part_of(bar, 0.85, 0.1), **options)
-    told = [*sentences(made), unconstrained_wavelengths(options["white_balance"], options["with_colour"])]
+        made = fit(seen.sky, libraries, refine=compute, progress=part_of(bar, 0.85, 0.1), **free)
+    findings = [*sentences(made), unconstrained_wavelengths(free["white_balance"], free["with_colour"])]
     if any(p.name == HORIZON and p.constrained for p in made[0].parameters):
-        told.append(_beyond(config, made[0].values[HORIZON]))
-    unseen = [f"aerosol type: {', '.join(left)} was not tried: interrupted"] if left else []
+        findings.append(_beyond(config, made[0].values[HORIZON]))
+    unseen = [f"aerosol type: {', '.join(untried)} was not tried: interrupted"] if untried else []
     best = made[0]
     final = _scene(config, design, best.values, best.aerosol_type, photograph.cell_deg, suns)
     _write_climate(folder / "climate.yaml", final.climate)
@@ -225,14 +210,11 @@ def _estimate(
             "scene": config.title,
             "suns_deg": suns,
             "emulation": {
-                library.aerosol_type: {
-                    "luminance_rms": library.luminance_error,
-                    "uv_rms": library.chromaticity_error,
-                }
+                library.aerosol_type: {"luminance_rms": library.luminance_error, "uv_rms": library.chromaticity_error}
                 for library in libraries
             },
             "estimates": facts(made),
-            "remarks": [*remarks, *told, *unseen],
+            "remarks": [*remarks, *findings, *unseen],
         },
     )
     rows = [
@@ -252,7 +234,7 @@ def _estimate(
         right=(1, 2),
     )
     print_table(["parameter", "value", "+-", "interval", "unit", "constrained"], rows, right=(1, 2))
-    for line in [*remarks, *told, *unseen]:
+    for line in [*remarks, *findings, *unseen]:
         print(line)
     luminance = max(one.luminance_error for one in libraries)
     chromaticity = max(one.chromaticity_error for one in libraries)
@@ -260,9 +242,9 @@ def _estimate(
         f"emulated skies are off by up to {100 * luminance:.1f} % in luminance and {chromaticity:.4f} in u', v' "
         "(root mean squares of a type); the uncertainties hold this"
     )
-    _compare(image, photograph, final, sun_azimuth, options["white_balance"], folder)
+    compare_with_sky(image, photograph, final, sun_azimuth, free["white_balance"], folder)
     print(f"wrote estimate.json and climate.yaml to {folder}/")
-    if left:
+    if untried:
         raise typer.Exit(130)
 
 
@@ -291,7 +273,7 @@ def _beyond(config: Any, cover: float) -> str:
     )
 
 
-def _sun_of(photograph: Any, config: Any, suns: list[float], given: float | None) -> float:
+def _sun_azimuth(photograph: Any, config: Any, suns: list[float], given: float | None) -> float:
     """The sun's azimuth in the camera's azimuths, as `twilight validate photo` takes it."""
     from types import SimpleNamespace
 
@@ -303,7 +285,7 @@ def _sun_of(photograph: Any, config: Any, suns: list[float], given: float | None
         sun = config.sun
         at = sun_position(sun.aware(sun.at), sun.latitude_deg, sun.longitude_deg, config.observer.altitude_km)
         known = float(at.azimuth_deg)
-    return _azimuth(photograph, SimpleNamespace(sun_azimuth_deg=known), given)[0]
+    return sun_azimuth_of(photograph, SimpleNamespace(sun_azimuth_deg=known), given)[0]
 
 
 def _write_climate(path: Path, climate: Any) -> None:

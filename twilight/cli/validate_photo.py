@@ -5,25 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from twilight.base.errors import TwilightError
-from twilight.cli.options import check_polarised, file_stem, one_config, option, settings_of
-from twilight.cli.photograph import (
-    Azimuth,
-    CameraFile,
-    Folder,
-    Glare,
-    Image,
-    MaskImage,
-    MinElevation,
-    NoAutomaticMask,
-    Resolution,
-    Settings,
-    Skyline,
-    WhiteBalance,
-    open_photograph,
-)
+from twilight.cli import options
+from twilight.cli import photograph as photo_options
+from twilight.cli.options import argument, option
 from twilight.cli.terminal import print_table, progress_bar
 
 DISC_AWAY_DEG = 0.5
@@ -31,33 +16,31 @@ DISC_AWAY_DEG = 0.5
 
 
 def photo(
-    image: Image,
+    image: photo_options.Image,
     config: Annotated[str, option("CLIMATE_OR_CONFIG", "The scene to compare with; several suns are tried in turn.")],
-    camera: CameraFile = None,
-    white_balance: WhiteBalance = False,
-    sun_azimuth: Azimuth = None,
-    profile: Skyline = None,
-    mask: MaskImage = None,
-    no_automatic_mask: NoAutomaticMask = False,
-    min_elevation: MinElevation = 0.0,
-    glare: Glare = 6.0,
-    resolution: Resolution = 2.0,
+    camera: photo_options.CameraFile = None,
+    white_balance: photo_options.WhiteBalance = False,
+    sun_azimuth: photo_options.Azimuth = None,
+    profile: photo_options.Skyline = None,
+    mask: photo_options.MaskImage = None,
+    no_automatic_mask: photo_options.NoAutomaticMask = False,
+    min_elevation: photo_options.MinElevation = 0.0,
+    glare: photo_options.Glare = 6.0,
+    resolution: photo_options.Resolution = 2.0,
     polariser: Annotated[
         float | None,
         option("DEG", "The photograph was taken through a polariser: its axis from the vertical, clockwise."),
     ] = None,
-    settings: Settings = None,
-    output: Folder = None,
+    settings: photo_options.Settings = None,
+    output: photo_options.Folder = None,
 ) -> None:
     """Compare a photograph with the computed sky, and write a side-by-side picture with its figures.
 
     Writes comparison.png, figures.json, profiles.csv and comparison.h5; with several suns also suns.csv, and the files
     are those of the sun that fits best.
     """
-    from twilight.base.whole_files import check_folder
-
-    chosen, names = settings_of(settings)
-    photograph = open_photograph(
+    chosen, names = options.settings_of(settings)
+    photograph = photo_options.open_photograph(
         image,
         camera,
         sun_azimuth,
@@ -72,15 +55,14 @@ def photo(
     names["texture"] = "--resolution"
     if polariser is not None:
         chosen["output.polariser_deg"], names["output.polariser_deg"] = polariser, "--polariser"
-    loaded = one_config(config, chosen, names, "validate photo")
-    check_polarised(loaded)
-    folder = output or Path("out") / ("photo-" + file_stem(image.stem, "photo"))
-    check_folder(folder)
+    loaded = options.load_one_scene(config, chosen, names, "validate photo")
+    options.check_polarised(loaded)
+    folder = options.output_folder(output, "photo", image.stem, "photo")
     folder.mkdir(parents=True, exist_ok=True)
-    _compare(image, photograph, loaded, sun_azimuth, white_balance, folder)
+    compare_with_sky(image, photograph, loaded, sun_azimuth, white_balance, folder)
 
 
-def _compare(
+def compare_with_sky(
     image: Path, photograph: Any, config: Any, sun_azimuth: float | None, white_balance: bool, folder: Path
 ) -> None:
     from twilight.base.progress import part_of
@@ -89,12 +71,7 @@ def _compare(
     from twilight.scene.suns import count_suns
     from twilight.studies.validate.photographs import photo as comparing
     from twilight.studies.validate.photographs.figure import summary, write_figure
-    from twilight.studies.validate.photographs.report import (
-        write_dataset,
-        write_json,
-        write_profiles,
-        write_suns,
-    )
+    from twilight.studies.validate.photographs.report import write_dataset, write_json, write_profiles, write_suns
 
     best: Any = None
     rows = []
@@ -108,7 +85,7 @@ def _compare(
             sky = frame.sky
             if config.output.polariser_deg is not None:
                 sky = sky.through_polariser(config.output.polariser_deg)
-            azimuth, note = _azimuth(photograph, sky, sun_azimuth)
+            azimuth, note = sun_azimuth_of(photograph, sky, sun_azimuth)
             apparent = (
                 sky.sun_elevation_deg if sky.apparent_sun_elevation_deg is None else sky.apparent_sun_elevation_deg
             )
@@ -206,7 +183,7 @@ def _cells(figures: dict[str, Any]) -> list[str]:
     ]
 
 
-def _azimuth(photograph: Any, sky: Any, given: float | None) -> tuple[float, str]:
+def sun_azimuth_of(photograph: Any, sky: Any, given: float | None) -> tuple[float, str]:
     """The sun's azimuth in the camera's azimuths, and a sentence on where it is from."""
     if given is not None:
         return given % 360.0, f"sun azimuth {given % 360.0:.2f} deg, as given"
@@ -221,34 +198,24 @@ def _azimuth(photograph: Any, sky: Any, given: float | None) -> tuple[float, str
 
 
 def response(
-    images: Annotated[
-        list[Path], typer.Argument(metavar="IMAGE...", help="Photographs of one still scene with different exposures.")
-    ],
+    images: Annotated[list[Path], argument("IMAGE...", "Photographs of one still scene with different exposures.")],
     times: Annotated[
         str | None, option("SECONDS,...", "Exposure times, one each; unset: from the files' EXIF.")
     ] = None,
     merge: Annotated[Path | None, option("FILE.exr", "Also write the series as one linear picture.")] = None,
     curve: Annotated[
-        str | None,
-        option("linear|srgb|EXPONENT|FILE.csv", "With --merge: a known response, instead of recovering it."),
+        str | None, option("linear|srgb|EXPONENT|FILE.csv", "With --merge: a known response, instead of recovering it.")
     ] = None,
     output: Annotated[Path | None, option("FILE.csv", "The recovered curve; unset: response.csv.")] = None,
 ) -> None:
     """Recover a camera's response curve from a bracketed series, and merge the series into one linear picture."""
     from twilight.studies.camera.image import read_samples, write_exr
-    from twilight.studies.camera.response import (
-        load_response,
-        merge_bracket,
-        recover_response,
-        write_response,
-    )
+    from twilight.studies.camera.response import load_response, merge_bracket, recover_response, write_response
 
     if curve is not None and (merge is None or output is not None):
         raise TwilightError("--curve: is for --merge, and takes no --output, for there is nothing to recover")
-    if merge is not None and merge.suffix.lower() != ".exr":
-        raise TwilightError(f"--merge: {merge} must end in .exr")
-    if output is not None and output.suffix.lower() != ".csv":
-        raise TwilightError(f"--output: {output} must end in .csv")
+    options.check_suffix(merge, "--merge", ".exr")
+    options.check_suffix(output, "--output", ".csv")
     pictures = [read_samples(path) for path in images]
     seconds = _times(times, images, pictures)
     if curve is None and not (merge is not None and all(picture.linear for picture in pictures)):

@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from twilight.base.errors import TwilightError
-from twilight.cli.options import option, settings_of
+from twilight.cli import options
+from twilight.cli.options import argument, option
 from twilight.cli.terminal import print_table, progress_bar
 
 DEFAULT_CLIMATES = ("continental-average", "continental-clean")
@@ -16,11 +15,10 @@ DEFAULT_CLIMATES = ("continental-average", "continental-clean")
 
 def photometry(
     climates: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[CLIMATE...]", help="Names or files; without them continental-average and -clean."),
+        list[str] | None, argument("[CLIMATE...]", "Names or files; without them continental-average and -clean.")
     ] = None,
     quality: Annotated[str, option("NAME", "Preset of the solver zones.")] = "standard",
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
     output: Annotated[Path, option("DIR", "Folder for the tables and the picture.")] = Path("out/photometry"),
 ) -> None:
     """Illuminance of the ground (Janiczek and DeYoung 1987), luminance of the zenith (Koomen et al. 1952; Sky Quality
@@ -35,12 +33,8 @@ def photometry(
     from twilight.studies.validate.measured import photometry as work
     from twilight.studies.validate.measured import report
 
-    chosen: dict[str, Any] = {
-        "night": {},
-        "wavelengths.list_nm": list(work.WAVELENGTHS_NM),
-        "solver.quality": quality,
-    }
-    for key, value in settings_of(settings)[0].items():
+    chosen: dict[str, Any] = {"night": {}, "wavelengths.list_nm": list(work.WAVELENGTHS_NM), "solver.quality": quality}
+    for key, value in options.settings_of(settings)[0].items():
         if key == "night":
             chosen = {k: v for k, v in chosen.items() if not k.startswith("night.")}
         chosen[key] = value
@@ -56,8 +50,8 @@ def photometry(
     air: list[str] = []
     with progress_bar() as progress:
         for i, config in enumerate(configs):
-            tell = part_of(progress, i / len(configs), 1.0 / len(configs), titles[i])
-            found, by_moon, transmission = work.photometry(config, tell)
+            part = part_of(progress, i / len(configs), 1.0 / len(configs), titles[i])
+            found, by_moon, transmission = work.photometry(config, part)
             points += found
             moonlit += by_moon
             for site in work.KOOMEN_SITES:

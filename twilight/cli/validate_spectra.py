@@ -5,17 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from twilight.base.errors import TwilightError
-from twilight.cli.options import numbers, option, settings_of
+from twilight.cli import options
+from twilight.cli.options import argument, flag, option
 from twilight.cli.terminal import print_table, progress_bar
 
 
 def spectra(
-    recorded: Annotated[
-        Path, typer.Argument(metavar="SPECTRA", help="CSV: sun_elevation_deg, then a column for each wavelength [nm].")
-    ],
+    recorded: Annotated[Path, argument("SPECTRA", "CSV: sun_elevation_deg, then a column for each wavelength [nm].")],
     config: Annotated[str, option("CLIMATE_OR_CONFIG", "The air and the ground.")] = "continental-average",
     series: Annotated[
         str | None, option("NAME", "Of a file with several: the value of its column session or run.")
@@ -28,11 +25,10 @@ def spectra(
         float, option("MAG", "By how much the zenith may become fainter, sun at -4 deg and below; inf: by any.")
     ] = 0.1,
     free_calibration: Annotated[
-        bool,
-        typer.Option("--free-calibration", help="A factor for each wavelength, the same for all suns, is free too."),
+        bool, flag("--free-calibration", "A factor for each wavelength, the same for all suns, is free too.")
     ] = False,
-    quality: Annotated[str, option("NAME", "Preset of the solver.")] = "draft",
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    quality: Annotated[str, options.QUALITY] = "draft",
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
     output: Annotated[Path, option("DIR", "Folder for the tables, the picture and the evening.")] = Path("out/spectra"),
 ) -> None:
     """Fit what lay beyond the horizon to recorded spectra of level ground.
@@ -46,14 +42,14 @@ def spectra(
     from twilight.studies.validate.measured import spectra as work
     from twilight.studies.validate.measured import spectra_report as report
 
-    between = numbers(suns, "--suns", -90.0, 90.0)
+    between = options.parse_numbers(suns, "--suns", -90.0, 90.0)
     if len(between) != 2 or between[0] < between[1]:
         raise TwilightError(f"--suns: {suns} must be two elevations, the higher one first, e.g. 0,-8")
     high, low = between
-    starts = tuple(numbers(from_km, "--from-km", 0.0, 2000.0))
+    starts = tuple(options.parse_numbers(from_km, "--from-km", 0.0, 2000.0))
     if not zenith >= 0.0:
         raise TwilightError(f"--zenith {zenith:g}: must be 0 or more")
-    chosen = settings_of(settings)[0]
+    chosen = options.settings_of(settings)[0]
     loaded = load(config, {"solver.quality": quality} | chosen)
     measured = work.at_nodes(work.read_spectra(recorded, series), high, low)
     check_folder(output)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from twilight.base.errors import TwilightError
-from twilight.cli.options import option
+from twilight.cli import options
+from twilight.cli.options import argument, flag, option
 from twilight.cli.terminal import print_table
 
 FIRST_DIGITAL_YEAR = 2000.0
@@ -16,10 +15,10 @@ FIRST_DIGITAL_YEAR = 2000.0
 
 
 def stars(
-    image: Annotated[Path, typer.Argument(metavar="IMAGE", help="Night exposure: HDR, EXR, TIFF, PNG, JPEG or RAW.")],
+    image: Annotated[Path, argument("IMAGE", "Night exposure: HDR, EXR, TIFF, PNG, JPEG or RAW.")],
     camera: Annotated[Path, option("GUESS.yaml", "Projection and size must be right, the focal length to 10 %.")],
-    latitude: Annotated[float | None, option("DEG", "North positive.")] = None,
-    longitude: Annotated[float | None, option("DEG", "East positive.")] = None,
+    latitude: Annotated[float | None, options.LATITUDE] = None,
+    longitude: Annotated[float | None, options.LONGITUDE] = None,
     at: Annotated[str | None, option("TIME", "Date and time of the middle of the exposure.")] = None,
     time_zone: Annotated[str | None, option("ZONE", "For a time without its offset, e.g. Europe/Berlin.")] = None,
     altitude: Annotated[float, option("KM", "Of the camera; sets the pressure for the refraction.")] = 0.0,
@@ -27,9 +26,7 @@ def stars(
     year: Annotated[float, option("YEAR", "Epoch of the stars where the time is not known.")] = 2020.0,
     distortion: Annotated[int, option("N", "Coefficients of distortion to solve, 0 to 4.")] = 2,
     threshold: Annotated[float, option("SIGMA", "Of detection above the local noise.")] = 5.0,
-    planets: Annotated[
-        bool, typer.Option("--planets", help="Without a time: find the date, from 2000 on, by the planets.")
-    ] = False,
+    planets: Annotated[bool, flag("--planets", "Without a time: find the date, from 2000 on, by the planets.")] = False,
     picture: Annotated[Path | None, option("FILE.png", "Draw sources, stars and their names.")] = None,
     output: Annotated[Path | None, option("CAMERA.yaml", "The solved camera; without it, out/camera.yaml.")] = None,
 ) -> None:
@@ -61,10 +58,8 @@ def stars(
     place, moment = _place_and_time(latitude, longitude, at, time_zone, altitude)
     if planets and moment is not None:
         raise TwilightError("--planets: finds the date of a picture without --at")
-    if output is not None and output.suffix not in (".yaml", ".yml"):
-        raise TwilightError(f"--output: {output} must end in .yaml")
-    if picture is not None and picture.suffix != ".png":
-        raise TwilightError(f"--picture: {picture} must end in .png")
+    options.check_suffix(output, "--output", ".yaml", ".yml")
+    options.check_suffix(picture, "--picture", ".png")
     target = output or Path("out") / "camera.yaml"
     for path in (target, picture):
         if path is not None:
@@ -105,8 +100,6 @@ def _place_and_time(
     latitude: float | None, longitude: float | None, at: str | None, time_zone: str | None, altitude_km: float
 ) -> tuple[Any, Any]:
     """(StarSite, moment), or (None, None) where nothing is given."""
-    from twilight.config.sun import SunAt
-    from twilight.config.validate import Origins, validate
     from twilight.studies.validate.stars.coordinates import StarSite
 
     given = {"--latitude": latitude, "--longitude": longitude, "--at": at}
@@ -117,11 +110,7 @@ def _place_and_time(
         return None, None
     if missing:
         raise TwilightError(f"{', '.join(missing)}: place and time are given together, or not at all")
-    data = {"latitude_deg": latitude, "longitude_deg": longitude, "at": at}
-    if time_zone is not None:
-        data["time_zone"] = time_zone
-    names = {"latitude_deg": "--latitude", "longitude_deg": "--longitude", "at": "--at", "time_zone": "--time-zone"}
-    where = validate(SunAt, data, Origins({(): "--at", **{(key,): name for key, name in names.items()}}))
+    where = options.sun_at(at, latitude, longitude, time_zone)
     return StarSite(where.latitude_deg, where.longitude_deg, altitude_km), where.aware(where.at)
 
 

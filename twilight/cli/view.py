@@ -8,25 +8,22 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Annotated, Any
 
-import typer
-
 from twilight.base.errors import TwilightError
-from twilight.cli.options import file_stem, numbers, one_config, option, scene_names, settings_of
+from twilight.cli import options
+from twilight.cli.options import argument, option
 from twilight.cli.terminal import progress_bar
 
 
 def view(
     scene: Annotated[
         str,
-        typer.Argument(
-            metavar="CLIMATE_OR_CONFIG_OR_FIELD",
-            help="Name or file of a climate or configuration, or a field.h5 that solver.field_file wrote.",
-            autocompletion=scene_names,
+        argument(
+            "CLIMATE_OR_CONFIG_OR_FIELD",
+            "Name or file of a climate or configuration, or a field.h5 that solver.field_file wrote.",
+            options.scene_names,
         ),
     ],
-    beside: Annotated[
-        str | None, typer.Option(metavar="SCENE", help="A second one, beyond a line that divides the picture.")
-    ] = None,
+    beside: Annotated[str | None, option("SCENE", "A second one, beyond a line that divides the picture.")] = None,
     altitudes_km: Annotated[
         str | None,
         option(
@@ -35,24 +32,22 @@ def view(
             "the air lets it go up to there. Without it from the ground to an orbit at 1000 km.",
         ),
     ] = None,
-    quality: Annotated[str | None, option("NAME", "Preset of the solver.")] = None,
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    quality: Annotated[str | None, options.QUALITY] = None,
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
     output: Annotated[Path | None, option("FILE.html", "Without it, out/NAME.html.")] = None,
 ) -> None:
     """Write a sky that can be walked through: every sun and direction, in one HTML file that needs no network."""
-    if output is not None and output.suffix.lower() not in (".html", ".htm"):
-        raise TwilightError(f"--output: {output} must end in .html")
-    chosen, names = settings_of(settings)
-    if quality is not None:
-        chosen["solver.quality"], names["solver.quality"] = quality, "--quality"
-    altitudes = None if altitudes_km is None else numbers(altitudes_km, "--altitudes-km", 0.0, 40000.0)
+    options.check_suffix(output, "--output", ".html", ".htm")
+    chosen, names = options.settings_of(settings)
+    options.put_options(chosen, names, {"solver.quality": (quality, "--quality")})
+    altitudes = None if altitudes_km is None else options.parse_numbers(altitudes_km, "--altitudes-km", 0.0, 40000.0)
     scenes = [scene] if beside is None else [scene, beside]
     found = [_scene(one, chosen, names) for one in scenes]
     title = [
-        problem.scene.title or problem.scene.medium.name or file_stem(Path(one).stem, "sky")
+        problem.scene.title or problem.scene.medium.name or options.file_stem(Path(one).stem, "sky")
         for one, (problem, _) in zip(scenes, found, strict=True)
     ]
-    path = output or Path("out") / f"{'-'.join(file_stem(name, 'sky') for name in title)}.html"
+    path = output or Path("out") / f"{'-'.join(options.file_stem(name, 'sky') for name in title)}.html"
 
     from twilight.base.whole_files import check_file
     from twilight.viewer import check_altitudes, ground_to_orbit, view_fields
@@ -96,13 +91,13 @@ def _render_words(scene: str, quality: str | None, settings: list[str] | None) -
 
 def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[Any, Any]:
     """The problem of a scene, and its configuration where it has one."""
-    from twilight.cli.first_run import say_that_it_compiles
+    from twilight.cli.first_run import announce_compiling
     from twilight.engine import Problem
     from twilight.scene import Scene, resolve
 
     if not scene.lower().endswith((".h5", ".hdf5")):
-        config = one_config(scene, chosen, names, "view")
-        say_that_it_compiles(config.chosen_solver.name)
+        config = options.load_one_scene(scene, chosen, names, "view")
+        announce_compiling(config.chosen_solver.name)
         return Problem(resolve(config)), config
     if chosen:
         raise TwilightError(f"{scene}: is a solved field, which {next(iter(names.values()))} cannot change")
@@ -110,9 +105,7 @@ def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[A
 
     field = zones.load(scene)
     solver: Any = SimpleNamespace(
-        CAPABILITIES=zones.CAPABILITIES,
-        QUALITIES=zones.QUALITIES,
-        prepare=lambda medium, settings, **options: field,
+        CAPABILITIES=zones.CAPABILITIES, QUALITIES=zones.QUALITIES, prepare=lambda medium, settings, **options: field
     )
     return Problem(Scene(field.medium, None, solver, field.settings, title=Path(scene).stem)), None
 

@@ -6,10 +6,9 @@ import datetime as dt
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from twilight.base.errors import TwilightError
-from twilight.cli.options import climate_names, option, settings_of, within
+from twilight.cli import options
+from twilight.cli.options import argument, option
 from twilight.cli.terminal import print_table, progress_bar
 
 HEAD = ["object", "V mag", "seen from", "sun [deg]", "up [deg]", "to", "sun [deg]", "up [deg]", "best [mag]"]
@@ -17,25 +16,24 @@ HEAD = ["object", "V mag", "seen from", "sun [deg]", "up [deg]", "to", "sun [deg
 
 def visible(
     what: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[OBJECT...]", help="moon, a planet, a star by its name, planets, or stars; planets."),
+        list[str] | None, argument("[OBJECT...]", "moon, a planet, a star by its name, planets, or stars; planets.")
     ] = None,
     *,
-    latitude: Annotated[float, option("DEG", "North positive.")],
-    longitude: Annotated[float, option("DEG", "East positive.")],
+    latitude: Annotated[float, options.LATITUDE],
+    longitude: Annotated[float, options.LONGITUDE],
     at: Annotated[
         str | None,
         option("DATE", "The night that begins on a date; for --map a time, or a date and a twilight. Today."),
     ] = None,
-    time_zone: Annotated[str | None, option("ZONE", "E.g. Europe/Berlin; without it, UTC.")] = None,
+    time_zone: Annotated[str | None, options.TIME_ZONE] = None,
     climate: Annotated[
-        str, typer.Option(metavar="NAME", help="Climate or configuration: the air.", autocompletion=climate_names)
+        str, option("NAME", "Climate or configuration: the air.", complete=options.climate_names)
     ] = "continental-average",
     field_factor: Annotated[
         float, option("F", "Factor on the thresholds of the laboratory (Crumey 2014): 1.4 keen, 2 typical, 2.4.")
     ] = 2.0,
     map_file: Annotated[Path | None, option("FILE.png", "Draw the limiting magnitude of --at.", "--map")] = None,
-    settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key; may be repeated.", "--set")] = None,
+    settings: Annotated[list[str] | None, options.SETTINGS] = None,
 ) -> None:
     """List when objects are seen with the naked eye, from noon to noon, or draw a map of the limiting magnitude.
 
@@ -50,20 +48,20 @@ def visible(
     from twilight.sky.twilight_times import time_of, today_at
     from twilight.studies.visible.night import sightings
 
-    within(latitude, "--latitude", -90.0, 90.0)
-    within(longitude, "--longitude", -720.0, 720.0)
-    within(field_factor, "--field-factor", 0.5, 10.0)
+    options.check_range(latitude, "--latitude", -90.0, 90.0)
+    options.check_range(longitude, "--longitude", -720.0, 720.0)
+    options.check_range(field_factor, "--field-factor", 0.5, 10.0)
     longitude = longitude if -180.0 <= longitude <= 360.0 else (longitude + 180.0) % 360.0 - 180.0
     names = list(dict.fromkeys(name for word in what or ["planets"] for name in names_of(word)))
-    config = load(climate, {"solver.quality": "draft", **settings_of(settings)[0]})
+    config = load(climate, {"solver.quality": "draft", **options.settings_of(settings)[0]})
     if map_file is not None:
         if what:
             raise TwilightError("--map: draws the whole sky and takes no objects")
-        if map_file.suffix != ".png":
-            raise TwilightError(f"--map: {map_file} must end in .png")
+        options.check_suffix(map_file, "--map", ".png")
         moment = _moment(at, latitude, longitude, time_zone)
     else:
-        date = _date(at) if at is not None else today_at(longitude, time_zone)
+        example = "2026-06-21; a time goes with --map alone"
+        date = options.parse_date(at, "--at", example) if at is not None else today_at(longitude, time_zone)
         noon = time_of(f"{date} solar noon", latitude, longitude, time_zone)
     with progress_bar() as progress:
         eye = Eye(field_for(config, [quantity("luminance")], progress), field_factor)
@@ -90,13 +88,6 @@ def _rows(name: str, outlook: Any) -> list[list[str]]:
         ends = [[f"{s.sun_deg[k]:.1f}", f"{s.elevation_deg[k]:.1f}"] for k in (0, 1)]
         rows.append([name, f"{s.magnitude:.1f}", times[0], *ends[0], times[1], *ends[1], f"{s.best_margin_mag:+.1f}"])
     return rows
-
-
-def _date(text: str) -> dt.date:
-    try:
-        return dt.date.fromisoformat(text.strip())
-    except ValueError:
-        raise TwilightError(f"--at: {text} is not a date such as 2026-06-21; a time goes with --map alone") from None
 
 
 def _moment(text: str | None, latitude: float, longitude: float, time_zone: str | None) -> dt.datetime:

@@ -14,9 +14,9 @@ from twilight.base.progress import Progress, part_of, silent
 from twilight.config import load
 from twilight.config.scene import PLACED_NM, Config
 from twilight.scene.medium import wavelengths_of
-from twilight.studies.compare.accuracy import ColourSpread, Spread, colour_spread, radiance_spread
+from twilight.studies.compare.accuracy import ColourErrors, ErrorQuantiles, colour_errors, radiance_errors
 from twilight.studies.compare.bench import Bench
-from twilight.studies.compare.comparison import ComparisonRow, Rung
+from twilight.studies.compare.comparison import ComparisonRow, SolverPreset
 from twilight.studies.compare.directions import stratified_directions
 from twilight.studies.compare.job import Job, SampleDirections
 
@@ -33,7 +33,7 @@ HABER = {
     "solver.max_orders": 20,
     "solver.expert.tolerance": 1e-3,
 }
-LOW = {"atmosphere.top_km": 35.0}
+LOW_TOP = {"atmosphere.top_km": 35.0}
 FEW_NM = {"wavelengths": {"list_nm": [440.0, 550.0, 680.0]}}
 """For what costs much and hardly depends on how many wavelengths there are."""
 
@@ -87,8 +87,8 @@ ABLATIONS: tuple[Ablation, ...] = (
     *(
         Ablation(
             f"N = {n} layers of equal mass, top at 35 km",
-            {**ZONES, **LOW, "atmosphere.layers": {"equal_air_mass": n}},
-            {**ZONES, **LOW},
+            {**ZONES, **LOW_TOP, "atmosphere.layers": {"equal_air_mass": n}},
+            {**ZONES, **LOW_TOP},
         )
         for n in (10, 20, 30, 50, 70, 100)
     ),
@@ -117,32 +117,31 @@ class AblationRow:
 
     name: str
     sun_elevation_deg: float
-    difference: Spread | None = None
-    colour: ColourSpread | None = None
+    difference: ErrorQuantiles | None = None
+    colour: ColourErrors | None = None
     simplified: ComparisonRow | None = None
     full: ComparisonRow | None = None
     reason: str = ""
 
 
 COLUMNS = (
-    "ablation",
-    "sun_elevation_deg",
-    "median_percent",
-    "p95_percent",
-    "max_percent",
-    "mean_percent",
-    "ciede2000_median",
-    "ciede2000_p95",
-    "ciede2000_max",
-    "luminance_median_percent",
-    "luminance_p95_percent",
-    "luminance_mean_percent",
-    "time_s",
-    "time_without_s",
-    "cpu_s",
-    "cpu_without_s",
-    "reason",
+    *("ablation", "sun_elevation_deg"),
+    *(f"{name}_percent" for name in ("median", "p95", "max", "mean")),
+    *(f"ciede2000_{name}" for name in ("median", "p95", "max")),
+    *(f"luminance_{name}_percent" for name in ("median", "p95", "mean")),
+    *("time_s", "time_without_s", "cpu_s", "cpu_without_s", "reason"),
 )
+PRINTED = {
+    "ablation": "ablation",
+    "sun": "sun_elevation_deg",
+    "median %": "median_percent",
+    "95 %": "p95_percent",
+    "ΔE00": "ciede2000_median",
+    "lum. %": "luminance_median_percent",
+    "time s": "time_s",
+    "full s": "time_without_s",
+}
+"""Headings of the printed columns, and their names in `COLUMNS`."""
 
 
 def ablate(
@@ -194,15 +193,17 @@ def _row(ablation: Ablation, sun: float, simplified: Any, full: Any) -> Ablation
         if outcome.reason:
             return AblationRow(ablation.name, sun, reason=outcome.reason)
         n = config.texture.shape[0] * config.texture.shape[1]
-        rows.append(ComparisonRow(Rung(job.solver, job.quality), sun, timing=outcome.timing, texture_directions=n))
+        rows.append(
+            ComparisonRow(SolverPreset(job.solver, job.quality), sun, timing=outcome.timing, texture_directions=n)
+        )
         wavelengths.append(wavelengths_of(config))
     value, right = simplified[2][sun].radiance, full[2][sun].radiance
     row = AblationRow(ablation.name, sun, simplified=rows[0], full=rows[1])
     if not ablation.colour_only:
-        row = replace(row, difference=radiance_spread(value, right, np.zeros_like(right)))
+        row = replace(row, difference=radiance_errors(value, right, np.zeros_like(right)))
     if wavelengths[0] is not None and wavelengths[1] is not None:
         config = full[0]
-        colour = colour_spread(
+        colour = colour_errors(
             value,
             right,
             None,
@@ -220,13 +221,10 @@ def lines(rows: list[AblationRow]) -> list[list[str]]:
     return [_line(row) for row in rows]
 
 
-PRINTED = ("ablation", "sun", "median %", "95 %", "ΔE00", "lum. %", "time s", "full s")
-
-
 def printed(rows: list[AblationRow]) -> list[list[str]]:
     """Lines of the columns `PRINTED`."""
-    printed_columns = [0, 1, 2, 3, 6, 9, 12, 13]
-    return [[line[i] for i in printed_columns] for line in lines(rows)]
+    indices = [COLUMNS.index(name) for name in PRINTED.values()]
+    return [[line[i] for i in indices] for line in lines(rows)]
 
 
 def _line(row: AblationRow) -> list[str]:

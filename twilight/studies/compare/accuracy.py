@@ -15,7 +15,7 @@ _PERTURBATIONS = 40
 
 
 @dataclass(frozen=True)
-class Spread:
+class ErrorQuantiles:
     """Median, 95th percentile and largest of the absolute errors, and the mean of the signed ones.
 
     noise_*: the part of the three quantiles that the noise of the reference solution alone would give; it is already
@@ -30,7 +30,7 @@ class Spread:
     noise_largest: float
 
 
-def radiance_spread(value: np.ndarray, reference: np.ndarray, standard_error: np.ndarray) -> Spread | None:
+def radiance_errors(value: np.ndarray, reference: np.ndarray, standard_error: np.ndarray) -> ErrorQuantiles | None:
     """Relative errors [%] of radiances against a reference with standard errors, arrays of one shape.
 
     Directions where the reference is black have no relative error and are left out; None where none is left.
@@ -48,25 +48,25 @@ def radiance_spread(value: np.ndarray, reference: np.ndarray, standard_error: np
     noise = (noise_quantile(sigma, 0.5), noise_quantile(sigma, 0.95), noise_largest(sigma))
     size = np.abs(relative)
     found = (np.median(size), np.percentile(size, 95), size.max())
-    return _spread(found, noise, float(relative.mean()))
+    return _without_noise(found, noise, float(relative.mean()))
 
 
 def noise_quantile(sigma: np.ndarray, fraction: float) -> float:
     """The size that a fraction of normal deviations with the standard deviations sigma (D,) does not exceed."""
-    return _solve(sigma, lambda x: float(np.mean(_within(x, sigma))), fraction)
+    return _bisect(sigma, lambda x: float(np.mean(_probability_below(x, sigma))), fraction)
 
 
 def noise_largest(sigma: np.ndarray) -> float:
     """Median of the largest of the deviations."""
-    return _solve(sigma, lambda x: float(np.prod(_within(x, sigma))), 0.5)
+    return _bisect(sigma, lambda x: float(np.prod(_probability_below(x, sigma))), 0.5)
 
 
-def _within(x: float, sigma: np.ndarray) -> np.ndarray:
+def _probability_below(x: float, sigma: np.ndarray) -> np.ndarray:
     """Probability that a normal deviation is below x in size."""
     return np.where(sigma > 0, erf(x / np.where(sigma > 0, sigma * np.sqrt(2.0), 1.0)), 1.0)
 
 
-def _solve(sigma: np.ndarray, probability, wanted: float) -> float:
+def _bisect(sigma: np.ndarray, probability, wanted: float) -> float:
     low, high = 0.0, 20.0 * float(sigma.max(initial=0.0))
     for _ in range(60):
         middle = 0.5 * (low + high)
@@ -74,20 +74,20 @@ def _solve(sigma: np.ndarray, probability, wanted: float) -> float:
     return high
 
 
-def _spread(found: tuple[float, float, float], noise: tuple[float, float, float], mean: float) -> Spread:
+def _without_noise(found: tuple[float, float, float], noise: tuple[float, float, float], mean: float) -> ErrorQuantiles:
     median, p95, largest = (float(np.sqrt(max(f**2 - n**2, 0.0))) for f, n in zip(found, noise, strict=True))
-    return Spread(median, p95, largest, mean, *noise)
+    return ErrorQuantiles(median, p95, largest, mean, *noise)
 
 
 @dataclass(frozen=True)
-class ColourSpread:
-    """CIEDE2000 and relative error of the luminance [%], each as in :class:`Spread`."""
+class ColourErrors:
+    """CIEDE2000 and relative error of the luminance [%], each as in :class:`ErrorQuantiles`."""
 
-    ciede2000: Spread
-    luminance: Spread
+    ciede2000: ErrorQuantiles
+    luminance: ErrorQuantiles
 
 
-def colour_spread(
+def colour_errors(
     value: np.ndarray,
     reference: np.ndarray,
     standard_error: np.ndarray | None,
@@ -96,7 +96,7 @@ def colour_spread(
     *,
     solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM,
     observer: str = "cie1964_10deg",
-) -> ColourSpread | None:
+) -> ColourErrors | None:
     """Errors of the colours of spectra (D, W) against reference spectra (D, W'); None where colour is not defined.
 
     White is D65 at 1/0.18 of the reference sky's log-mean luminance, the exposure of a picture; luminance is that of
@@ -123,34 +123,30 @@ def colour_spread(
     right = lab(reference, there)
     difference = _ciede2000(lab(value, wavelength_nm), right)
     relative = luminance(value, wavelength_nm) / y - 1.0
-    draws = _noisy(reference, error) if error.any() else []
+    draws = _noisy_draws(reference, error) if error.any() else []
     shifts = np.array([_ciede2000(lab(draw, there), right) for draw in draws]).reshape(-1, y.size)
     sigma = np.std([luminance(draw, there) / y for draw in draws], axis=0) if draws else np.zeros(y.size)
-    return ColourSpread(
-        _spread_of_distances(difference, shifts),
-        radiance_spread(1.0 + relative, np.ones_like(relative), sigma) or _NOTHING,
+    return ColourErrors(
+        _distance_errors(difference, shifts),
+        radiance_errors(1.0 + relative, np.ones_like(relative), sigma) or _NO_ERROR,
     )
 
 
-_NOTHING = Spread(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_NO_ERROR = ErrorQuantiles(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def _noisy(reference: np.ndarray, error: np.ndarray) -> list[np.ndarray]:
+def _noisy_draws(reference: np.ndarray, error: np.ndarray) -> list[np.ndarray]:
     rng = np.random.default_rng(1)
     scale = error / reference
     return [reference * np.maximum(1.0 + scale * rng.standard_normal(scale.shape), 1e-3) for _ in range(_PERTURBATIONS)]
 
 
-def _spread_of_distances(difference: np.ndarray, shifts: np.ndarray) -> Spread:
+def _distance_errors(difference: np.ndarray, shifts: np.ndarray) -> ErrorQuantiles:
     noise = (0.0, 0.0, 0.0)
     if shifts.size:
-        noise = (
-            float(np.median(shifts)),
-            float(np.percentile(shifts, 95)),
-            float(np.median(shifts.max(axis=1))),
-        )
+        noise = (float(np.median(shifts)), float(np.percentile(shifts, 95)), float(np.median(shifts.max(axis=1))))
     found = (np.median(difference), np.percentile(difference, 95), difference.max())
-    return _spread(found, noise, float(difference.mean()))
+    return _without_noise(found, noise, float(difference.mean()))
 
 
 def _lab(xyz: np.ndarray, observer: str) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,11 +14,11 @@ from twilight.base.progress import Progress, part_of
 from twilight.config.scene import Config, Wavelengths
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.scene.medium import wavelengths_of
-from twilight.studies.compare.comparison import ADDED, ComparisonRow, Rung, judged
+from twilight.studies.compare.comparison import ADDED, ComparisonRow, SolverPreset, judged
 from twilight.studies.compare.job import JobOutcome
-from twilight.studies.compare.reference_solution import MAX_BYTES, ReferenceSolution, ReferenceSolver
+from twilight.studies.compare.reference_solution import ReferenceSolution, ReferenceSolver, read_lines, read_number
 
-WHERE = {
+PLACE_COLUMNS = {
     "sun_elevation_deg": (-90.0, 90.0),
     "elevation_deg": (-90.0, 90.0),
     "azimuth_deg": (-360.0, 360.0),
@@ -87,35 +86,22 @@ class AddedTable:
 def read_added(text: str) -> AddedTable:
     """The table that `--add` names: `FILE.csv`, or `NAME=FILE.csv`; without a name, that of the file.
 
-    CSV with the columns of `WHERE` and one of `SUN_NORMALISED` and `ABSOLUTE`, others are left alone; lines that begin
-    with # are comments.
+    CSV with the columns of `PLACE_COLUMNS` and one of `SUN_NORMALISED` and `ABSOLUTE`, others are left alone; lines
+    that begin with # are comments.
     Errors: TwilightError that names the file, the line and the column.
     """
     name, equals, file = text.partition("=")
     path = Path(file if equals else text)
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise TwilightError(f"{path}: has more than {MAX_BYTES / 1e6:g} MB, which is more than any table holds")
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise TwilightError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    numbered = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
-    if not numbered:
-        raise TwilightError(f"{path}: holds no radiances")
-    header = [cell.strip() for cell in next(csv.reader([numbered[0][1]]))]
-    column = _column(path, numbered[0][0], header)
+    line_of_header, header, rows = read_lines(path)
+    column = _column(path, line_of_header, header)
     values: dict[Place, float] = {}
     first: dict[Place, int] = {}
-    for number, line in numbered[1:]:
-        cells = next(csv.reader([line]))
-        if len(cells) != len(header):
-            raise TwilightError(f"{path}: line {number}: has {len(cells)} cells, the header has {len(header)}")
-        row = dict(zip(header, cells, strict=True))
-        place = _place([_number(path, number, row, key, *limits) for key, limits in WHERE.items()])
+    for line, row in rows:
+        place = _place([read_number(path, line, row, key, *limits) for key, limits in PLACE_COLUMNS.items()])
         if place in values:
             again = f"has the sun, direction and wavelength of line {first[place]} again"
-            raise TwilightError(f"{path}: line {number}: {again}")
-        values[place], first[place] = _number(path, number, row, column, 0.0, math.inf), number
+            raise TwilightError(f"{path}: line {line}: {again}")
+        values[place], first[place] = read_number(path, line, row, column, 0.0, math.inf), line
     if not values:
         raise TwilightError(f"{path}: holds no radiances")
     return AddedTable((name if equals else path.stem).strip() or path.stem, path, column, values)
@@ -123,11 +109,11 @@ def read_added(text: str) -> AddedTable:
 
 def _column(path: Path, line: int, header: Sequence[str]) -> str:
     """Which of the two columns of a radiance there is."""
-    for key in WHERE:
+    for key in PLACE_COLUMNS:
         if key not in header:
             raise TwilightError(
-                f"{path}: line {line}: lacks the column {key}; needed are {', '.join(WHERE)} and {SUN_NORMALISED} or "
-                f"{ABSOLUTE}"
+                f"{path}: line {line}: lacks the column {key}; needed are {', '.join(PLACE_COLUMNS)} and "
+                f"{SUN_NORMALISED} or {ABSOLUTE}"
             )
     found = [key for key in (SUN_NORMALISED, ABSOLUTE) if key in header]
     if len(found) != 1:
@@ -137,17 +123,6 @@ def _column(path: Path, line: int, header: Sequence[str]) -> str:
             f"{ABSOLUTE}, and has {got}"
         )
     return found[0]
-
-
-def _number(path: Path, line: int, row: Mapping[str, str], key: str, low: float, high: float) -> float:
-    try:
-        value = float(row[key])
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and low <= value <= high):
-        allowed = f"from {low:g} to {high:g}" if math.isfinite(high) else f"{low:g} or more"
-        raise TwilightError(f"{path}: line {line}: {key} is {row[key].strip()!r}; it must be a number, {allowed}")
-    return value
 
 
 def _place(values: Iterable[float]) -> Place:
@@ -189,10 +164,10 @@ def rows_of(added: AddedTable, references: Mapping[float, ReferenceSolution], co
 
     Errors: TwilightError for a value that the table lacks.
     """
-    rung = Rung(added.name, ADDED)
+    preset = SolverPreset(added.name, ADDED)
     rows = []
     for sun, reference in references.items():
         outcome = JobOutcome(radiance=added.radiance(sun, reference, config))
-        row = judged(rung, sun, outcome, reference, config)
+        row = judged(preset, sun, outcome, reference, config)
         rows.append(replace(row, wavelengths=reference.wavelength_nm.size))
     return rows

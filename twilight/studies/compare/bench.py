@@ -22,6 +22,7 @@ from twilight.base.whole_files import whole_file
 from twilight.studies.compare.job import Job, JobOutcome, Timing
 
 MAX_ROW_BYTES = 200_000_000
+"""Largest file of cached results that is read."""
 
 
 @dataclass
@@ -67,7 +68,7 @@ class Bench:
     def _file(self, job: Job, sun: float, what: str) -> Path:
         return self.folder / f"{job.solver}-{job.quality}{sun:+g}-{what}-{job.key(sun, what)}.json"
 
-    def _keep(self, job: Job, sun: float, what: str, value: dict[str, Any]) -> None:
+    def _store(self, job: Job, sun: float, what: str, value: dict[str, Any]) -> None:
         with whole_file(self._file(job, sun, what)) as path:
             path.write_text(json.dumps(value), encoding="utf-8")
 
@@ -86,31 +87,31 @@ class Bench:
                 elif "progress" in answer:
                     progress(*answer["progress"])
                 else:
-                    self._take(job, answer, outcomes, compiled_s, what)
+                    self._receive(job, answer, outcomes, compiled_s, what)
             unfinished = [s for s in suns if not outcomes[s].reason and self._missing(job, outcomes[s])]
             for sun in unfinished if worker.timed_out or worker.failure else ():
                 outcomes[sun].reason = worker.failure or f"stopped after {self.time_limit_s:g} s (time limit)"
                 if worker.timed_out:
-                    self._keep(job, sun, "radiance", {"reason": outcomes[sun].reason, "limit_s": self.time_limit_s})
+                    self._store(job, sun, "radiance", {"reason": outcomes[sun].reason, "limit_s": self.time_limit_s})
             if not again:
                 return
         for sun in unfinished:
             outcomes[sun].reason = outcomes[sun].reason or "numba cannot cache machine code (NUMBA_CACHE_DIR)"
 
-    def _take(
+    def _receive(
         self, job: Job, answer: dict[str, Any], outcomes: dict[float, JobOutcome], compiled_s: float, what: str
     ) -> None:
         sun = answer["sun"]
         outcome = outcomes[sun]
         if "timing" in answer:
             outcome.timing = replace(Timing(**answer["timing"]), compiled_s=compiled_s)
-            self._keep(job, sun, "time", {"timing": vars(outcome.timing)})
+            self._store(job, sun, "time", {"timing": vars(outcome.timing)})
         elif "radiance" in answer:
             outcome.radiance = np.array(answer["radiance"])
-            self._keep(job, sun, "radiance", {"radiance": answer["radiance"]})
+            self._store(job, sun, "radiance", {"radiance": answer["radiance"]})
         else:
             outcome.reason = answer["reason"]
-            self._keep(job, sun, what, {"reason": outcome.reason})
+            self._store(job, sun, what, {"reason": outcome.reason})
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The comparison itself: every rung of every ladder on one scene, sun by sun."""
+"""The comparison itself: every preset of every solver on one scene, sun by sun."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from twilight.config.scene import Config
 from twilight.config.solver import choose_solver
 from twilight.config.validate import unknown
 from twilight.scene.medium import wavelengths_of
-from twilight.studies.compare.accuracy import ColourSpread, Spread, colour_spread, radiance_spread
+from twilight.studies.compare.accuracy import ColourErrors, ErrorQuantiles, colour_errors, radiance_errors
 from twilight.studies.compare.bench import Bench
 from twilight.studies.compare.job import Job, JobOutcome, SampleDirections, Timing
 from twilight.studies.compare.reference_solution import ReferenceSolution
@@ -24,7 +24,7 @@ ADDED = "added"
 
 
 @dataclass(frozen=True)
-class Rung:
+class SolverPreset:
     """A solver at one of its qualities."""
 
     solver: str
@@ -37,16 +37,16 @@ class Rung:
 
 @dataclass(frozen=True)
 class ComparisonRow:
-    """What was found for one rung and one sun; what is missing is None, and `reason` says why in one sentence.
+    """What was found for one preset and one sun; what is missing is None, and `reason` says why in one sentence.
 
     error: relative errors of the radiance [%] over directions and wavelengths; by_wavelength: over directions.
     """
 
-    rung: Rung
+    preset: SolverPreset
     sun_elevation_deg: float
-    error: Spread | None = None
-    by_wavelength: Mapping[float, Spread] = field(default_factory=dict)
-    colour: ColourSpread | None = None
+    error: ErrorQuantiles | None = None
+    by_wavelength: Mapping[float, ErrorQuantiles] = field(default_factory=dict)
+    colour: ColourErrors | None = None
     timing: Timing | None = None
     texture_directions: int = 1
     wavelengths: int = 1
@@ -87,13 +87,12 @@ class ComparisonRow:
         return self.texture_directions * self.wavelengths / self.time_s
 
 
-def ladder(names: Sequence[str] | None, where: str = "--solvers") -> list[Rung]:
-    """The rungs that names such as `cells` or `cells:draft` stand for; all of all solvers that are
-    installed for None.
+def solver_presets(names: Sequence[str] | None, where: str = "--solvers") -> list[SolverPreset]:
+    """The presets that names such as `cells` or `cells:draft` stand for; None: all of all installed solvers.
 
     Errors: TwilightError for a solver or quality that does not exist.
     """
-    rungs: list[Rung] = []
+    presets: list[SolverPreset] = []
     for name in names or solvers.installed():
         solver, colon, quality = (part.strip() for part in name.partition(":"))
         if solver not in solvers.SOLVERS:
@@ -101,41 +100,41 @@ def ladder(names: Sequence[str] | None, where: str = "--solvers") -> list[Rung]:
         qualities = list(solvers.load(solver).QUALITIES)
         if colon and quality not in qualities:
             raise TwilightError(f"{where}: {quality} {unknown(quality, qualities, f'quality of {solver}')}")
-        rungs += [Rung(solver, q) for q in ([quality] if colon else qualities)]
-    return list(dict.fromkeys(rungs))
+        presets += [SolverPreset(solver, q) for q in ([quality] if colon else qualities)]
+    return list(dict.fromkeys(presets))
 
 
-def with_rung(config: Config, rung: Rung) -> Config:
-    """The configuration with the rung as its solver; options of its own `solver` section stay for the solver that it
-    names."""
-    own = config.solver.get("name", solvers.DEFAULT) == rung.solver
-    section = {**(config.solver if own else {}), "name": rung.solver, "quality": rung.quality}
+def with_preset(config: Config, preset: SolverPreset) -> Config:
+    """The configuration with the solver of a preset; options of its `solver` section stay if that is the solver which
+    the section names."""
+    own = config.solver.get("name", solvers.DEFAULT) == preset.solver
+    section = {**(config.solver if own else {}), "name": preset.solver, "quality": preset.quality}
     choose_solver(section)
     return config.model_copy(update={"solver": section})
 
 
 def compare(
     config: Config,
-    rungs: Sequence[Rung],
+    presets: Sequence[SolverPreset],
     references: Mapping[float, ReferenceSolution],
     bench: Bench,
     *,
     repeats: int = 3,
     progress: Progress | None = None,
 ) -> Iterator[list[ComparisonRow]]:
-    """For each rung its rows, one for each sun of the references, as soon as they are known."""
+    """For each preset its rows, one for each sun of the references, as soon as they are known."""
     tell = progress or silent
     own_nm = wavelengths_of(config)
     rows, columns = config.texture.shape
-    for i, rung in enumerate(rungs):
-        report = part_of(tell, i / len(rungs), 1.0 / len(rungs), f"{rung.name}:")
+    for i, preset in enumerate(presets):
+        report = part_of(tell, i / len(presets), 1.0 / len(presets), f"{preset.name}:")
         report("starting", 0.0)
         directions = {sun: _directions(r, own_nm) for sun, r in references.items()}
-        job = Job(with_rung(config, rung), tuple(references), directions, repeats=repeats)
+        job = Job(with_preset(config, preset), tuple(references), directions, repeats=repeats)
         outcomes = bench.measure(job, report)
         yield [
             replace(
-                judged(rung, sun, outcomes[sun], reference, config),
+                judged(preset, sun, outcomes[sun], reference, config),
                 texture_directions=rows * columns,
                 wavelengths=reference.wavelength_nm.size if own_nm is None else own_nm.size,
             )
@@ -145,23 +144,25 @@ def compare(
 
 def _directions(reference: ReferenceSolution, own_nm: np.ndarray | None) -> SampleDirections:
     """Those of the reference; its wavelengths are named only where they are not the scene's own."""
-    asked = reference.directions
+    directions = reference.directions
     same = own_nm is not None and np.array_equal(own_nm, reference.wavelength_nm)
-    return replace(asked, wavelength_nm=None) if same else asked
+    return replace(directions, wavelength_nm=None) if same else directions
 
 
-def judged(rung: Rung, sun: float, outcome: JobOutcome, reference: ReferenceSolution, config: Config) -> ComparisonRow:
-    """The row of one rung and sun: its radiances against the reference."""
-    row = ComparisonRow(rung, sun, timing=outcome.timing, reason=outcome.reason)
+def judged(
+    preset: SolverPreset, sun: float, outcome: JobOutcome, reference: ReferenceSolution, config: Config
+) -> ComparisonRow:
+    """The row of one preset and sun: its radiances against the reference."""
+    row = ComparisonRow(preset, sun, timing=outcome.timing, reason=outcome.reason)
     value = outcome.radiance
     if value is None:
         return row
     right, noise, nm = reference.radiance, reference.standard_error, reference.wavelength_nm
-    error = radiance_spread(value, right, noise)
+    error = radiance_errors(value, right, noise)
     if error is None:
         return replace(row, reason="the sky of the reference solution is black")
-    spreads = {float(w): radiance_spread(value[:, i], right[:, i], noise[:, i]) for i, w in enumerate(nm)}
-    colour = colour_spread(
+    by_wavelength = {float(w): radiance_errors(value[:, i], right[:, i], noise[:, i]) for i, w in enumerate(nm)}
+    colour = colour_errors(
         value, right, noise, nm, solar_spectrum=config.solar_spectrum, observer=config.output.colour_observer
     )
-    return replace(row, error=error, by_wavelength={w: s for w, s in spreads.items() if s}, colour=colour)
+    return replace(row, error=error, by_wavelength={w: s for w, s in by_wavelength.items() if s}, colour=colour)

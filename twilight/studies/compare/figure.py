@@ -16,7 +16,7 @@ from twilight.studies.compare.comparison import ADDED, ComparisonRow
 # Okabe and Ito's colours, which differ for every kind of colour vision, a grey and a brown
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C8C8C", "#6B4423")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "p", "<")
-LADDER = ("draft", "standard", "reference")
+JOINED_QUALITIES = ("draft", "standard", "reference")
 """Qualities that a line joins; others stand alone."""
 
 LARGEST_PERCENT = 200.0
@@ -53,8 +53,8 @@ def points(rows: Iterable[ComparisonRow]) -> list[FigurePoint]:
     """The marks of the rows that hold an error and a time, or were computed elsewhere: 95th percentiles."""
     return [
         FigurePoint(
-            r.rung.solver,
-            r.rung.quality,
+            r.preset.solver,
+            r.preset.quality,
             r.sun_elevation_deg,
             math.nan if r.timing is None else r.time_s,
             r.error.p95,
@@ -62,7 +62,7 @@ def points(rows: Iterable[ComparisonRow]) -> list[FigurePoint]:
             math.nan if r.timing is None else r.timing.peak_mib,
         )
         for r in rows
-        if r.error is not None and (r.timing is not None or r.rung.quality == ADDED)
+        if r.error is not None and (r.timing is not None or r.preset.quality == ADDED)
     ]
 
 
@@ -160,16 +160,16 @@ def _panel(axes: Any, marks: Sequence[FigurePoint], solvers: Sequence[str]) -> N
     if noise:
         axes.axhspan(1e-6, 0.5 * max(noise), color="0.93", linewidth=0)
     for i, solver in enumerate(solvers):
-        rungs = [m for m in marks if m.solver == solver and m.quality in LADDER]
-        rungs.sort(key=lambda m: LADDER.index(m.quality))
-        line = [m.time_s for m in rungs], [m.drawn_percent for m in rungs]
+        joined = [m for m in marks if m.solver == solver and m.quality in JOINED_QUALITIES]
+        joined.sort(key=lambda m: JOINED_QUALITIES.index(m.quality))
+        line = [m.time_s for m in joined], [m.drawn_percent for m in joined]
         axes.plot(*line, color=COLOURS[i % len(COLOURS)], linewidth=1.6)
     for solver in solvers:
         style = {"color": COLOURS[solvers.index(solver) % len(COLOURS)]}
         marker = MARKERS[solvers.index(solver) % len(MARKERS)]
         own = [m for m in marks if m.solver == solver]
         for m in own:
-            solid = m.resolved and m.quality in LADDER and m.error_percent <= LARGEST_PERCENT
+            solid = m.resolved and m.quality in JOINED_QUALITIES and m.error_percent <= LARGEST_PERCENT
             fill = style["color"] if solid else "white"
             axes.plot(
                 m.time_s, m.drawn_percent, marker=marker, markersize=6, markerfacecolor=fill, linestyle="none", **style

@@ -48,20 +48,20 @@ class Job:
 
     def key(self, sun_elevation_deg: float, what: str) -> str:
         """Name under which a sun's `time` or `radiance` is cached: a hash of all that it depends on."""
-        asked: dict[str, Any] = resolved_configuration(self.config, SunElevation(elevation_deg=sun_elevation_deg))
+        hashed: dict[str, Any] = resolved_configuration(self.config, SunElevation(elevation_deg=sun_elevation_deg))
         for part in ("output", "name", "description", "solar_spectrum"):
-            asked.pop(part, None)
+            hashed.pop(part, None)
         if what == "radiance":
-            asked.pop("texture")
+            hashed.pop("texture")
             directions = self.directions[sun_elevation_deg]
             if directions.wavelength_nm is not None:
-                asked.pop("wavelengths", None)
-            asked["directions"] = asdict(directions)
+                hashed.pop("wavelengths", None)
+            hashed["directions"] = asdict(directions)
         elif solvers.load(self.solver).CAPABILITIES.takes_suns:
-            asked["all_suns"] = list(self.suns)
-        asked["code"] = code_of(self.solver)
-        asked["version"] = __version__
-        return configuration_hash(asked)[:24]
+            hashed["all_suns"] = list(self.suns)
+        hashed["code"] = code_of(self.solver)
+        hashed["version"] = __version__
+        return configuration_hash(hashed)[:24]
 
     def message(self, suns: tuple[float, ...], timed: tuple[float, ...]) -> dict[str, Any]:
         """The message to the worker, as JSON values; `timed` are the suns whose run time is missing."""

@@ -24,16 +24,18 @@ from twilight.studies.compare.job import SampleDirections, code_of
 
 NAME = "montecarlo"
 SEED = 977
-"""Not that of any quality, so that the Monte-Carlo solver on the ladder does not meet its own noise."""
+"""Not that of any quality, so that the Monte-Carlo solver under comparison does not meet its own noise."""
 
-COLUMNS = (
-    "sun_elevation_deg",
-    "elevation_deg",
-    "azimuth_deg",
-    "wavelength_nm",
-    "radiance_per_sr",
-    "standard_error_per_sr",
-)
+LIMITS = {
+    "sun_elevation_deg": (-90.0, 90.0),
+    "elevation_deg": (-90.0, 90.0),
+    "azimuth_deg": (-math.inf, math.inf),
+    "wavelength_nm": (0.0, math.inf),
+    "radiance_per_sr": (0.0, math.inf),
+    "standard_error_per_sr": (0.0, math.inf),
+}
+"""Columns of a stored table, and the finite numbers that they may hold."""
+COLUMNS = tuple(LIMITS)
 MAX_BYTES = 200_000_000
 """Largest file that is read."""
 
@@ -55,43 +57,57 @@ class ReferenceSolution:
         )
 
 
+def read_lines(path: Path) -> tuple[int, list[str], list[tuple[int, dict[str, str]]]]:
+    """(line of the header, its columns, (line, cells by column) of each row) of a table (CSV) of radiances.
+
+    Empty lines and those that begin with # are left out.
+    Errors: TwilightError that names the file, and the line of a row with other cells than the header.
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise TwilightError(f"{path}: has more than {MAX_BYTES / 1e6:g} MB, which is more than any table holds")
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        numbered = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
+        found = [(i, next(csv.reader([line]))) for i, line in numbered]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise TwilightError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if not found:
+        raise TwilightError(f"{path}: holds no radiances")
+    header = [cell.strip() for cell in found[0][1]]
+    for line, cells in found[1:]:
+        if len(cells) != len(header):
+            raise TwilightError(f"{path}: line {line}: has {len(cells)} cells, the header has {len(header)}")
+    return found[0][0], header, [(line, dict(zip(header, cells, strict=True))) for line, cells in found[1:]]
+
+
+def read_number(path: Path, line: int, row: Mapping[str, str], column: str, low: float, high: float) -> float:
+    """The number in a column of a row; TwilightError for what is none, not finite or not from `low` to `high`."""
+    try:
+        value = float(row[column])
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and low <= value <= high):
+        allowed = f"from {low:g} to {high:g}" if math.isfinite(high) else f"{low:g} or more"
+        raise TwilightError(f"{path}: line {line}: {column} is {row[column].strip()!r}; it must be a number, {allowed}")
+    return value
+
+
 def read_references(path: str | Path) -> dict[float, ReferenceSolution]:
     """The suns of a stored table (CSV with at least `COLUMNS`, one row for each sun, direction and wavelength).
 
-    Errors: TwilightError that names the file and row or column for anything else.
+    Errors: TwilightError that names the file and the line or column for anything else.
     """
     path = Path(path)
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise TwilightError(
-                f"{path}: has more than {MAX_BYTES / 1e6:g} MB, which is more than any table of radiances"
-            )
-        with open(path, newline="", encoding="utf-8") as stream:
-            reader = csv.DictReader(line for line in stream if not line.startswith("#"))
-            missing = [c for c in COLUMNS if c not in (reader.fieldnames or ())]
-            if missing:
-                raise TwilightError(f"{path}: lacks the column {missing[0]}; it needs {', '.join(COLUMNS)}")
-            rows = [_numbers(path, number, row) for number, row in enumerate(reader, start=2)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise TwilightError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    _, header, rows = read_lines(path)
+    missing = [column for column in COLUMNS if column not in header]
+    if missing:
+        raise TwilightError(f"{path}: lacks the column {missing[0]}; it needs {', '.join(COLUMNS)}")
     if not rows:
         raise TwilightError(f"{path}: holds no radiances")
-    table = np.array(rows)
+    table = np.array(
+        [[read_number(path, line, row, column, *limits) for column, limits in LIMITS.items()] for line, row in rows]
+    )
     return {float(sun): _one_sun(path, sun, table[table[:, 0] == sun]) for sun in dict.fromkeys(table[:, 0].tolist())}
-
-
-def _numbers(path: Path, number: int, row: Mapping[str, str | None]) -> list[float]:
-    values = []
-    for column in COLUMNS:
-        try:
-            value = float(row[column] or "")
-        except ValueError:
-            value = math.nan
-        limit = 90.0 if column in ("sun_elevation_deg", "elevation_deg") else math.inf
-        if not math.isfinite(value) or abs(value) > limit or (value < 0 and column.endswith(("_per_sr", "_nm"))):
-            raise TwilightError(f"{path}: row {number}: {column} is {row[column]!r}, which is not allowed")
-        values.append(value)
-    return values
 
 
 def _one_sun(path: Path, sun: float, table: np.ndarray) -> ReferenceSolution:
@@ -106,10 +122,10 @@ def _one_sun(path: Path, sun: float, table: np.ndarray) -> ReferenceSolution:
     return ReferenceSolution(directions[:, 0], directions[:, 1], wavelength, radiance, error)
 
 
-def some_suns(
+def select_suns(
     stored: Mapping[float, ReferenceSolution], suns: list[float] | None, where: str
 ) -> dict[float, ReferenceSolution]:
-    """The references of the suns asked for, all for None; TwilightError names the suns that there are."""
+    """The references of some suns, None: of all; TwilightError names the suns that there are."""
     missing = [sun for sun in suns or () if sun not in stored]
     if missing:
         there = ", ".join(f"{sun:g}" for sun in stored)
@@ -141,10 +157,7 @@ class ReferenceSolver:
     time_limit_s: float | None = None
 
     def references(
-        self,
-        suns: list[float],
-        directions: tuple[np.ndarray, np.ndarray],
-        progress: Progress,
+        self, suns: list[float], directions: tuple[np.ndarray, np.ndarray], progress: Progress
     ) -> dict[float, ReferenceSolution]:
         """References of the suns in the directions (elevation, azimuth) [deg]."""
         solver = solvers.load(NAME)
@@ -166,12 +179,12 @@ class ReferenceSolver:
         return found
 
     def _key(self, sun: float, directions: tuple[np.ndarray, np.ndarray], settings: str) -> str:
-        asked = resolved_configuration(self.config, SunElevation(elevation_deg=sun))
-        asked = {part: asked.get(part) for part in ("climate", "observer", "wavelengths", "omit_negligible")}
-        asked["directions"] = [d.tolist() for d in directions]
-        asked["settings"] = settings
-        asked["code"] = code_of(NAME)
-        return configuration_hash(asked)[:24]
+        hashed = resolved_configuration(self.config, SunElevation(elevation_deg=sun))
+        hashed = {part: hashed.get(part) for part in ("climate", "observer", "wavelengths", "omit_negligible")}
+        hashed["directions"] = [d.tolist() for d in directions]
+        hashed["settings"] = settings
+        hashed["code"] = code_of(NAME)
+        return configuration_hash(hashed)[:24]
 
 
 def _computed(solved: Solved, sun: float, directions: tuple[np.ndarray, np.ndarray], file: Path) -> ReferenceSolution:

@@ -6,70 +6,51 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from twilight.base.whole_files import write_csv
-from twilight.studies.compare.accuracy import Spread
+from twilight.studies.compare.accuracy import ErrorQuantiles
 from twilight.studies.compare.comparison import ComparisonRow
 
-_SPREAD = ("median", "p95", "max", "mean", "noise_median", "noise_p95", "noise_max")
+_QUANTILES = ("median", "p95", "max", "mean", "noise_median", "noise_p95", "noise_max")
 
 TABLE_COLUMNS = (
-    "solver",
-    "quality",
-    "sun_elevation_deg",
-    *(f"{name}_percent" for name in _SPREAD),
-    "ciede2000_median",
-    "ciede2000_p95",
-    "ciede2000_max",
-    "ciede2000_noise_median",
-    "luminance_median_percent",
-    "luminance_p95_percent",
-    "luminance_max_percent",
-    "time_s",
-    "set_up_s",
-    "sky_s",
-    "runs",
-    "directions_timed",
-    "cpu_s",
-    "compiled_s",
-    "peak_memory_mib",
-    "memory_before_mib",
-    "radiances_per_s",
-    "threads",
-    "load_average",
+    *("solver", "quality", "sun_elevation_deg"),
+    *(f"{name}_percent" for name in _QUANTILES),
+    *(f"ciede2000_{name}" for name in ("median", "p95", "max", "noise_median")),
+    *(f"luminance_{name}_percent" for name in ("median", "p95", "max")),
+    *("time_s", "set_up_s", "sky_s", "runs", "directions_timed", "cpu_s", "compiled_s"),
+    *("peak_memory_mib", "memory_before_mib", "radiances_per_s", "threads", "load_average"),
     "reason",
 )
 WAVELENGTH_COLUMNS = (
-    "solver",
-    "quality",
-    "sun_elevation_deg",
-    "wavelength_nm",
-    *(f"{name}_percent" for name in _SPREAD),
+    *("solver", "quality", "sun_elevation_deg", "wavelength_nm"),
+    *(f"{name}_percent" for name in _QUANTILES),
 )
 
 
 def write_tables(rows: Iterable[ComparisonRow], folder: Path) -> list[Path]:
     """`compare.csv`, one line for each solver, quality and sun, and `wavelengths.csv`, its errors by wavelength."""
     rows = list(rows)
-    by_wavelength = [
-        [*_names(row), _number(nm), *_spread(spread)] for row in rows for nm, spread in row.by_wavelength.items()
-    ]
+    by_wavelength = []
+    for row in rows:
+        for nm, errors in row.by_wavelength.items():
+            by_wavelength.append([*_names(row), _number(nm), *_quantile_cells(errors)])
     return [
-        write_csv(folder / "compare.csv", TABLE_COLUMNS, [_line(row) for row in rows]),
+        write_csv(folder / "compare.csv", TABLE_COLUMNS, [_cells(row) for row in rows]),
         write_csv(folder / "wavelengths.csv", WAVELENGTH_COLUMNS, by_wavelength),
     ]
 
 
 def _names(row: ComparisonRow) -> list[str]:
-    return [row.rung.solver, row.rung.quality, f"{row.sun_elevation_deg:g}"]
+    return [row.preset.solver, row.preset.quality, f"{row.sun_elevation_deg:g}"]
 
 
-def _spread(spread: Spread | None) -> list[str]:
-    if spread is None:
-        return [""] * len(_SPREAD)
-    s = spread
-    return [_number(v) for v in (s.median, s.p95, s.largest, s.mean, s.noise_median, s.noise_p95, s.noise_largest)]
+def _quantile_cells(errors: ErrorQuantiles | None) -> list[str]:
+    if errors is None:
+        return [""] * len(_QUANTILES)
+    e = errors
+    return [_number(v) for v in (e.median, e.p95, e.largest, e.mean, e.noise_median, e.noise_p95, e.noise_largest)]
 
 
-def _line(row: ComparisonRow) -> list[str]:
+def _cells(row: ComparisonRow) -> list[str]:
     colour = [""] * 7
     if row.colour is not None:
         c, y = row.colour.ciede2000, row.colour.luminance
@@ -80,7 +61,7 @@ def _line(row: ComparisonRow) -> list[str]:
         times = (row.time_s, row.set_up_s, row.sky_s, len(t.sky_s), t.directions, row.cpu_s, t.compiled_s)
         rest = (t.peak_mib, t.before_mib, row.radiances_per_s, t.threads, t.load)
         time = [_number(v) for v in (*times, *rest)]
-    return [*_names(row), *_spread(row.error), *colour, *time, row.reason]
+    return [*_names(row), *_quantile_cells(row.error), *colour, *time, row.reason]
 
 
 def _number(value: float) -> str:
@@ -99,7 +80,7 @@ def printed(rows: Iterable[ComparisonRow]) -> list[list[str]]:
     lines = []
     for row in sorted(rows, key=lambda r: -r.sun_elevation_deg):
         error, colour = row.error, row.colour
-        cells = [f"{row.sun_elevation_deg:+g}", row.rung.name]
+        cells = [f"{row.sun_elevation_deg:+g}", row.preset.name]
         cells += ["-", "-", "-"] if error is None else [
             _resolved(error.median, error.noise_median),
             _resolved(error.p95, error.noise_p95),
@@ -136,7 +117,7 @@ def remarks(rows: Iterable[ComparisonRow]) -> list[str]:
     reasons: dict[tuple[str, str], list[str]] = {}
     for row in rows:
         if row.reason:
-            reasons.setdefault((row.rung.name, row.reason), []).append(f"{row.sun_elevation_deg:+g}")
+            reasons.setdefault((row.preset.name, row.reason), []).append(f"{row.sun_elevation_deg:+g}")
     lines += [f"{name}, sun {', '.join(suns)} deg: {reason}" for (name, reason), suns in reasons.items()]
     return lines
 

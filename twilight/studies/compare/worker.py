@@ -100,8 +100,8 @@ class _Execution:
             raise Compiled
         if self.timed:
             self._timed_runs(problem, clock)
-        for wanted in dict.fromkeys(_wavelengths(d) for d in self.directions.values()):
-            here = [s for s in self.suns if _wavelengths(self.directions[s]) == wanted]
+        for wanted in dict.fromkeys(_named_wavelengths(d) for d in self.directions.values()):
+            here = [s for s in self.suns if _named_wavelengths(self.directions[s]) == wanted]
             made = None
             for sun in (s for s in here if s not in self.failed | self.sent):
                 try:
@@ -146,21 +146,21 @@ class _Execution:
                 if sun in self.failed:
                     continue
                 self.meter.phase("", 0.5 + 0.5 * i / len(self.timed), 0.5 / len(self.timed))
-                directions = self._texture(sun)
+                directions = self._timed_directions(sun)
                 try:
                     with skies[sun]:
                         made.radiance(sun, *directions)
                 except TwilightError as error:
                     self._fail(sun, error)
                     continue
-                self._send_timing(sun, set_up, skies[sun], self._counted(directions))
-                if len(set_up.wall_s) == 1 and _wavelengths(self.directions[sun]) is None:
+                self._send_timing(sun, set_up, skies[sun], self._number_of_directions(directions))
+                if len(set_up.wall_s) == 1 and _named_wavelengths(self.directions[sun]) is None:
                     self._send_radiance(made, sun)
             if clock.seconds > compiled:  # the warm-up had missed a kernel: the run that made it does not count
                 self.send({"compiled_s": clock.seconds})
                 raise Compiled
 
-    def _texture(self, sun: float) -> tuple[np.ndarray, np.ndarray]:
+    def _timed_directions(self, sun: float) -> tuple[np.ndarray, np.ndarray]:
         """A deterministic solver is asked for half the texture, as a render does; a stochastic one, whose time grows
         with the directions, for those that are compared."""
         if self.solver.CAPABILITIES.standard_error:
@@ -170,7 +170,7 @@ class _Execution:
         e, a = np.meshgrid(elevation, azimuth[half_of(azimuth)[0]], indexing="ij")
         return e, a
 
-    def _counted(self, directions: tuple[np.ndarray, np.ndarray]) -> int:
+    def _number_of_directions(self, directions: tuple[np.ndarray, np.ndarray]) -> int:
         rows, columns = self.config.texture.shape
         return directions[0].size if self.solver.CAPABILITIES.standard_error else rows * columns
 
@@ -204,7 +204,7 @@ class _Execution:
         self.send({"sun": sun, "reason": str(error)})
 
 
-def _wavelengths(directions: dict[str, Any]) -> tuple[float, ...] | None:
+def _named_wavelengths(directions: dict[str, Any]) -> tuple[float, ...] | None:
     wanted = directions["wavelength_nm"]
     return None if wanted is None else tuple(wanted)
 

@@ -227,13 +227,7 @@ def fill(
 
 
 def sky_radiance(
-    tables: BrunetonTables,
-    height_km: float,
-    sun_deg: float,
-    elevation_deg,
-    azimuth_deg,
-    *,
-    shadow_km: float = 0.0,
+    tables: BrunetonTables, height_km: float, sun_deg: float, elevation_deg, azimuth_deg, *, shadow_km: float = 0.0
 ) -> np.ndarray:
     """What the shaders make of it (D, 3), with `scale` divided out: W m^-2 sr^-1 nm^-1 of red, green and blue.
 
@@ -330,6 +324,3 @@ def _packed(
     fraction = np.divide(red, rest, out=np.zeros_like(red), where=rest > 0.0)[..., None]
     out[..., :3] = (light / (rayleigh + mie * fraction * ratio))[..., ::-1]
     return out, bare[..., ::-1]
-
-
-__all__ = ["BrunetonTables", "fill", "make_mapping", "phase_of", "sky_radiance"]

@@ -17,7 +17,7 @@ from twilight.transport.lines import ALTITUDE, DISTANCE, new_line, trace_line, w
 from twilight.transport.profile import SUDDEN_KM, prepare_profile
 from twilight.transport.scaling import delta_scaled
 
-DEGREE = 20
+DELTA_SCALING_DEGREE = 20
 """Degree of the delta scaling of light that aerosol scattered once."""
 
 JUST_DEG = 1e-3
@@ -31,11 +31,11 @@ USUAL_HAZE_TOP_KM = 2.0
 
 
 @njit(cache=True, nogil=True)
-def _single(profile, beam, altitude_km, elevation, azimuth, sun, first, out, begin, end):
-    """Light that species scattered once, without its phase function, out (K, S, E, A, W), for rows begin..end.
+def _single_scattering(profile, beam, altitude_km, elevation, azimuth, sun, out, begin, end):
+    """Light that each kind of aerosol scattered once, without its phase function, out (K, S, E, A, W), for rows
+    begin..end.
 
     profile: `Profile`; beam: `Beam`; altitude_km: the observer's; elevation (E,), azimuth (S, E, A) and sun (S,) [rad].
-    first: of the K species, 0 is the air and 1 the first aerosol.
     """
     n_k, n_w = out.shape[0], out.shape[4]
     line = new_line(profile)
@@ -51,19 +51,19 @@ def _single(profile, beam, altitude_km, elevation, azimuth, sun, first, out, beg
             mu_s = math.sin(sun[s])
             for a in range(azimuth.shape[2]):
                 nu = mu * mu_s + math.cos(elevation[e]) * math.cos(sun[s]) * math.cos(azimuth[s, e, a])
-                _lit(beam, line.place, n, profile.earth_radius_km, r, mu_s, nu, source, first, light, sums)
+                _sum_along_line(beam, line.place, n, profile.earth_radius_km, r, mu_s, nu, source, light, sums)
                 for k in range(n_k):
                     for w in range(n_w):
                         out[k, s, e, a, w] += sums[k, w]
 
 
 @njit(inner=True, cache=True, makes_arrays=False)
-def _lit(beam, place, n, radius_km, r, mu_s, nu, source, first, light, sums):
-    """Light that species scattered once along one line in one direction, without its phase function.
+def _sum_along_line(beam, place, n, radius_km, r, mu_s, nu, source, light, sums):
+    """Light that each kind of aerosol scattered once along one line in one direction, without its phase function.
 
-    beam, first: as in `_single`; place (P, 4): of the points of the line, n: number of them; radius_km, r: of the Earth
-    and of the line's start; mu_s, nu: cosines of the sun's zenith angle there and of the angle from the line to it;
-    source (P, 1 + K', W): what a point scatters of sunlight; light (W,): room; sums (K, W): filled.
+    beam: as in `_single_scattering`; place (P, 4): of the points of the line, n: number of them; radius_km, r: of the
+    Earth and of the line's start; mu_s, nu: cosines of the sun's zenith angle there and of the angle from the line to
+    it; source (P, 1 + K, W): what a point scatters of sunlight, first the air; light (W,): room; sums (K, W): filled.
     """
     for k in range(sums.shape[0]):
         for w in range(light.size):
@@ -75,7 +75,7 @@ def _lit(beam, place, n, radius_km, r, mu_s, nu, source, first, light, sums):
         for k in range(sums.shape[0]):
             for w in range(light.size):
                 if light[w] > 0.0:
-                    sums[k, w] += source[p, first + k, w] * light[w]
+                    sums[k, w] += source[p, 1 + k, w] * light[w]
 
 
 @dataclass
@@ -87,16 +87,11 @@ class FieldSource:
     refracted: bool
 
     def __post_init__(self):
-        self.scaled = delta_scaled(self.medium, DEGREE)
+        self.scaled = delta_scaled(self.medium, DELTA_SCALING_DEGREE)
         self.beam = prepare_beam(self.scaled.medium, refraction=self.refracted)
         self.profile = prepare_profile(self.scaled.medium)
         self._ground: tuple[np.ndarray, np.ndarray] | None = None
         self.phase = self._effective_phase() if self.medium.has_aerosol else None
-
-    @property
-    def bottom_km(self) -> float:
-        """Altitude of the ground above sea level."""
-        return self.medium.bottom_km
 
     def _effective_phase(self) -> np.ndarray:
         """Phase function (PHASE_ANGLES, W) of all the aerosol of a column, at angles pi u^2; of the unscaled one."""
@@ -172,25 +167,16 @@ class FieldSource:
 
         elevation_deg (E,), sun_deg (S,); azimuth_deg (A,), or (S, E, A) where they differ.
         """
-        e, a, s = self._angles(elevation_deg, azimuth_deg, sun_deg)
-        parts = self._once(altitude_km, e, a, s, 1, len(self.medium.phase_functions))
+        e, a, s = (np.radians(np.atleast_1d(v)) for v in (elevation_deg, azimuth_deg, sun_deg))
+        a = np.ascontiguousarray(np.broadcast_to(a, (s.size, e.size, a.shape[-1])))
+        parts = np.zeros((len(self.medium.phase_functions), *a.shape, self.medium.n_wavelengths))
+        in_slices(lambda i, j: _single_scattering(self.profile, self.beam, altitude_km, e, a, s, parts, i, j), e.size)
         cosine = np.sin(e)[None, :, None] * np.sin(s)[:, None, None]
         cosine = cosine + (np.cos(e)[None, :, None] * np.cos(s)[:, None, None]) * np.cos(a)
         light = np.zeros(parts.shape[1:])
         for part, phase, f in zip(parts, self.medium.phase_functions, self.scaled.forward_fraction, strict=True):
             light += np.moveaxis(phase(cosine), 0, -1) / (1.0 - f) * part
         return light, parts.sum(axis=0)
-
-    def _angles(self, elevation_deg, azimuth_deg, sun_deg) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Elevations (E,), azimuths (S, E, A) and suns (S,) [rad]."""
-        e, a, s = (np.radians(np.atleast_1d(v)) for v in (elevation_deg, azimuth_deg, sun_deg))
-        return e, np.ascontiguousarray(np.broadcast_to(a, (s.size, e.size, a.shape[-1]))), s
-
-    def _once(self, altitude_km: float, e: np.ndarray, a: np.ndarray, s: np.ndarray, first: int, count: int):
-        """Light that species scattered once, without phase functions (count, S, E, A, W); angles of `_angles`."""
-        parts = np.zeros((count, s.size, e.size, a.shape[2], self.medium.n_wavelengths))
-        in_slices(lambda i, j: _single(self.profile, self.beam, altitude_km, e, a, s, first, parts, i, j), e.size)
-        return parts
 
     def ground(self, sun_deg: np.ndarray) -> np.ndarray:
         """Radiance (..., W) of the ground under suns [deg], looking down at it; interpolated in its logarithm."""

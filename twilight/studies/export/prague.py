@@ -1,7 +1,7 @@
 """The Prague Sky Model's file from solved fields: for every air, albedo, altitude and sun a sum of products.
 
-A field of all suns makes the skies of an air over a ground.  Below -2 deg it is asked for every second sun of the file,
-and the logarithm of radiance goes as a cubic spline between them.
+A field of all suns makes the skies of an air over a ground.  Below -2 deg it is evaluated for every second sun of the
+file, and the logarithm of radiance goes as a cubic spline between them.
 """
 
 from __future__ import annotations
@@ -23,9 +23,16 @@ from twilight.studies.export.prague_file import (
     polarisation_record,
     radiance_record,
 )
-from twilight.studies.export.prague_fit import Hats, alternate, at_directions, first_guess, hats, solve_half
-from twilight.studies.export.prague_sky import SAFETY_M, Angles, angles_of, between, elevation_of
-from twilight.studies.export.prague_transmittance import Roots, transmittance_of
+from twilight.studies.export.prague_fit import (
+    LinearBasis,
+    alternate,
+    at_directions,
+    first_guess,
+    linear_basis,
+    solve_half,
+)
+from twilight.studies.export.prague_sky import SAFETY_M, PragueAngles, angles_of, elevation_of, index_and_fraction
+from twilight.studies.export.prague_transmittance import transmittance_of, transmittance_roots
 
 
 def _numbers(text: str) -> np.ndarray:
@@ -37,8 +44,8 @@ SUN_DEG = (
     *(0.5, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 37, 45, 55, 65, 75, 82, 90),
 )
 """Elevations of the sun in a file [deg]."""
-EVERY_DEG = -2.0
-"""Down to this elevation of the sun every sky is asked for [deg]."""
+EVERY_SUN_DEG = -2.0
+"""Elevation of the sun [deg] below which the field is evaluated for every second sun of the file."""
 
 EMPHASIS_DEG = 90.0 - _numbers(
     "90 81 72 64 56 48 40 33 27 22 18 15 12.5 10 8 6 4.5 3.5 2.7 2 1.4 1 0.75 0.5 0.35 0.2269"
@@ -58,7 +65,7 @@ _AZIMUTH_DEG = _numbers(
     "169 174 178 180"
 )
 _AROUND_DEG = (0, 0.25, 0.6, 1, 1.5, 2.2, 3, 4, 5.5, 7, 9, 12, 15)
-"""Distances in height from a sun above the horizon at which its aureole is looked at."""
+"""Distances in height from a sun above the horizon at which its aureole is evaluated."""
 FIRST_STEPS = 40
 """Rounds of the least squares of the first sun, which begin from nothing."""
 STEPS = 5
@@ -69,7 +76,7 @@ ZENITH_SIZE = 1000.0
 
 @dataclass(frozen=True)
 class PragueMaker:
-    """axes: of the file; nodes: wavelengths of its channels; rank: products of each sky; polarised: whether asked."""
+    """axes: of the file; nodes: wavelengths of its channels; rank: products of each sky; polarised: with Q and U."""
 
     axes: PragueAxes
     nodes: ChannelNodes
@@ -81,14 +88,14 @@ class PragueMaker:
         axes, terms = self.axes, (len(GAMMA_DEG), len(ALPHA_DEG))
         sky = np.zeros(axes.shape, radiance_record(self.rank, *terms, len(EMPHASIS_DEG)))
         pol = np.zeros(axes.shape, polarisation_record(self.rank, *terms)) if self.polarised else None
-        roots: list[Roots] = []
+        roots: list[np.ndarray] = []
         count = axes.shape[0] * axes.shape[1]
         for done in range(count):
             v, b = divmod(done, axes.shape[1])
             where = f"visibility {axes.visibility_km[v]:g} km, albedo {axes.albedo[b]:g}"
             field = field_of(v, b, part_of(progress, done / count, 0.3 / count, f"{where}:"))
             if b == 0:
-                roots.append(Roots.of_field(field, axes.altitude_m, self.nodes))
+                roots.append(transmittance_roots(field, axes.altitude_m, self.nodes))
             for h, altitude in enumerate(axes.altitude_m):
                 progress(where, (done + 0.3 + 0.7 * h / axes.shape[2]) / count)
                 self._altitude(field, altitude, sky[v, b, h], None if pol is None else pol[v, b, h])
@@ -107,13 +114,13 @@ class PragueMaker:
         start = [first_guess(len(GAMMA_DEG), len(ALPHA_DEG), self.axes.channels, self.rank)] * 2
         for s, sun in enumerate(self.axes.elevation_deg):
             zero_deg, light, degree = skies.at(float(sun))
-            e, a = np.meshgrid(elevation_of(zero_deg, altitude_m), _between(_AZIMUTH_DEG), indexing="ij")
-            angles = Angles(*(angle.ravel() for angle in angles_of(float(sun), e, a, altitude_m)))
-            gamma, zero = _hats(angles.gamma, GAMMA_DEG), _hats(angles.zero, ALPHA_DEG)
-            alpha = _hats(angles.shadow, ALPHA_DEG) if sun < 0.0 else zero
+            e, a = np.meshgrid(elevation_of(zero_deg, altitude_m), _with_midpoints(_AZIMUTH_DEG), indexing="ij")
+            angles = PragueAngles(*(angle.ravel() for angle in angles_of(float(sun), e, a, altitude_m)))
+            gamma, zero = _basis(angles.gamma, GAMMA_DEG), _basis(angles.zero, ALPHA_DEG)
+            alpha = _basis(angles.shadow, ALPHA_DEG) if sun < 0.0 else zero
             steps = FIRST_STEPS if s == 0 else STEPS
             emphasis, level = _emphasis(zero_deg, light)
-            i, of_i = between(angles.zero, np.radians(EMPHASIS_DEG))
+            i, of_i = index_and_fraction(angles.zero, np.radians(EMPHASIS_DEG))
             stressed = emphasis[:, i] * (1.0 - of_i) + emphasis[:, i + 1] * of_i
             target = light.reshape(-1, light.shape[-1]).T / (level[:, None] * stressed)
             start[0] = alternate(gamma, alpha, target, target**-2, start[0], steps)
@@ -125,8 +132,8 @@ class PragueMaker:
                     pol[s]["term"][name] = values.swapaxes(1, 2)
 
 
-def _hats(angle_rad: np.ndarray, breaks_deg: np.ndarray) -> Hats:
-    return hats(*between(angle_rad, np.radians(breaks_deg)), len(breaks_deg))
+def _basis(angle_rad: np.ndarray, breaks_deg: np.ndarray) -> LinearBasis:
+    return linear_basis(*index_and_fraction(angle_rad, np.radians(breaks_deg)), len(breaks_deg))
 
 
 def _emphasis(zero_deg: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -143,8 +150,8 @@ def _store(
     found: tuple[np.ndarray, np.ndarray],
     emphasis: np.ndarray,
     level: np.ndarray,
-    gamma: Hats,
-    alpha: Hats,
+    gamma: LinearBasis,
+    alpha: LinearBasis,
     target: np.ndarray,
 ) -> None:
     """One sky in all channels (C,) as half floats; functions of the zenith angle are fitted to the rounded others."""
@@ -163,19 +170,19 @@ class _Skies:
     def __init__(self, field: Any, maker: PragueMaker, altitude_m: float):
         self.field, self.maker, self.altitude_m = field, maker, altitude_m
         self.altitude_km = field.medium.bottom_km + 1e-3 * (altitude_m - SAFETY_M)
-        suns = [float(s) for s in maker.axes.elevation_deg if s < EVERY_DEG]
-        kept = suns[::2] if len(suns) % 2 else [*suns[::2], suns[-1]]
+        suns = [float(s) for s in maker.axes.elevation_deg if s < EVERY_SUN_DEG]
+        every_second = suns[::2] if len(suns) % 2 else [*suns[::2], suns[-1]]
         self._low = set(suns) if len(suns) >= 8 else set()
-        anchors = [*kept, *(float(s) for s in maker.axes.elevation_deg if EVERY_DEG <= s <= 0.0)]
+        anchors = [*every_second, *(float(s) for s in maker.axes.elevation_deg if EVERY_SUN_DEG <= s <= 0.0)]
         self._splines: list[CubicSpline] = []
         if self._low:
-            asked = [self._ask(sun, EMPHASIS_DEG) for sun in anchors]
-            self._splines = [CubicSpline(anchors, np.array(one)) for one in zip(*asked, strict=True)]
+            evaluated = [self._evaluate(sun, EMPHASIS_DEG) for sun in anchors]
+            self._splines = [CubicSpline(anchors, np.array(one)) for one in zip(*evaluated, strict=True)]
 
     def at(self, sun: float) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Zenith angles [deg] of the rows, mean radiance (rows, A, C) of each channel and, if asked, polarisation.
+        """Zenith angles [deg] of the rows, mean radiance (rows, A, C) of each channel and, if polarised, polarisation.
 
-        Rows and azimuths in the middle between those that the field is asked for are on cubic splines: there must be
+        Rows and azimuths half-way between those at which the field is evaluated are on cubic splines: there must be
         several times as many directions as unknowns, or the sum of products goes astray between them.
         """
         zero_deg = EMPHASIS_DEG
@@ -185,17 +192,17 @@ class _Skies:
         if sun in self._low:
             found = [spline(sun) for spline in self._splines]
         else:
-            found = self._ask(sun, zero_deg)
+            found = self._evaluate(sun, zero_deg)
         fine = [
-            CubicSpline(zero_deg, CubicSpline(_AZIMUTH_DEG, one, axis=1, bc_type="clamped")(_between(_AZIMUTH_DEG)))(
-                _between(zero_deg)
-            )
+            CubicSpline(
+                zero_deg, CubicSpline(_AZIMUTH_DEG, one, axis=1, bc_type="clamped")(_with_midpoints(_AZIMUTH_DEG))
+            )(_with_midpoints(zero_deg))
             for one in found
         ]
-        return _between(zero_deg), np.exp(fine[0]), fine[1] if len(fine) > 1 else None
+        return _with_midpoints(zero_deg), np.exp(fine[0]), fine[1] if len(fine) > 1 else None
 
-    def _ask(self, sun: float, zero_deg: np.ndarray) -> list[np.ndarray]:
-        """Logarithm of the field's radiance (rows, A, C) and, if asked, its polarisation along the sun's plane.
+    def _evaluate(self, sun: float, zero_deg: np.ndarray) -> list[np.ndarray]:
+        """Logarithm of the field's radiance (rows, A, C) and, if polarised, its polarisation along the sun's plane.
 
         Directions below the horizon's refracted image have the sky just above it.
         """
@@ -224,7 +231,7 @@ def along_scattering(sun_deg: float, elevation_deg, azimuth_deg, q: np.ndarray, 
     return q * np.cos(turn) + u * np.sin(turn)
 
 
-def _between(values: np.ndarray) -> np.ndarray:
+def _with_midpoints(values: np.ndarray) -> np.ndarray:
     """The values and the middles between them."""
     return np.sort(np.concatenate([values, 0.5 * (values[1:] + values[:-1])]))
 

@@ -84,7 +84,7 @@ def airs_of(climates: list[str], visibility_km: tuple[float, ...] | None) -> lis
 
 
 class ChannelNodes(NamedTuple):
-    """wavelength_nm (C N,) at which light is asked for, and the solar irradiance of each [W m^-2 nm^-1], (C, N)."""
+    """wavelength_nm (C N,) at which light is computed, and the solar irradiance of each [W m^-2 nm^-1], (C, N)."""
 
     wavelength_nm: np.ndarray
     irradiance: np.ndarray

@@ -19,18 +19,22 @@ SLOPE = 1e-5
 """Weight of the difference between neighbouring breaks."""
 
 
-class Hats(NamedTuple):
-    """Directions among breaks: matrices (breaks, N) of one's own weight squared and of the product with the next's."""
+class LinearBasis(NamedTuple):
+    """Linear basis functions ("hats") of a number of breaks, 1 at their own and 0 at all others, at N directions.
+
+    below, fraction (N,): the break below a direction, and the fraction of the way to the next; matrices (breaks, N):
+    value of each function, square of it, and product with the next break's function.
+    """
 
     breaks: int
-    first: np.ndarray
+    below: np.ndarray
     fraction: np.ndarray
-    once: sparse.csr_array
+    value: sparse.csr_array
     square: sparse.csr_array
-    mixed: sparse.csr_array
+    product: sparse.csr_array
 
 
-def hats(index: np.ndarray, fraction: np.ndarray, count: int) -> Hats:
+def linear_basis(index: np.ndarray, fraction: np.ndarray, count: int) -> LinearBasis:
     """Of N directions, of which each lies a fraction behind the break of that index."""
     here = np.arange(index.size)
 
@@ -41,16 +45,18 @@ def hats(index: np.ndarray, fraction: np.ndarray, count: int) -> Hats:
         return sparse.csr_array((np.concatenate([low, high]), places), shape=(count, index.size))
 
     low, high = 1.0 - fraction, fraction
-    return Hats(count, index, fraction, matrix(low, high), matrix(low**2, high**2), matrix(low * high, None))
+    return LinearBasis(count, index, fraction, matrix(low, high), matrix(low**2, high**2), matrix(low * high, None))
 
 
-def at_directions(of: Hats, values: np.ndarray) -> np.ndarray:
+def at_directions(of: LinearBasis, values: np.ndarray) -> np.ndarray:
     """Functions with values (C, breaks, R), at the directions: (C, N, R)."""
     f = of.fraction[:, None]
-    return values[:, of.first] * (1.0 - f) + values[:, np.minimum(of.first + 1, of.breaks - 1)] * f
+    return values[:, of.below] * (1.0 - f) + values[:, np.minimum(of.below + 1, of.breaks - 1)] * f
 
 
-def solve_half(of: Hats, others: np.ndarray, target: np.ndarray, weight: np.ndarray, before: np.ndarray) -> np.ndarray:
+def solve_half(
+    of: LinearBasis, others: np.ndarray, target: np.ndarray, weight: np.ndarray, before: np.ndarray
+) -> np.ndarray:
     """The best values (C, breaks, R) of one of the two functions.
 
     others (C, N, R): the other one at the directions; target, weight (C, N); before (C, breaks, R).
@@ -60,8 +66,8 @@ def solve_half(of: Hats, others: np.ndarray, target: np.ndarray, weight: np.ndar
     outer = (weighted[..., :, None] * others[..., None, :]).transpose(1, 0, 2, 3).reshape(n, -1)
     shape = (of.breaks, channels, rank, rank)
     diagonal = (of.square @ outer).reshape(shape)
-    beside = (of.mixed @ outer).reshape(shape)
-    right = (of.once @ (weighted * target[..., None]).transpose(1, 0, 2).reshape(n, -1)).reshape(shape[:3])
+    beside = (of.product @ outer).reshape(shape)
+    right = (of.value @ (weighted * target[..., None]).transpose(1, 0, 2).reshape(n, -1)).reshape(shape[:3])
     hold = HOLD * np.einsum("bcrr->c", diagonal) / (of.breaks * rank)
     diagonal += hold[:, None, None] * np.eye(rank)
     right += hold[:, None] * before.transpose(1, 0, 2)
@@ -87,18 +93,18 @@ def solve_half(of: Hats, others: np.ndarray, target: np.ndarray, weight: np.ndar
 
 
 def first_guess(sun_breaks: int, zenith_breaks: int, channels: int, rank: int) -> tuple[np.ndarray, np.ndarray]:
-    """Cosines of ever more waves: (C, G, R) and (C, A, R)."""
+    """Term r is cos(pi r u), with u from 0 to 1 over the breaks: (C, G, R) and (C, A, R)."""
 
-    def waves(count: int) -> np.ndarray:
+    def cosines(count: int) -> np.ndarray:
         one = np.cos(np.pi * np.arange(rank) * np.linspace(0.0, 1.0, count)[:, None])
         return np.repeat(one[None], channels, axis=0)
 
-    return waves(sun_breaks), waves(zenith_breaks)
+    return cosines(sun_breaks), cosines(zenith_breaks)
 
 
 def alternate(
-    gamma: Hats,
-    alpha: Hats,
+    gamma: LinearBasis,
+    alpha: LinearBasis,
     target: np.ndarray,
     weight: np.ndarray,
     start: tuple[np.ndarray, np.ndarray],

@@ -1,7 +1,7 @@
 """What a reader of the Prague Sky Model makes of its file: angles, interpolation, products.
 
 A viewpoint is taken 50 m above where it is, on a sphere of 6378 km.  The direction of view v is corrected so that the
-horizon lies at 90 deg from the zenith z: v + z sin(dip).  Angles:
+horizon lies at 90 deg from the zenith z: v + z sin(dip).  PragueAngles:
 
     gamma   between v and the sun, uncorrected
     zero    between the corrected v and the zenith
@@ -28,15 +28,17 @@ from numpy.typing import ArrayLike
 from twilight.studies.export.prague_file import PragueFile, PragueTerms, read_prague
 
 RADIUS_M = 6_378_000.0
+"""Radius of the reader's sphere."""
 SAFETY_M = 50.0
+"""What the reader adds to the altitude of a viewpoint."""
 TOP_M = 100_000.0
 """Altitude of the edge of the air."""
 EDGE_M = 1_571_524.413613
 """Largest distance to the edge of the air along the ground."""
 
 
-class Angles(NamedTuple):
-    """gamma, zero, shadow [rad], each of the shape of the directions."""
+class PragueAngles(NamedTuple):
+    """The angles gamma, zero and shadow [rad] of directions, each of their shape."""
 
     gamma: np.ndarray
     zero: np.ndarray
@@ -49,8 +51,8 @@ def horizon_sine(altitude_m: float) -> float:
     return math.sqrt(r * r - RADIUS_M * RADIUS_M) / r
 
 
-def angles_of(sun_deg: float, elevation_deg: ArrayLike, azimuth_deg: ArrayLike, altitude_m: float) -> Angles:
-    """Angles of directions [deg], azimuth from the sun, seen from `altitude_m`, the reader's 50 m included."""
+def angles_of(sun_deg: float, elevation_deg: ArrayLike, azimuth_deg: ArrayLike, altitude_m: float) -> PragueAngles:
+    """PragueAngles of directions [deg], azimuth from the sun, seen from `altitude_m`, the reader's 50 m included."""
     e, a = np.radians(elevation_deg), np.radians(azimuth_deg)
     s = math.radians(sun_deg)
     across, up = np.cos(e) * np.cos(a), np.sin(e)
@@ -60,7 +62,7 @@ def angles_of(sun_deg: float, elevation_deg: ArrayLike, azimuth_deg: ArrayLike, 
     def angle(cosine: np.ndarray) -> np.ndarray:
         return np.arccos(np.clip(cosine, -1.0, 1.0))
 
-    return Angles(
+    return PragueAngles(
         angle(across * math.cos(s) + up * math.sin(s)),
         angle(corrected / length),
         angle((corrected * math.cos(s) - across * math.sin(s)) / length),
@@ -73,7 +75,7 @@ def elevation_of(zero_deg: ArrayLike, altitude_m: float) -> np.ndarray:
     return 90.0 - np.degrees(zero + np.arcsin(horizon_sine(altitude_m) * np.sin(zero)))
 
 
-def between(value: ArrayLike, breaks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def index_and_fraction(value: ArrayLike, breaks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Index of the break below a value, clamped to the breaks, and the fraction of the way to the next."""
     clamped = np.clip(value, breaks[0], breaks[-1])
     index = np.minimum(np.searchsorted(breaks, clamped, side="right") - 1, max(len(breaks) - 2, 0))
@@ -131,7 +133,7 @@ class PragueSky:
         return -self._mixed(self.file.polarisation, state, wavelength_nm, angles, angles.zero)
 
     def _mixed(
-        self, terms: PragueTerms, state: Sequence[float], wavelength_nm: float, angles: Angles, alpha: np.ndarray
+        self, terms: PragueTerms, state: Sequence[float], wavelength_nm: float, angles: PragueAngles, alpha: np.ndarray
     ) -> np.ndarray:
         axes = self.file.axes
         channel = math.floor((wavelength_nm - axes.start_nm) / axes.width_nm)
@@ -139,7 +141,7 @@ class PragueSky:
         if not 0 <= channel < axes.channels:
             return out
         places = [
-            between(value, axis)
+            index_and_fraction(value, axis)
             for value, axis in zip(
                 state, (axes.visibility_km, axes.albedo, axes.altitude_m, axes.elevation_deg), strict=True
             )
@@ -168,7 +170,10 @@ class PragueSky:
         altitude = observer_altitude_m + SAFETY_M
         place = _place(elevation_deg, distance_m, altitude, *stored.factors.shape[1:3])
         total = 0.0
-        (v, of_v), (h, of_h) = between(visibility_km, stored.visibility_km), between(altitude, stored.altitude_m)
+        (v, of_v), (h, of_h) = (
+            index_and_fraction(visibility_km, stored.visibility_km),
+            index_and_fraction(altitude, stored.altitude_m),
+        )
         for dv, dh in itertools.product((0, 1), repeat=2):
             weight = float((of_v if dv else 1.0 - of_v) * (of_h if dh else 1.0 - of_h))
             if weight > 0.0:
@@ -178,9 +183,12 @@ class PragueSky:
         return total * total
 
 
-def evaluated(terms: PragueTerms, record: np.void, angles: Angles, alpha: np.ndarray) -> np.ndarray:
+def evaluated(terms: PragueTerms, record: np.void, angles: PragueAngles, alpha: np.ndarray) -> np.ndarray:
     """The sum of products of one record at angles [rad]; of radiance with the emphasis, not below 0."""
-    (g, of_g), (a, of_a) = between(angles.gamma, terms.sun_break_rad), between(alpha, terms.zenith_break_rad)
+    (g, of_g), (a, of_a) = (
+        index_and_fraction(angles.gamma, terms.sun_break_rad),
+        index_and_fraction(alpha, terms.zenith_break_rad),
+    )
     sun, zenith = record["term"]["sun"].astype(float), record["term"]["zenith"].astype(float)
     if "scale" in record["term"].dtype.names:
         zenith /= record["term"]["scale"][:, None]
@@ -189,7 +197,7 @@ def evaluated(terms: PragueTerms, record: np.void, angles: Angles, alpha: np.nda
     total = (rows * columns).sum(axis=0)
     if not terms.emphasis_break_rad.size:
         return total
-    e, of_e = between(angles.zero, terms.emphasis_break_rad)
+    e, of_e = index_and_fraction(angles.zero, terms.emphasis_break_rad)
     emphasis = record["emphasis"].astype(float)
     return np.maximum(total * (emphasis[e] * (1.0 - of_e) + emphasis[e + 1] * of_e), 0.0)
 

@@ -7,7 +7,7 @@ the lowest 0 m of the air here: both ends of a line move up with it.  Lines of s
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -29,23 +29,19 @@ ROOT_ERROR = 3e-4
 """Largest error of a stored root that the rank may leave."""
 
 
-class Roots(NamedTuple):
-    """Roots of the transmittance (H, D, A, C) to the places of the file, of one air."""
+def transmittance_roots(field: Any, altitude_m: np.ndarray, nodes: ChannelNodes) -> np.ndarray:
+    """Square roots of the transmittance (H, D, A, C) from altitudes (H,) to the places of the file.
 
-    root: np.ndarray
-
-    @classmethod
-    def of_field(cls, field: Any, altitude_m: np.ndarray, nodes: ChannelNodes) -> Roots:
-        """Of the media of a `Solved`, whose wavelengths are the nodes of the channels."""
-        found = []
-        for altitude in altitude_m:
-            parts = []
-            for block in field.blocks:
-                passed = _passed(block.term_medium, altitude)
-                parts.append(passed if block.bands is None else block.bands.sum_terms(passed))
-            light = nodes.mean(np.concatenate(parts, axis=-1)) / nodes.irradiance.sum(axis=-1)
-            found.append(np.sqrt(light))
-        return cls(np.array(found))
+    field: a `Solved`, whose wavelengths are the nodes of the channels.
+    """
+    found = []
+    for altitude in altitude_m:
+        parts = []
+        for block in field.blocks:
+            passed = _passed(block.term_medium, altitude)
+            parts.append(passed if block.bands is None else block.bands.sum_terms(passed))
+        found.append(np.sqrt(nodes.mean(np.concatenate(parts, axis=-1)) / nodes.irradiance.sum(axis=-1)))
+    return np.array(found)
 
 
 def _passed(medium: Any, altitude_m: float) -> np.ndarray:
@@ -92,9 +88,9 @@ def _without_ground(medium: Any, earth_radius_km: float) -> Any:
     )
 
 
-def transmittance_of(airs: list[Roots], altitude_m: np.ndarray, visibility_km: np.ndarray) -> PragueTransmittance:
-    """Factors of all airs by singular values, of the least rank that keeps `ROOT_ERROR`."""
-    stacked = np.array([air.root for air in airs])
+def transmittance_of(roots: list[np.ndarray], altitude_m: np.ndarray, visibility_km: np.ndarray) -> PragueTransmittance:
+    """Factors of the roots of all airs by singular values, of the least rank that keeps `ROOT_ERROR`."""
+    stacked = np.array(roots)
     v, h, d, a, c = stacked.shape
     cut = []
     for k in range(h):

@@ -204,7 +204,7 @@ def fill(source: FieldSource, sizes: SkyTableSizes, facts: dict, progress: Calla
         "version": 1,
         "texels": {"sun": sizes.suns, "ground": sizes.ground, "sky": sizes.sky, "azimuth": sizes.azimuths},
         "altitude_km": list(sizes.altitude_km),
-        "ground_km": source.bottom_km,
+        "ground_km": source.medium.bottom_km,
         "horizon_deg": horizons,
         "lowest_sun_deg": LOWEST_SUN_DEG,
         "phase_angles": 0 if source.phase is None else source.phase.shape[0],

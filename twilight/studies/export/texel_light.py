@@ -1,9 +1,9 @@
-"""Light at the texels of Bruneton's mapping, of which the field itself is asked for a seventh.
+"""Light at the texels of Bruneton's mapping, at a seventh of which the field itself is evaluated.
 
-What was scattered once has the sharp features, the shadow of the Earth, the horizon and the sun's surroundings, and is
-summed for every texel (:mod:`twilight.studies.export.scattered_once`).  The field's radiance less that is smooth: it is
-taken at some texels of r and mu and interpolated to the others (monotone cubics of Fritsch and Carlson), so that at
-those texels the light is the field's to the last digit.
+Singly scattered light has the sharp features, the shadow of the Earth, the horizon and the sun's surroundings, and is
+summed for every texel (:mod:`twilight.studies.export.single_scattering`).  The field's radiance less that light is
+smooth: it is taken at some texels of r and mu and interpolated to the others (monotone cubics of Fritsch and Carlson),
+so that at those texels the light is the field's to the last digit.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from scipy.interpolate import PchipInterpolator
 
 from twilight.solvers.tables.mapping import Mapping, grid, possible_nus
 from twilight.studies.export.field_values import JUST_DEG, FieldSource
-from twilight.studies.export.scattered_once import ManyLines, OnceScattered
+from twilight.studies.export.single_scattering import SingleScattering, SinglyScattered
 
 SAME_COSINE = 1e-12
 """Cosines this near to 1 or -1 stand for one direction."""
 ROWS = (*range(9), 10, 12, 14, 17, 20, 23, 26, 29, 31)
-"""Texels of r, of 32, at which the field is asked; beside sharp edges of layers it is asked too."""
+"""Texels of r, of 32, at which the field is evaluated, beside those next to sharp edges of layers."""
 GROUND_ROWS = (0, 1, 3, 8, 20, 30, 40, 45, 50, 55, 57, 60, 62, 63)
-"""Texels of mu at which the field is asked, of the 64 that end on the ground: close together at both ends."""
+"""Texels of mu at which the field is evaluated, of the 64 that end on the ground: close together at both ends."""
 SKY_ROWS = (0, 1, 2, 3, 5, 8, 14, 20, 25, 30, 35, 40, 45, 50, 52, 54, 55, 56, 57, 58, 59, 60, 61, 62, 63)
 """The same of the 64 that end on the top: close together from 10 down to the horizon, where twilight is sharpest."""
 LEAST_LIGHT = 0.02
@@ -36,34 +36,35 @@ DAY_MU_S = 0.25
 
 def texel_light(
     source: FieldSource, mapping: Mapping, rows: int, progress: Callable[[float], None]
-) -> Iterator[tuple[np.ndarray, np.ndarray, OnceScattered]]:
-    """(nu (S, M, N), light (S, M, N, W) over F0, what was scattered once) of each of the first `rows` texels of r.
+) -> Iterator[tuple[np.ndarray, np.ndarray, SinglyScattered]]:
+    """(nu (S, M, N), light (S, M, N, W) over F0, singly scattered light) of each of the first `rows` texels of r.
 
-    light: radiance less that of the ground in view, at the texels of mu_s, mu and nu; progress: told the share done.
+    light: radiance less that of the ground in view, at the texels of mu_s, mu and nu.
+    progress: called with the fraction that is done.
     """
     heights, view, sun, nus = grid(mapping)
-    many = ManyLines(source.medium, source.scaled, source.beam)
+    many = SingleScattering(source.medium, source.scaled, source.beam)
     suns_deg = np.degrees(np.arcsin(sun))
-    asked, half = _asked_rows(source, mapping, heights, rows), mapping.n_mu // 2
-    places = [half * k + np.array(_asked(some, half)) for k, some in enumerate((GROUND_ROWS, SKY_ROWS))]
+    evaluated, half = _evaluated_rows(source, mapping, heights, rows), mapping.n_mu // 2
+    places = [half * k + np.array(_evaluated(some, half)) for k, some in enumerate((GROUND_ROWS, SKY_ROWS))]
     every = np.concatenate(places)
     seen = []
-    rest = np.zeros((len(asked), mapping.n_mu_s, every.size, mapping.n_nu, source.medium.n_wavelengths))
+    rest = np.zeros((len(evaluated), mapping.n_mu_s, every.size, mapping.n_nu, source.medium.n_wavelengths))
     for i in range(rows):
         elevation_deg, azimuth_deg, nu = _directions(source, mapping, heights[i], view[i], sun, nus)
         altitude = source.medium.bottom_km + heights[i]
         once = many(altitude, np.radians(elevation_deg), np.radians(azimuth_deg), np.arcsin(sun))
         seen.append((nu, once))
-        if i in asked:
+        if i in evaluated:
             # lines that end on the ground have no length there
             skipped = places[0].size if heights[i] == 0.0 else 0
             at = every[skipped:]
             for j in range(sun.size):
                 light = source.inscattered(altitude, suns_deg[j], elevation_deg[at, None], azimuth_deg[j, at])
-                rest[asked.index(i), j, skipped:] = light - once.total[j, at]
+                rest[evaluated.index(i), j, skipped:] = light - once.total[j, at]
                 progress((i + (j + 1) / sun.size) / rows)
-    if len(asked) < rows:
-        rest = PchipInterpolator(asked, rest, axis=0)(np.arange(rows))
+    if len(evaluated) < rows:
+        rest = PchipInterpolator(evaluated, rest, axis=0)(np.arange(rows))
     for (nu, once), part in zip(seen, rest, strict=True):
         smooth = np.empty_like(once.total)
         for place in places:
@@ -73,16 +74,16 @@ def texel_light(
         yield nu, np.maximum(once.total + smooth, LEAST_LIGHT * once.total), once
 
 
-def _asked(some: tuple[int, ...], count: int) -> list[int]:
-    """Those of `count` texels at which the field is asked: `some`, or all where there are fewer than those are of."""
+def _evaluated(some: tuple[int, ...], count: int) -> list[int]:
+    """The texels, of `count`, at which the field is evaluated: `some`, or all where `some` are of another number."""
     return list(some) if some[-1] + 1 == count else list(range(count))
 
 
-def _asked_rows(source: FieldSource, mapping: Mapping, heights: np.ndarray, rows: int) -> list[int]:
-    """Texels of r at which the field is asked, the first and the last of the rows among them."""
+def _evaluated_rows(source: FieldSource, mapping: Mapping, heights: np.ndarray, rows: int) -> list[int]:
+    """Texels of r at which the field is evaluated, the first and the last of the rows among them."""
     edges = np.searchsorted(heights, source.profile.sharp_km - source.medium.bottom_km)
     beside = {int(i) for edge in edges for i in (edge - 1, edge)}
-    chosen = {i for i in (*_asked(ROWS, mapping.n_r), *beside) if 0 <= i < rows}
+    chosen = {i for i in (*_evaluated(ROWS, mapping.n_r), *beside) if 0 <= i < rows}
     return sorted(chosen | {rows - 1})
 
 
@@ -124,6 +125,3 @@ def sky_irradiance(source: FieldSource, mapping: Mapping, rows: int) -> np.ndarr
     out = np.zeros((mapping.n_e_r, count, found.shape[-1]))
     out[:rows, up] = PchipInterpolator(chosen_suns, found, axis=1)(up)
     return out
-
-
-__all__ = ["sky_irradiance", "texel_light"]

@@ -1,4 +1,4 @@
-"""The dimensions of a sweep: which keys vary along each, and which of them a solved field serves."""
+"""The dimensions of a sweep: which keys vary along each, and along which of them scenes share a solved field."""
 
 from __future__ import annotations
 
@@ -15,10 +15,13 @@ from twilight.config.vary import LATIN_HYPERCUBE, LIST, Axis
 from twilight.scene.suns import count_suns
 
 SHAPE_KEYS = ("texture", "wavelengths")
+"""Sections that set the shape of the dataset, which is one for all scenes."""
 IDLE_KEYS = ("output", "name", "description", "version", "vary", "solar_spectrum")
+"""Keys that change nothing in the dataset."""
 PLACE_KEYS = ("sun.latitude_deg", "sun.longitude_deg", "sun.distance_au")
 """What may vary beside several suns: their number stays."""
 SEVERAL_SUNS = ("sun.elevations_deg", "sun.start", "sun.stop", "sun.step_minutes")
+"""Keys that hold several suns of one scene."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +29,13 @@ class Dimension:
     """One dimension of the dataset.
 
     axis: the keys and values along it; None for the suns that the configuration's own `sun` section lists.
-    serves: along it nothing changes but what one solved field has in itself: suns and, for some solvers, observers.
+    shares_field: along it only suns and, for some solvers, observers change, for all of which one solved field serves.
     """
 
     name: str
     size: int
     axis: Axis | None
-    serves: bool
+    shares_field: bool
 
     def point(self, index: int) -> dict[str, Any]:
         """Dotted keys and values at an index."""
@@ -40,21 +43,21 @@ class Dimension:
 
 
 def dimensions_of(axes: tuple[Axis, ...], first: Config, where: str) -> tuple[Dimension, ...]:
-    """The dimensions of a series, in its order; those that fields serve come last.
+    """The dimensions of a series, in its order; those along which scenes share a field come last.
 
     first: the configuration of the first scene.
     Errors: TwilightError for keys that do not go with the configuration's own suns.
     """
-    seen = everywhere_observer(axes, first)
+    every_observer = serves_every_observer(axes, first)
     made = []
     for axis in axes:
         names = {LIST: "scene", LATIN_HYPERCUBE: "sample"}
-        serves = all(is_served(key, seen) for key in _keys([axis]))
-        made.append(Dimension(names.get(axis.name) or variable_name(axis.name), len(axis.points), axis, serves))
+        shared = all(shares_field_along(key, every_observer) for key in _keys([axis]))
+        made.append(Dimension(names.get(axis.name) or variable_name(axis.name), len(axis.points), axis, shared))
     own = _own_suns(axes, first, where)
     if own is not None:
         made.append(own)
-    return tuple(sorted(made, key=lambda dimension: dimension.serves))
+    return tuple(sorted(made, key=lambda dimension: dimension.shares_field))
 
 
 def check_keys(axes: tuple[Axis, ...], where: str) -> None:
@@ -73,13 +76,13 @@ def variable_name(key: str) -> str:
     return re.sub(r"\W", "_", key.removeprefix("climate."))
 
 
-def is_served(key: str, everywhere: bool) -> bool:
-    """Whether one field serves all values of a key; `everywhere`: it serves all observers."""
+def shares_field_along(key: str, every_observer: bool) -> bool:
+    """Whether one field serves all values of a key; every_observer: it serves all observers."""
     head = key.split(".")[0]
-    return head == "sun" or (everywhere and head == "observer")
+    return head == "sun" or (every_observer and head == "observer")
 
 
-def everywhere_observer(axes: Iterable[Axis], first: Config) -> bool:
+def serves_every_observer(axes: Iterable[Axis], first: Config) -> bool:
     """Whether the field of every solver of the sweep can be seen from any altitude."""
     names: set[Any] = {solver_of(first)}
     for axis in axes:

@@ -49,7 +49,7 @@ BATCH_SYSTEMS = {
     "moab": "MoabCluster",
 }
 
-_QUIET: dict[str, Any] = {
+_DASK_SETTINGS: dict[str, Any] = {
     "distributed.scheduler.worker-ttl": None,  # a kernel that keeps the interpreter's lock is no dead worker
     "distributed.scheduler.http.routes": [],  # pages that show and end tasks
     "distributed.worker.http.routes": [],
@@ -77,21 +77,21 @@ class Resources:
 
 
 @contextmanager
-def connect(place: Resources) -> Iterator[Client]:
+def connect(resources: Resources) -> Iterator[Client]:
     """A client of Dask's, whose cluster goes with it where this process has started it.
 
     Errors: TwilightError where a library is missing or the scheduler cannot be reached.
     """
-    check_installed(place)
+    check_installed(resources)
     import dask  # start-up
     import distributed  # noqa: F401 - before the settings: what it sets itself would go with them
 
-    with dask.config.set(_QUIET), _without_its_log():
-        if place.scheduler is not None:
-            with _client(place.scheduler) as client:
+    with dask.config.set(_DASK_SETTINGS), _without_dask_log():
+        if resources.scheduler is not None:
+            with _client(resources.scheduler) as client:
                 yield client
             return
-        cluster = _local(place) if place.batch_system is None else _jobs(place)
+        cluster = _local(resources) if resources.batch_system is None else _jobs(resources)
         try:
             with _client(cluster) as client:
                 yield client
@@ -101,7 +101,7 @@ def connect(place: Resources) -> Iterator[Client]:
 
 
 @contextmanager
-def _without_its_log() -> Iterator[None]:
+def _without_dask_log() -> Iterator[None]:
     """What Dask logs about lost workers and schedulers is said by the sweep, in one sentence."""
     names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
     levels = {name: logging.getLogger(name).level for name in names}
@@ -114,10 +114,10 @@ def _without_its_log() -> Iterator[None]:
             logging.getLogger(name).setLevel(level)
 
 
-def check_installed(place: Resources) -> None:
-    """Raise TwilightError where a package is missing that this place needs."""
-    if place.batch_system is not None and not is_installed("dask_jobqueue"):
-        raise missing("dask_jobqueue", f"--batch-system: {place.batch_system}")
+def check_installed(resources: Resources) -> None:
+    """Raise TwilightError where a package is missing that these resources need."""
+    if resources.batch_system is not None and not is_installed("dask_jobqueue"):
+        raise missing("dask_jobqueue", f"--batch-system: {resources.batch_system}")
 
 
 @contextmanager
@@ -140,16 +140,11 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def workers_and_threads(place: Resources) -> tuple[int, int]:
-    """(workers, threads of each) of a local cluster: no more threads than cores unless asked for."""
-    workers = place.workers or cores()
-    return workers, place.threads or max(1, cores() // workers)
-
-
-def _local(place: Resources) -> Any:
+def _local(resources: Resources) -> Any:
     from distributed import LocalCluster  # start-up
 
-    workers, threads = workers_and_threads(place)
+    workers = resources.workers or cores()
+    threads = resources.threads or max(1, cores() // workers)
     with _interrupts_for_this_thread_only():
         return LocalCluster(
             n_workers=workers,
@@ -179,15 +174,15 @@ def _interrupts_for_this_thread_only() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _jobs(place: Resources) -> Any:
+def _jobs(resources: Resources) -> Any:
     import dask_jobqueue  # optional
 
     try:
-        cluster = getattr(dask_jobqueue, BATCH_SYSTEMS[str(place.batch_system)])()
-        cluster.scale(jobs=place.workers or 1)
+        cluster = getattr(dask_jobqueue, BATCH_SYSTEMS[str(resources.batch_system)])()
+        cluster.scale(jobs=resources.workers or 1)
     except (ValueError, OSError, RuntimeError, TypeError) as error:
         raise TwilightError(
-            f"--batch-system: {place.batch_system} cannot be used ({str(error).splitlines()[0]}); cores, memory, queue "
-            f"and walltime are read from jobqueue.yaml in ~/.config/dask"
+            f"--batch-system: {resources.batch_system} cannot be used ({str(error).splitlines()[0]}); cores, memory, "
+            f"queue and walltime are read from jobqueue.yaml in ~/.config/dask"
         ) from None
     return cluster

@@ -61,7 +61,7 @@ class _SweepRun:
         begin = time.perf_counter()
         waiting = iter(self.tasks)
         total = sum(task.skies for task in self.tasks)
-        given = 0
+        done = 0
         try:
             while True:
                 for task in itertools.islice(waiting, max(0, self._room() - len(self.running))):
@@ -70,12 +70,12 @@ class _SweepRun:
                     break
                 future = self._next()
                 task = self.running.pop(future)
-                self._take(future, task)
-                given += task.skies
+                self._receive(future, task)
+                done += task.skies
                 self.outcome.wall_s = time.perf_counter() - begin
-                self._tell(given, total)
+                self._report(done, total)
         finally:
-            self._let_go()
+            self._release_workers()
         return self.outcome
 
     def _room(self) -> int:
@@ -110,7 +110,7 @@ class _SweepRun:
             f"{self.store.path}, and the same command computes the rest"
         )
 
-    def _take(self, future: Future, task: Task) -> None:
+    def _receive(self, future: Future, task: Task) -> None:
         if future.status == "cancelled":
             raise self._lost()
         try:
@@ -126,13 +126,13 @@ class _SweepRun:
         self.outcome.skies += task.skies
         self.outcome.cpu_s += result.cpu_s
 
-    def _tell(self, given: int, total: int) -> None:
+    def _report(self, done: int, total: int) -> None:
         speed = self.outcome.skies / max(self.outcome.wall_s, 1e-9)
-        words = f"{given:,} of {total:,} skies, {speed:.3g} a second"
+        words = f"{done:,} of {total:,} skies, {speed:.3g} a second"
         bad = len(self.outcome.failed)
-        self.progress(words + (f", {bad} tasks failed" if bad else ""), given / max(total, 1))
+        self.progress(words + (f", {bad} tasks failed" if bad else ""), done / max(total, 1))
 
-    def _let_go(self) -> None:
+    def _release_workers(self) -> None:
         """Workers of a scheduler that lives on are not left with tasks that nobody waits for, nor with a field."""
         with suppress(Exception):
             if self.client.status == "running":

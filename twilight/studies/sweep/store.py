@@ -293,15 +293,11 @@ def _coordinates(group: Any, sweep: Sweep) -> None:
 def _own_suns(group: Any, sweep: Sweep, name: str) -> None:
     """The coordinate along the suns that the configuration lists itself."""
     place = [d.name for d in sweep.dimensions].index(name)
-    size = sweep.shape[place]
-    scenes = [tuple(i if d == place else 0 for d in range(len(sweep.shape))) for i in range(size)]
+    scenes = [tuple(i if d == place else 0 for d in range(len(sweep.shape))) for i in range(sweep.shape[place])]
     positions = [sweep.position(scene) for scene in scenes]
-    if name == "time":
-        values = np.array([p.time_s for p in positions], float)
-        _array(group, name, (name,), values, calendar="standard", **attributes(name))
-    else:
-        values = np.array([p.sun_elevation_deg for p in positions])
-        _array(group, name, (name,), values, **attributes(name))
+    values = [p.time_s if name == "time" else p.sun_elevation_deg for p in positions]
+    more = {"calendar": "standard"} if name == "time" else {}
+    _array(group, name, (name,), np.array(values, float), **more, **attributes(name))
 
 
 def _sun_positions(group: Any, sweep: Sweep) -> None:

@@ -27,19 +27,11 @@ from twilight.scene.suns import suns_of
 from twilight.studies.sweep.dimensions import (
     check_keys,
     dimensions_of,
-    everywhere_observer,
-    is_served,
+    serves_every_observer,
+    shares_field_along,
     solver_of,
 )
-from twilight.studies.sweep.task import (
-    STANDARD_ERROR,
-    STOKES,
-    STOKES_ERROR,
-    DatasetBlock,
-    ScenePosition,
-    Task,
-    code_of,
-)
+from twilight.studies.sweep.task import STANDARD_ERROR, STOKES, STOKES_ERROR, DatasetBlock, ScenePosition, Task, code_of
 
 MAX_SCENES = 10_000_000
 """Scenes of a sweep: their indices and labels fit into memory."""
@@ -56,9 +48,9 @@ FEW_SKIES = 16
 class Sweep:
     """All that is to be computed, checked.
 
-    outer, inner: dimensions along which fields differ, and those that one field serves; the dataset has them in this
-    order.  wavelength_nm (W,); elevation_deg (E,), azimuth_deg (A,): directions; azimuths are those of the texture from
-    0 to 180 deg, the sky is its own mirror image about the sun's vertical.  chunk: shape of a chunk over the
+    outer, inner: dimensions along which fields differ, and those along which scenes share one; the dataset has them in
+    this order.  wavelength_nm (W,); elevation_deg (E,), azimuth_deg (A,): directions; azimuths are those of the texture
+    from 0 to 180 deg, the sky is its own mirror image about the sun's vertical.  chunk: shape of a chunk over the
     dimensions.  document: what the sweep is, as JSON values.
 
     Errors: TwilightError for a sweep that is too large, for keys that cannot be axes, and for every scene's
@@ -66,25 +58,19 @@ class Sweep:
     """
 
     def __init__(self, series: Series, progress: Progress | None = None):
-        tell = progress or silent
         self.series, where = series, series.where
         count = math.prod(len(axis.points) for axis in series.axes)
         _refuse_too_many(where, count, "scenes", MAX_SCENES)
         check_keys(series.axes, where)
         self.first = series.config({k: v for axis in series.axes for k, v in axis.points[0].items()})
         check_size(self.first)
-        if self.first.sun.disc:
-            raise TwilightError(f"{where}: sun.disc: a sweep holds the sky alone; leave this key out")
-        if self.first.night is not None:
-            raise TwilightError(
-                f"{where}: night: a sweep holds the sun's part of the sky alone; leave this section out"
-            )
-        if self.first.moon is not None:
-            raise TwilightError(f"{where}: moon: a sweep holds the sun's part of the sky alone; leave this section out")
+        for key, value in (("sun.disc", self.first.sun.disc), ("night", self.first.night), ("moon", self.first.moon)):
+            if value not in (None, False):
+                raise TwilightError(f"{where}: {key}: a sweep holds the sun's light in the air alone; leave {key} out")
         dimensions = dimensions_of(series.axes, self.first, where)
-        self.everywhere = everywhere_observer(series.axes, self.first)
-        self.outer = tuple(d for d in dimensions if not d.serves)
-        self.inner = tuple(d for d in dimensions if d.serves)
+        self.every_observer = serves_every_observer(series.axes, self.first)
+        self.outer = tuple(d for d in dimensions if not d.shares_field)
+        self.inner = tuple(d for d in dimensions if d.shares_field)
         self.dimensions = self.outer + self.inner
         self.shape = tuple(d.size for d in self.dimensions)
         self.scenes = math.prod(self.shape)
@@ -96,7 +82,7 @@ class Sweep:
         self.layers: dict[str, None] = {}
         self.code: dict[str, str] = {}
         self._position_cache = functools.lru_cache(maxsize=100_000)(self._positions)
-        field_keys = self._check_fields(tell)
+        field_keys = self._check_fields(progress or silent)
         self._check_inner()
         self.chunk = self._chunk()
         self.tasks = tuple(self._tasks(field_keys))
@@ -134,10 +120,9 @@ class Sweep:
     def position(self, scene: Sequence[int]) -> ScenePosition:
         """Sun and observer of the scene with that index."""
         outer, inner = scene[: len(self.outer)], scene[len(self.outer) :]
-        served = {k: v for k, v in self._outer_point(outer).items() if is_served(k, self.everywhere)}
         along = tuple(i for d, i in zip(self.inner, inner, strict=True) if d.axis is not None)
         own = [i for d, i in zip(self.inner, inner, strict=True) if d.axis is None]
-        return self._position_cache(to_json(served), along)[own[0] if own else 0]
+        return self._position_cache(to_json(self._sun_and_observer(outer)), along)[own[0] if own else 0]
 
     def label(self, scene: Sequence[int]) -> str:
         """What a scene is called in messages: its keys and values."""
@@ -148,14 +133,14 @@ class Sweep:
 
     # Checks ---------------------------------------------------------------------------------------------------
 
-    def _check_fields(self, tell: Progress) -> dict[tuple[int, ...], str]:
+    def _check_fields(self, progress: Progress) -> dict[tuple[int, ...], str]:
         """The hash of each field by its index along the outer dimensions; every configuration is validated."""
         keys = {}
         total = math.prod(d.size for d in self.outer)
         wavelengths: dict[str, np.ndarray] = {}
         for done, index in enumerate(itertools.product(*(range(d.size) for d in self.outer))):
             if done % 100 == 0:
-                tell(f"checking {total} configurations", done / total)
+                progress(f"checking {total} configurations", done / total)
             config = self._field_config(index)
             described = config.model_dump(
                 mode="json", exclude={"sun", "output", "name", "description", "vary", "solar_spectrum", "version"}
@@ -164,7 +149,7 @@ class Sweep:
             capabilities = solvers.load(solver_of(config)).CAPABILITIES
             if capabilities.reads_files:
                 described["solver"] = complete_solver(config.solver)  # with the content of files that it names
-            if self.everywhere:
+            if self.every_observer:
                 described.pop("observer")
             asked = to_json([described.get("wavelengths"), described["climate"].get("medium")])
             if asked not in wavelengths:
@@ -260,11 +245,12 @@ class Sweep:
         for key, blocks in of_field.items():
             listed = len({block.index for block in blocks}) > 1
             for together in _packed(blocks, max(whole, CHUNK_BYTES // self._sky_bytes) if listed else whole):
-                suns = [[self._served(b.index), b.ranges] for b in together]
+                suns = [[self._sun_and_observer(b.index), b.ranges] for b in together]
                 yield Task(configuration_hash([key, inner, suns])[:24], key, tuple(together))
 
-    def _served(self, index: tuple[int, ...]) -> dict[str, Any]:
-        return {k: v for k, v in self._outer_point(index).items() if is_served(k, self.everywhere)}
+    def _sun_and_observer(self, index: Sequence[int]) -> dict[str, Any]:
+        """The keys of the sun and, where a field serves all, of the observer at an index along the outer dimensions."""
+        return {k: v for k, v in self._outer_point(index).items() if shares_field_along(k, self.every_observer)}
 
     def _document(self) -> dict[str, Any]:
         return {

@@ -22,7 +22,7 @@ from twilight.studies.sweep.task import STANDARD_ERROR, STOKES, STOKES_ERROR, Sc
 _ONE_AT_A_TIME = threading.Lock()
 """A worker with several threads computes one field at a time, with all of them."""
 
-_last: dict[str, Block] = {}
+_last_block: dict[str, Block] = {}
 """The block of wavelengths that was solved last: suns of one field may come in several tasks."""
 
 
@@ -69,7 +69,7 @@ def compute(payload: dict[str, Any], threads: int | None = None) -> TaskResult:
 
 def forget() -> None:
     """Let go of the field that this process holds."""
-    _last.clear()
+    _last_block.clear()
 
 
 def _set_threads(threads: int | None) -> None:
@@ -131,10 +131,10 @@ class _Fields:
 
     def _solved(self, problem: Problem, index: int) -> Block:
         key = f"{self.payload['field_key']} {index}"
-        if key not in _last:
-            _last.clear()  # first, so that two fields are never held
-            _last[key] = problem.block(index)
-        return _last[key]
+        if key not in _last_block:
+            _last_block.clear()  # first, so that two fields are never held
+            _last_block[key] = problem.block(index)
+        return _last_block[key]
 
     def _sky(self, solved: Block, sky: ScenePosition, i: int, block: BlockResult) -> None:
         sun, altitude, part = sky.sun_elevation_deg, sky.observer_altitude_km, solved.wavelengths

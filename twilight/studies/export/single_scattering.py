@@ -1,4 +1,4 @@
-"""Light scattered once along very many lines of sight: the sunbeam is looked up in a table of plain light.
+"""Single scattering along very many lines of sight: the sunbeam is looked up in a table of E/F0.
 
 The texels of foreign layouts are a million directions whose points lie at altitudes and under suns of their own.  A
 look-up of :mod:`twilight.transport.beam`, right to parts in a thousand, costs ten times what a table of E/F0 costs that
@@ -27,7 +27,7 @@ COSINES = 769
 """Suns of the table of sunlight, from the edge of the shadow to the zenith, even in the root of the cosine's rise."""
 
 
-class Sunlight(NamedTuple):
+class SunlightTable(NamedTuple):
     """E/F0 of the direct beam, light (Z, C, W), at heights (top - bottom) (i / (Z - 1))^2 above bottom_km and under
     suns of the cosine edge + (1 - edge) (k / (C - 1))^2, edge (Z,)."""
 
@@ -39,7 +39,7 @@ class Sunlight(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _fill(beam, table, begin, end):
-    """Nodes begin..end of the altitudes of `table`, a `Sunlight`, from `beam`."""
+    """Nodes begin..end of the altitudes of `table`, a `SunlightTable`, from `beam`."""
     n_z, n_c, n_w = table.light.shape
     out = np.empty(n_w)
     for i in range(begin, end):
@@ -61,7 +61,7 @@ def _fill(beam, table, begin, end):
 def _sums(profile, table, altitude_km, elevation, azimuth, sun, out, begin, end):
     """Light that species scattered once, without phase functions, out (1 + K, S, E, A, W), for rows begin..end.
 
-    profile: `Profile`; table: `Sunlight`; altitude_km: the observer's; elevation (E,), azimuth (S, E, A), sun (S,)
+    profile: `Profile`; table: `SunlightTable`; altitude_km: the observer's; elevation (E,), azimuth (S, E, A), sun (S,)
     [rad].  Equal azimuths that follow each other are summed once.
     """
     bottom, top, edge, light = table
@@ -111,7 +111,7 @@ def _sums(profile, table, altitude_km, elevation, azimuth, sun, out, begin, end)
                         out[k, s, e, a, w] = sums[k, w]
 
 
-class OnceScattered(NamedTuple):
+class SinglyScattered(NamedTuple):
     """air, bare (S, E, A, W): what air, and what all aerosol scattered once, without phase functions.
 
     aerosol, total (S, E, A, W): what aerosol, and what all species scattered once [sr^-1].
@@ -123,20 +123,20 @@ class OnceScattered(NamedTuple):
     total: np.ndarray
 
 
-class ManyLines:
-    """Light scattered once in one medium, for whole grids of directions and suns."""
+class SingleScattering:
+    """Single scattering in one medium, for whole grids of directions and suns."""
 
     def __init__(self, medium: Medium, scaled: ScaledMedium, beam: Beam):
         """medium: before scaling, for its phase functions; beam: of the scaled medium"""
         self.medium, self.scaled = medium, scaled
         self.profile: Profile = prepare_profile(scaled.medium)
         light = np.zeros((ALTITUDES, COSINES, medium.n_wavelengths), np.float32)
-        self.sunlight = Sunlight(medium.bottom_km, medium.top_km, np.zeros(ALTITUDES), light)
+        self.sunlight = SunlightTable(medium.bottom_km, medium.top_km, np.zeros(ALTITUDES), light)
         in_slices(lambda begin, end: _fill(beam, self.sunlight, begin, end), ALTITUDES)
 
     def __call__(
         self, altitude_km: float, elevation: np.ndarray, azimuth: np.ndarray, sun: np.ndarray
-    ) -> OnceScattered:
+    ) -> SinglyScattered:
         """Light seen from an altitude in directions of elevations (E,) and azimuths (S, E, A), suns (S,) [rad]."""
         n_k = self.scaled.moments.shape[0]
         parts = np.zeros((n_k, *azimuth.shape, self.medium.n_wavelengths))
@@ -149,4 +149,4 @@ class ManyLines:
         phase = species_phase(self.medium, self.scaled.forward_fraction, cosine.ravel())
         phase = phase.reshape(*cosine.shape, n_k, -1)
         aerosol = sum((phase[..., k, :] * parts[k] for k in range(1, n_k)), np.zeros(parts.shape[1:]))
-        return OnceScattered(parts[0], parts[1:].sum(axis=0), aerosol, aerosol + phase[..., 0, :] * parts[0])
+        return SinglyScattered(parts[0], parts[1:].sum(axis=0), aerosol, aerosol + phase[..., 0, :] * parts[0])

@@ -1,4 +1,5 @@
-"""A solver with a closed form that serves every observer, knows no sun below -10 deg, and waits or fails if told to."""
+"""A solver with a closed form for every observer, without suns below -10 deg, which waits, holds memory or fails on
+request."""
 
 import os
 import time
@@ -11,17 +12,20 @@ from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.solvers.base import BareField, Capabilities
 
-solvers.SOLVERS["toy"] = "toy_swept"
+solvers.SOLVERS["toy"] = "toy_solver"
 
 
 @dataclass(frozen=True)
 class Settings:
+    """wait_s: for each sky; factor: on its light, 13 fails; hold_mib: memory during each sky"""
+
     wait_s: float = 0.0
     factor: float = 1.0
+    hold_mib: int = 0
 
 
 CAPABILITIES = Capabilities(every_observer=True)
-QUALITIES = {"standard": Settings()}
+QUALITIES = {"draft": Settings(factor=1.1), "standard": Settings()}
 
 
 def truth(factor, albedo, sun, altitude_km, elevation, azimuth, wavelength_nm):
@@ -37,6 +41,8 @@ class Field(BareField):
     def radiance(self, sun, elevation, azimuth, *, observer_altitude_km=0.0):
         if sun < -10.0:
             raise TwilightError("the toy solver needs a sun at -10 deg or higher")
+        time.sleep(self.settings.wait_s)
+        _ = np.ones(self.settings.hold_mib * 2**17)
         albedo, nm = self.medium.ground_albedo[0], self.medium.wavelength_nm
         return truth(self.settings.factor, albedo, sun, observer_altitude_km, elevation, azimuth, nm)
 
@@ -44,8 +50,7 @@ class Field(BareField):
 def prepare(medium, settings, *, observer_altitude_km=0.0, progress=None):
     if os.environ.get("TOY_LOG"):
         with open(os.environ["TOY_LOG"], "a") as log:
-            log.write(f"{os.getpid()} {settings.factor:g} {medium.ground_albedo[0]:g}\n")
+            log.write(f"{os.getpid()} {settings.factor:g} {medium.ground_albedo[0]:g} {medium.n_wavelengths}\n")
     if settings.factor == 13.0 and not Path(os.environ["TOY_LOG"]).with_name("mended").exists():
         raise ZeroDivisionError("the toy broke")
-    time.sleep(settings.wait_s)
     return Field(medium, settings)
