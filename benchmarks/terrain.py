@@ -15,7 +15,7 @@ from results import write
 
 from twilight.config import load_series
 from twilight.engine.solve import Problem
-from twilight.engine.view import landscape, see
+from twilight.engine.view import landscape, view_radiance
 from twilight.scene import Scene
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
@@ -41,7 +41,7 @@ def main() -> None:
         medium = climate_medium(config.climate, np.array(NM))
         problem = Problem(Scene(medium, None, zones, zones.QUALITIES["draft"], observer=config.observer))
         block = problem.block(0)
-        seen = see(block, view, sun).whole()
+        seen = view_radiance(block, view, sun).whole()
         made = {
             shadows: landscape(block, seen, config.terrain.model_copy(update={"shadows": shadows}), sun)
             for shadows in ("none", "exact", "segments")

@@ -20,7 +20,7 @@ import results
 from twilight.config import load
 from twilight.engine.light import Moments
 from twilight.engine.light_setup import field_for
-from twilight.engine.visibility import Eye
+from twilight.engine.visibility import NakedEye
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.eye_limit import limiting_magnitude, threshold_contrast
 from twilight.sky.night import Place
@@ -45,8 +45,8 @@ OBJECTS = (
 )
 
 
-def eye_in(climate: str) -> Eye:
-    return Eye(field_for(load(climate, LIGHT), [quantity("luminance")]))
+def eye_in(climate: str) -> NakedEye:
+    return NakedEye(field_for(load(climate, LIGHT), [quantity("luminance")]))
 
 
 def arcus() -> None:
@@ -130,7 +130,7 @@ def _zero(margin: np.ndarray, q: np.ndarray) -> float:
     return float(np.polyfit(margin[near], q[near], 1)[1])
 
 
-def evening(eye: Eye, latitude: float, longitude: float, new: dt.datetime, day: int) -> tuple[str, ...] | None:
+def evening(eye: NakedEye, latitude: float, longitude: float, new: dt.datetime, day: int) -> tuple[str, ...] | None:
     """One evening: best time, age, the criteria and the margin; None where the moon sets before the sun."""
     noon = dt.datetime(new.year, new.month, new.day, 12, tzinfo=dt.UTC) - dt.timedelta(hours=longitude / 15.0)
     moments = [noon + dt.timedelta(days=day, minutes=2 * k) for k in range(300)]

@@ -70,7 +70,7 @@ def test_exposures_differ_as_they_must(tmp_path):
         made = film(tmp_path / f"{how}.webp", scene(**tone), exposure=None if tone else how)
         made.make()
         level[how] = np.array([p.mean() for p in pictures(made.output)])
-    # eight stops in five pictures: a camera that meters each, over 1 s, keeps them alike; an eye loses some
+    # eight stops in five pictures: a camera that meters each, over 1 s, shows them as bright; an eye loses some
     assert np.ptp(level["constant"]) > 120.0
     assert np.ptp(level["metered"]) < 25.0
     # by day only contrast counts; below 5 cd m^-2 it gets dark
@@ -139,23 +139,25 @@ def test_an_interrupted_film_draws_what_is_missing(tmp_path, monkeypatch):
     assert solved == [] and path.read_bytes() == whole.read_bytes()
 
 
-def test_tables_that_are_damaged_are_made_again(tmp_path, monkeypatch):
-    path = tmp_path / "film.webp"
+def interrupted(monkeypatch, path, **options):
+    """Make a film up to its encoding."""
     with monkeypatch.context() as patch:
         patch.setattr(films, "encode", lambda *a: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
-            film(path).make()
-    [kept] = (tmp_path / "film.webp.frames").glob("tables-*.npz")
-    kept.write_bytes(kept.read_bytes()[:-2000])
+            film(path, **options).make()
+
+
+def test_tables_that_are_damaged_are_made_again(tmp_path, monkeypatch):
+    path = tmp_path / "film.webp"
+    interrupted(monkeypatch, path)
+    [stored] = (tmp_path / "film.webp.frames").glob("tables-*.npz")
+    stored.write_bytes(stored.read_bytes()[:-2000])
     assert film(path).make().drawn == 0 and path.is_file()
 
 
 def test_other_pictures_are_not_taken_for_these(tmp_path, monkeypatch):
     path = tmp_path / "film.webp"
-    with monkeypatch.context() as patch:
-        patch.setattr(films, "encode", lambda *a: (_ for _ in ()).throw(KeyboardInterrupt))
-        with pytest.raises(KeyboardInterrupt):
-            film(path, exposure=3.0).make()
+    interrupted(monkeypatch, path, exposure=3.0)
     assert film(path, exposure=4.0).make().drawn == 5
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -50,13 +52,15 @@ def test_a_time_of_any_kind_is_the_same_sun(noon):
         assert (sky.sun_elevation_deg, sky.sun_azimuth_deg) == pytest.approx(noon, abs=1e-6), repr(at)
 
 
-def test_places_of_pvlib_and_astropy(noon):
+def test_places_are_those_of_pvlib_and_astropy_or_a_pair_of_numbers(noon):
     from pvlib.location import Location
 
     place = Location(52.5, 13.4, tz="Europe/Berlin", altitude=34)
     sky = twilight.render("continental-average", at="2026-06-21T12:00", place=place, **FEW)
     assert (sky.sun_elevation_deg, sky.sun_azimuth_deg) == pytest.approx(noon, abs=1e-3)
     assert sky.observer_altitude_km == 0.034 and sky.latitude_deg == 52.5
+    sky = twilight.render("continental-average", at="2026-06-21T12:00+02:00", place=(52.5, 13.4), **FEW)
+    assert (sky.sun_elevation_deg, sky.sun_azimuth_deg) == pytest.approx(noon, abs=1e-9)
     coordinates = pytest.importorskip("astropy.coordinates")
     place = coordinates.EarthLocation.from_geodetic(lon=13.4, lat=52.5, height=0)
     sky = twilight.render("continental-average", at="2026-06-21T10:00Z", place=place, **FEW)
@@ -81,13 +85,13 @@ def test_several_times_are_a_series(noon):
     assert data.sun_normalised_radiance.dims[0] == "time" and data.time.dtype.kind == "M"
     assert list(data.time.values) == [np.datetime64(m.replace(tzinfo=None)) for m in uneven]
     assert data.sky.magnitude("V").dims == ("time",)
-    with pytest.raises(twilight.TwilightError, match="in their order"):
-        twilight.render("continental-average", at=[moments[0], moments[2], moments[1]], **BERLIN, **FEW)
-    with pytest.raises(twilight.TwilightError, match="times must be in their order"):
-        texts = [moments[1].isoformat(), moments[0].isoformat()]
-        twilight.render("continental-average", at=texts, **BERLIN, **FEW)
-    with pytest.raises(twilight.TwilightError, match="all with or all without"):
-        twilight.render("continental-average", at=[moments[0], moments[1].replace(tzinfo=None)], **BERLIN, **FEW)
+    for wrong, says in (
+        ([moments[0], moments[2], moments[1]], "in their order"),
+        ([moments[1].isoformat(), moments[0].isoformat()], "times must be in their order"),
+        ([moments[0], moments[1].replace(tzinfo=None)], "all with or all without"),
+    ):
+        with pytest.raises(twilight.TwilightError, match=says):
+            twilight.render("continental-average", at=wrong, **BERLIN, **FEW)
 
 
 def test_a_series_is_lazy_and_that_of_one_sun_is_a_series(monkeypatch):
@@ -116,11 +120,6 @@ def test_a_series_is_lazy_and_that_of_one_sun_is_a_series(monkeypatch):
     one = twilight.render("urban", sun_elevation_deg=[60.0], **FEW)
     assert isinstance(one, twilight.SkySeries) and len(one) == 1
     assert np.array_equal(one[0].radiance, skies[2].radiance)
-
-
-def test_a_place_is_a_pair_of_numbers(noon):
-    sky = twilight.render("continental-average", at="2026-06-21T12:00+02:00", place=(52.5, 13.4), **FEW)
-    assert (sky.sun_elevation_deg, sky.sun_azimuth_deg) == pytest.approx(noon, abs=1e-9)
 
 
 def test_sample_and_luminance_agree_about_the_night():
@@ -172,6 +171,8 @@ def test_a_field_answers_for_any_sun_and_is_that_of_render():
 
 def test_what_is_offered_is_there_and_nothing_else():
     assert set(twilight.__all__) == set(dir(twilight)) and all(hasattr(twilight, name) for name in twilight.__all__)
+    stub = Path(twilight.__file__).with_suffix(".pyi").read_text()
+    assert ast.literal_eval(stub[stub.index("__all__ = ") + 10 :]) == twilight.__all__
     with pytest.raises(AttributeError):
         twilight.nothing  # noqa: B018
 

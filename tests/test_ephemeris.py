@@ -51,9 +51,7 @@ def test_time_zones_agree():
 
 
 def test_longitude_wraps():
-    a = sun_position("2020-05-05T05:05Z", 10.0, -90.0)
-    b = sun_position("2020-05-05T05:05Z", 10.0, 270.0)
-    assert a == b
+    assert sun_position("2020-05-05T05:05Z", 10.0, -90.0) == sun_position("2020-05-05T05:05Z", 10.0, 270.0)
 
 
 def test_sequence_equals_single_times():

@@ -39,9 +39,7 @@ def test_rows_bracket_the_horizon_from_high_up_and_are_those_of_the_texture_else
         return texture_rows(resolve(config))
 
     ground = rows(0.0)
-    assert (
-        ground[0] > 0.0 and (rows(0.05) == ground).all() and (rows(10.0, **{"solver": {"name": "cie"}}) == ground).all()
-    )
+    assert ground[0] > 0.0 and (rows(0.05) == ground).all() and (rows(10.0, solver={"name": "cie"}) == ground).all()
     high = rows(10.0)
     assert (high[-ground.size :] == ground).all() and high[0] == -90.0 and (np.diff(high) > 0).all()
     dip = horizon_dip_deg(climate_medium(load_climate("pure-air"), [550.0]), 10.0)

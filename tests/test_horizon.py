@@ -87,6 +87,13 @@ def test_a_skyline_puts_the_sun_out():
     assert factor(wall, 0.0, edge + 0.05) == 1.0
 
 
+def sun_and_disc(screened, bare):
+    """Sunlight on the ground, and the disc's transmittances, under a sun at 3 deg: screened over bare."""
+    ground = [GroundSun(medium).at(3.0)[0] for medium in (screened, bare)]
+    disc = [make_disc(medium, 3.0, 0.0).transmittance for medium in (screened, bare)]
+    return ground[0] / ground[1], disc[0] / disc[1]
+
+
 def test_screens_that_pass_all_change_nothing_and_half_halves():
     """The field is linear in the beam: fails if some light (ground, disc, later orders) went past the screen."""
     air = hazy_earth()
@@ -99,10 +106,7 @@ def test_screens_that_pass_all_change_nothing_and_half_halves():
             bare, same, halved = (field.radiance(sun, e, a) for field in fields)
             assert np.allclose(same, bare, rtol=2e-6)
             assert np.allclose(halved, 0.5 * bare, rtol=2e-4)
-    sun = GroundSun(replace(air, screen=half)).at(3.0)[0] / GroundSun(air).at(3.0)[0]
-    assert np.allclose(sun, 0.5)
-    disc = make_disc(replace(air, screen=half), 3.0, 0.0).transmittance / make_disc(air, 3.0, 0.0).transmittance
-    assert np.allclose(disc, 0.5)
+    assert all(np.allclose(ratio, 0.5) for ratio in sun_and_disc(replace(air, screen=half), air))
 
 
 def test_ground_sun_and_disc_see_the_same_screen():
@@ -192,8 +196,7 @@ def test_haze_takes_more_blue():
         place = altitude_km, math.sin(math.radians(sun))
         passed = [beam_at_one(screened, *place, w)[0] / beam_at_one(bare, *place, w)[0] for w in range(3)]
         assert passed == pytest.approx(expected, rel=1e-9)
-    sun = GroundSun(media[0]).at(3.0)[0] / GroundSun(air).at(3.0)[0]
-    disc = make_disc(media[0], 3.0, 0.0).transmittance / make_disc(air, 3.0, 0.0).transmittance
+    sun, disc = sun_and_disc(*media)
     assert sun == pytest.approx(expected) and np.allclose(disc, expected)
     small = tables.TablesSettings(scattering_r=8, scattering_mu=32, scattering_nu=4, max_orders=1, polar_directions=4)
     once = replace(zones.QUALITIES["draft"], max_orders=1)

@@ -14,9 +14,10 @@ from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.engine.hemisphere import whole_hemisphere
 from twilight.engine.light import _bilinear
-from twilight.engine.sky_table import SkyTable
+from twilight.engine.sky_table import SUNS_DEG, SkyTable
 from twilight.engine.surfaces import Surface
 from twilight.engine.towards import Direction, towards
+from twilight.numerics.spectrum import hermite_weights
 
 PLACE = (28.3, -16.5)
 AIR = {
@@ -76,14 +77,11 @@ def test_tables_are_the_field_within_their_stated_error(field):
         elevation = np.degrees(np.arcsin(random.uniform(0.1, 1.0, 24)))
         azimuth = random.uniform(0.0, 360.0, 24)
         exact = field.radiance(sun, elevation, azimuth)
-        from twilight.engine.sky_table import SUNS_DEG
-        from twilight.numerics.spectrum import hermite_weights
-
         nodes, weights = hermite_weights(SUNS_DEG, np.array([sun]))
         held = sum(w * table._table(int(k)) for k, w in zip(nodes[0], weights[0], strict=True) if w)
-        found = table._look_up(held, sun, elevation, azimuth)
+        found = table._interpolate(held, sun, elevation, azimuth)
         assert np.sqrt(((found / exact - 1) ** 2).mean()) < 0.003, sun
-    # enough of a question and the tables answer it: the same, and the mirror image alike
+    # enough lines of sight and the tables answer
     many = table.radiance(np.full(4, -5.2), np.tile(elevation, (4, 1)), np.tile(azimuth, (4, 1)))
     assert np.allclose(many[0], field.radiance(-5.2, elevation, azimuth), rtol=0.01)
     assert not table.radiance(np.array([-60.0]), np.array([[45.0]]), np.array([[0.0]])).any()

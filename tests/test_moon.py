@@ -181,7 +181,7 @@ def test_disc_holds_the_light_and_points_to_the_sun():
 def test_moonlit_sky_is_the_suns_looked_up_again():
     """The moon's sky is the sun's for its own place, times its irradiance over the sun's."""
     made = scene({"elevation_deg": -30.0}, {"elevation_deg": 40.0, "azimuth_deg": 150.0, "phase_angle_deg": 20.0})
-    sky = next(iter(frames(made, keep=False))).sky
+    sky = next(iter(frames(made, cached=False))).sky
     assert sky.sun_normalised_radiance.max() < 1e-13 < 1e-10 < sky.normalised_radiance.min()
     e, a = np.meshgrid(sky.elevation_deg, sky.azimuth_deg, indexing="ij")
     alone = Problem(made).solve().radiance(40.0, e, np.mod(a - 150.0, 360.0))
@@ -198,7 +198,7 @@ def test_moon_of_a_view_stands_where_it_is():
     view = {"kind": "perspective", "width": 60, "height": 40, "field_of_view_deg": 12.0, "azimuth_deg": 100.0,
             "elevation_deg": 30.0}  # fmt: skip
     made = scene({"elevation_deg": -25.0}, {"elevation_deg": 31.0, "azimuth_deg": 102.0}, **{"observer.view": view})
-    frame = next(iter(frames(made, keep=False)))
+    frame = next(iter(frames(made, cached=False)))
     seen = frame.view.rows(0, 40)
     row, column = np.unravel_index(np.nanargmax(seen.radiance[..., 1]), seen.shape)
     assert 36 < column < 42 and 12 < row < 19
@@ -213,7 +213,7 @@ def test_moon_below_the_horizon(tmp_path):
     """It lights nothing, the render says so, and moon.json too."""
     made = scene({"elevation_deg": -30.0}, {"elevation_deg": -25.0}, **{"night": {}})
     with pytest.warns(TwilightWarning, match=r"moon stands at -25\.0 deg, below the horizon"):
-        sky = next(iter(frames(made, keep=False))).sky
+        sky = next(iter(frames(made, cached=False))).sky
     assert sky.moon.disc is None and not sky.moon.direct_irradiance.any()
     [path] = write_outputs(sky, tmp_path, files=["moon"])
     facts = json.loads(path.read_text())
@@ -300,7 +300,7 @@ def low_moon():
     """A half moon on the horizon, its lower edge cut off, in the north-east."""
     moon = {"elevation_deg": -0.5, "azimuth_deg": 150.0, "phase_angle_deg": 80.0, "distance_km": 370000.0}
     made = scene({"elevation_deg": -30.0}, moon, night={}, **{"ground.albedo": 0.3})
-    return next(iter(frames(made, keep=False))).sky
+    return next(iter(frames(made, cached=False))).sky
 
 
 @pytest.mark.parametrize("renderer", ["openexr", "pbrt"])
@@ -337,7 +337,7 @@ def test_what_is_seen_of_a_low_disc(low_moon):
 def test_the_moon_lights_the_ground_of_a_map():
     """A white plain in an environment map is lit by the moon's beam and by the moonlit sky."""
     made = scene({"elevation_deg": -30.0}, {"elevation_deg": 50.0}, **{"ground.albedo": 0.5})
-    sky = next(iter(frames(made, keep=False))).sky
+    sky = next(iter(frames(made, cached=False))).sky
     beam = sky.moon.direct_irradiance * np.sin(np.radians(sky.moon.apparent_elevation_deg))
     expected = 0.5 / np.pi * (beam + sky.irradiance())
     assert_allclose(ground_factor(sky) * sky.solar_irradiance, expected)

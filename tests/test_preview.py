@@ -35,7 +35,7 @@ def test_a_preview_is_as_near_to_the_sky_as_it_says(name):
     """Beside `zones` at draft quality, whose own errors count too."""
     like = {"solver": {"name": "zones", "quality": "draft"}, "texture": {"azimuth_count": 24, "elevation_count": 15}}
     config = load({"version": 1, "climate": name, "sun": {"elevations_deg": list(SUNS_DEG)}, **like})
-    for frame in frames(resolve(config), keep=False):
+    for frame in frames(resolve(config), cached=False):
         made = preview.preview_of(config, frame.name)
         assert made is not None and f"{100 * made.error:.2g} %" in made.sentence
         error = np.abs(made.sky.normalised_radiance / frame.sky.normalised_radiance - 1.0)

@@ -50,19 +50,23 @@ def test_a_notebook_sees_a_picture_and_figures(sky):
     assert "air" in text and "lx" in text and "V mag arcsec^-2" in text
 
 
-@pytest.mark.parametrize("projection", ("wide", *PROJECTIONS))
-def test_a_sky_draws_itself(sky, projection):
+@pytest.fixture
+def drawing():
+    """matplotlib without a window, whose figures are closed after the test."""
     import matplotlib
 
     matplotlib.use("Agg")
-    from matplotlib import pyplot
+    yield
+    matplotlib.pyplot.close("all")
 
+
+@pytest.mark.parametrize("projection", ("wide", *PROJECTIONS))
+def test_a_sky_draws_itself(sky, projection, drawing):
     figure = sky.plot(projection, width=80)
     axes = figure.axes[0]
     figure.savefig(io.BytesIO(), format="png")
     assert axes.images[0].get_array().shape[1] == 80 and "sun +5.0" in axes.get_title()
     assert sky.plot(projection, ax=axes, width=80) is figure
-    pyplot.close("all")
 
 
 def test_magnitude_and_luminance_are_those_of_the_direction(sky):
@@ -189,12 +193,7 @@ def test_half_skies_are_whole_ones_where_they_are_interpolated(sky):
     assert np.allclose(one_side.sky.interp(azimuth=-20, elevation=15)[u], -data[u].sel(azimuth=20, elevation=15))
 
 
-def test_skies_are_subtracted_and_divided(sky):
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
+def test_skies_are_subtracted_and_divided(sky, drawing):
     brighter = replace(sky, sun_normalised_radiance=2.0 * sky.sun_normalised_radiance, sun_elevation_deg=7.0)
     difference, ratio = brighter - sky, brighter / sky
     assert np.allclose(difference.radiance, sky.radiance) and np.allclose(difference.luminance(), sky.luminance())
@@ -210,7 +209,6 @@ def test_skies_are_subtracted_and_divided(sky):
             shown = np.asarray(picture.images[0].get_array(), float)
             assert np.isfinite(shown).mean() > 0.2 and np.isnan(shown[-1, 0])
     assert np.nanmin(np.ma.filled(ratio.plot(wavelength_nm=550).axes[0].images[0].get_array(), np.nan)) > 1.99
-    pyplot.close("all")
     with pytest.raises(TwilightError, match=r"600 is none of the skies' \(450, 550, 650\)"):
         ratio.plot(wavelength_nm=600)
     with pytest.raises(TwilightError, match=r"different wavelengths \(3 from 450 to 650 nm and 7 from 400 to 700 nm\)"):

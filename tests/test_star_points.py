@@ -203,4 +203,4 @@ def test_stars_move_through_a_film(tmp_path):
 def test_stars_without_a_place_are_refused():
     config = load("pure-air", {"night.stars": True, "sun.elevation_deg": -10.0})
     with pytest.raises(TwilightError, match=r"night\.stars needs a place and a time"):
-        next(iter(frames(resolve(config), keep=False)))
+        next(iter(frames(resolve(config), cached=False)))

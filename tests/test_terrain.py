@@ -13,7 +13,7 @@ from twilight.config.scene import Observer
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
 from twilight.engine.solve import Problem
-from twilight.engine.view import landscape, see
+from twilight.engine.view import landscape, view_radiance
 from twilight.numerics.geometry import distance_to_sphere
 from twilight.scene import Scene
 from twilight.scene.medium import climate_medium
@@ -151,7 +151,7 @@ def test_a_plain_is_the_ground_that_the_solver_sees(tmp_path):
     medium = turbid(3.0, wavelength_nm=np.array([550.0]))
     sun, view = 12.0, View(kind="perspective", width=24, height=16, field_of_view_deg=30.0, elevation_deg=-16.0)
     block = Problem(Scene(medium, None, zones, QUICK, observer=Observer(altitude_km=2.0))).block(0)
-    seen = see(block, view, sun).whole()
+    seen = view_radiance(block, view, sun).whole()
     np.save(tmp_path / "plain.npy", np.zeros((16, 16)))
     plain = Terrain(heights=str(tmp_path / "plain.npy"), size_km=200.0, albedo=float(medium.ground_albedo[0]))
     made = landscape(block, seen, plain, sun)
@@ -229,6 +229,14 @@ def test_heights_from_geotiff(tmp_path):
         heights_of(Terrain(heights=str(path)))
 
 
+def air_before(field, medium, beam, place, elevation_deg, azimuth_deg, far_km):
+    """The air before terrain at one distance, on lines of sight in one azimuth, and the peaks' fractions."""
+    own, forward = sunlit_air(field, medium)
+    azimuth, far = np.full(elevation_deg.size, azimuth_deg), np.full(elevation_deg.size, far_km)
+    sun = math.radians(place.sun_elevation_deg)
+    return AerialPerspective(field, medium, beam, own, forward, place, sun, elevation_deg, azimuth, far), forward
+
+
 def test_air_before_terrain_is_even_across_the_horizon(air):
     """Lines that end on the ground beyond a hill at 20 km, and those above the horizon, see it through the same air."""
 
@@ -238,19 +246,15 @@ def test_air_before_terrain_is_even_across_the_horizon(air):
             return np.repeat(light[..., None], 3, axis=-1), np.repeat(np.exp(-0.02 * distance)[..., None], 3, axis=-1)
 
     medium, beam = air
+    elevation = np.linspace(-8.0, 3.0, 2201)
     for altitude_km in (0.3, 0.6, 3.0):
-        elevation = np.linspace(-8.0, 3.0, 2201)
         place = Viewpoint(altitude_km, -20.0, 0.0)
-        own, forward = sunlit_air(None, medium)
-        bridge = AerialPerspective(
-            Smooth(), medium, beam, own, forward, place, math.radians(-20.0), elevation, np.zeros(2201),
-            np.full(2201, 90.0),
-        )  # fmt: skip
+        aerial, forward = air_before(Smooth(), medium, beam, place, elevation, 0.0, 90.0)
         for distance in (0.5, 5.0, 20.0):
-            far = np.minimum(distance, bridge._length_km(elevation))
+            far = np.minimum(distance, aerial._length_km(elevation))
             e = np.radians(elevation)
             phase = species_phase(medium, forward, np.cos(e))
-            light, passed = bridge.at(e, np.zeros(2201), far, phase)
+            light, passed = aerial.at(e, np.zeros(2201), far, phase)
             exact = 0.1 * (2.0 + np.sin(np.radians(elevation))) * -np.expm1(-0.02 * far)
             np.testing.assert_allclose(light[:, 0], exact, rtol=0.012)
             np.testing.assert_allclose(passed[:, 0], np.exp(-0.02 * far), rtol=1e-3)
@@ -277,7 +281,7 @@ def test_no_pixel_is_black_beside_its_neighbours(hazy_block, seed):
         seed=seed, distance_km=0.0 if kind == "ridges" else float(random.uniform(8, 25)),
     )  # fmt: skip
     view = View(kind="perspective", width=96, height=64, field_of_view_deg=30.0, elevation_deg=sun)
-    made = landscape(hazy_block, see(hazy_block, view, sun).whole(), mountain, sun)
+    made = landscape(hazy_block, view_radiance(hazy_block, view, sun).whole(), mountain, sun)
     assert made.hidden is not None and made.hidden.any()
     light = made.radiance.astype(float)
     assert (light > 0.0).all()
@@ -294,17 +298,12 @@ def test_haze_before_a_plain_has_no_bands(hazy_block):
     """Below the horizon the light of the haze falls smoothly: as the field itself has it, line by line."""
     block, sun = hazy_block, 4.0
     elevation = np.linspace(-6.0, -0.9, 120)
-    place = Viewpoint(0.4, sun, 0.0)
-    own, forward = sunlit_air(block.field, block.medium)
     beam = prepare_beam(block.field.grids.scaled.medium)
-    bridge = AerialPerspective(
-        block.field, block.medium, beam, own, forward, place, math.radians(sun), elevation, np.full(120, 40.0),
-        np.full(120, 120.0),
-    )  # fmt: skip
-    far = 0.97 * bridge._length_km(elevation)
+    aerial, forward = air_before(block.field, block.medium, beam, Viewpoint(0.4, sun, 0.0), elevation, 40.0, 120.0)
+    far = 0.97 * aerial._length_km(elevation)
     e, a = np.radians(elevation), np.full(120, math.radians(40.0))
     cosine = np.sin(e) * math.sin(math.radians(sun)) + np.cos(e) * math.cos(math.radians(sun)) * np.cos(a)
-    light, _ = bridge.at(e, a, far, species_phase(block.medium, forward, cosine))
+    light, _ = aerial.at(e, a, far, species_phase(block.medium, forward, cosine))
     exact, _ = block.field.inscatter(sun, elevation, 40.0, far, observer_altitude_km=0.4, peak_passes=True)
     np.testing.assert_allclose(light, exact, rtol=0.03)
 

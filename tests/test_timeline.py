@@ -16,10 +16,11 @@ from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
 from twilight.engine.light_setup import field_for
-from twilight.engine.visibility import Eye
+from twilight.engine.visibility import NakedEye
 from twilight.numerics import spectrum
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.quantities.catalogue import quantity
+from twilight.sky.quantities.measure import Spectra
 from twilight.sky.quantities.responses import response
 from twilight.studies.timeline import timeline as work
 from twilight.studies.timeline.columns import Setup, column
@@ -38,8 +39,8 @@ class Slope:
     wavelength_nm = NM
     solved = SimpleNamespace(solar_spectrum=spectrum.DEFAULT_SOLAR_SPECTRUM, scene=SimpleNamespace(altitude_km=0.0))
 
-    def factor(self, light):
-        return light
+    def spectra(self, light):
+        return Spectra(light, NM, where="the field")
 
     def directions(self, moments, elevation, azimuth, sources=None):
         return np.exp(moments.sun_elevation_deg)[:, None, None] * np.ones((1, 1, NM.size))
@@ -172,7 +173,7 @@ def test_stars_and_planets_come_out_to_the_second(dusk):
     limit, margin = made.values
     assert (np.diff(limit) > 0).all() and limit[0] < -2.0 and limit[-1] > 4.0
     [out] = made.outcomes[0].crossings
-    found = sightings(Eye(dusk), *place, ["Sirius"], times[0], times[-1], 60.0)["Sirius"].sightings[0]
+    found = sightings(NakedEye(dusk), *place, ["Sirius"], times[0], times[-1], 60.0)["Sirius"].sightings[0]
     assert out.begins and abs((out.time - found.first).total_seconds()) < 5.0
     assert np.isfinite(margin).all() and (np.diff(margin[:4]) > 0).all()
     keen = work.timeline(dusk, *place, times[:1] * 2, [column("limiting_magnitude", Setup(field_factor=1.0))])

@@ -12,7 +12,7 @@ from twilight.config.view import View
 from twilight.engine.answer import Answer
 from twilight.engine.night import NightLight
 from twilight.engine.sunbeam import Direct
-from twilight.engine.view import elevation_nodes, see, with_night, with_sun
+from twilight.engine.view import elevation_nodes, view_radiance, with_night, with_sun
 from twilight.io.outputs import write_outputs
 from twilight.io.rendered import ViewPixels
 from twilight.numerics.orientation import azimuth_elevation
@@ -74,7 +74,7 @@ class Block:
 def test_a_view_shows_what_is_there(altitude, view):
     block = Block(altitude)
     made = View.model_validate(view)
-    seen = see(block, made, -19.0).whole()
+    seen = view_radiance(block, made, -19.0).whole()
     assert seen.radiance.shape == (*made.shape, 2)
     azimuth, elevation = azimuth_elevation(made.rays())
     exact = block.light(elevation, azimuth)
@@ -111,7 +111,7 @@ def test_the_night_of_a_view_is_behind_the_sky_and_on_the_ground():
     shape = 1.0 + np.sin(np.radians(elevation))[:, None] + 0.1 * np.cos(np.radians(azimuth - 70.0))
     night = NightLight(elevation, azimuth, np.stack([shape, 2.0 * shape], axis=-1), np.array([0.3, 0.4]))
     block, view = Block(0.0), View.model_validate({"kind": "latlong", "width": 64})
-    plain = see(block, view, 10.0)
+    plain = view_radiance(block, view, 10.0)
     off = replace(plain, night=night).whole().radiance - plain.whole().radiance
     a, e = azimuth_elevation(view.rays())
     exact = 1.0 + np.sin(np.radians(e)) + 0.1 * np.cos(np.radians(a - 70.0))
@@ -155,7 +155,7 @@ def test_files_of_a_view_need_one(tmp_path):
 def test_pixels_of_a_climate_are_its_field():
     """A picture is within 0.2 % of the field at 95 % of the pixels; those on the horizon are left out."""
     import twilight
-    from twilight.engine.view import look
+    from twilight.engine.view import join_views
 
     solved = twilight.solve("continental-average", quality="draft")
     for sun, view in (
@@ -164,7 +164,7 @@ def test_pixels_of_a_climate_are_its_field():
         (-5.0, {"kind": "fisheye", "width": 64}),
     ):
         made = View.model_validate(view)
-        seen = replace(look(solved, made, sun), direct=None).whole()
+        seen = join_views([view_radiance(block, made, sun) for block in solved.blocks], None).whole()
         azimuth, elevation = azimuth_elevation(made.rays())
         inside = np.isfinite(elevation)
         inside[inside] = np.abs(elevation[inside]) > seen.pitch_deg

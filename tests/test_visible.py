@@ -14,7 +14,7 @@ from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
 from twilight.engine.light_setup import field_for
-from twilight.engine.visibility import Eye
+from twilight.engine.visibility import NakedEye
 from twilight.sky.eye_limit import (
     illuminance_magnitude,
     limiting_magnitude,
@@ -136,7 +136,7 @@ BERLIN = (52.5, 13.4)
 
 
 def eye_in(**more):
-    return Eye(field_for(load("continental-average", {**QUICK, **more}), [quantity("luminance")]))
+    return NakedEye(field_for(load("continental-average", {**QUICK, **more}), [quantity("luminance")]))
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from twilight.cli.app import app
 from twilight.numerics.projections import view_directions
 from twilight.sky.ephemeris import parse_time, sun_position
 from twilight.sky.night import NightLevels, Place, night_radiance
-from twilight.viewer import view_field, view_fields, view_sky
+from twilight.viewer import view_fields, view_sky
 from twilight.viewer.colours import Channels
 
 BARE = {"disc": False, "night": False, "stars": False, "path": False}
@@ -45,7 +45,9 @@ def pages(field, tmp_path_factory):
         sizes=COARSE,
     )
     return SimpleNamespace(
-        one=view_field(field, sizes=COARSE, names=["closed"], scenes=["continental-average"]).save(folder / "one.html"),
+        one=view_fields([field], sizes=COARSE, names=["closed"], scenes=["continental-average"]).save(
+            folder / "one.html"
+        ),
         two=two.save(folder / "two.html"),
         sky=view_sky(as_sky(ClosedSky(field.medium, gone_at_17_deg), -4.0, 5.0)).save(folder / "sky.html"),
     )

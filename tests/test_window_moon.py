@@ -14,7 +14,7 @@ from twilight.numerics.orientation import azimuth_elevation
 from twilight.numerics.projections import view_directions
 from twilight.sky.bodies import Sites
 from twilight.sky.moon import Moon, moon_over
-from twilight.viewer import view_field
+from twilight.viewer import view_fields
 from twilight.viewer.colours import Channels
 
 BARE = {"disc": False, "night": False, "stars": False, "path": False, "moon": True}
@@ -29,7 +29,9 @@ def field():
 @pytest.fixture(scope="module")
 def page(field, tmp_path_factory):
     path = tmp_path_factory.mktemp("moon") / "one.html"
-    with open_page(view_field(field, sizes=COARSE, names=["closed"], scenes=["pure-air"]).save(path), 64, 64) as opened:
+    with open_page(
+        view_fields([field], sizes=COARSE, names=["closed"], scenes=["pure-air"]).save(path), 64, 64
+    ) as opened:
         yield opened
 
 

@@ -11,7 +11,7 @@ from airs import as_sky, problem_of_field, turbid
 from browser import open_page, until
 
 from twilight.solvers.base import BareField
-from twilight.viewer import view_field, view_sky
+from twilight.viewer import view_fields, view_sky
 from twilight.viewer.tables import ViewerTableSizes
 
 NM = np.array([420.0, 500.0, 580.0, 660.0])
@@ -35,7 +35,7 @@ def even(medium):
 
 @pytest.fixture(scope="module")
 def view():
-    return view_field(even(turbid(wavelength_nm=NM)), scenes=["pure-air"], sizes=COARSE)
+    return view_fields([even(turbid(wavelength_nm=NM))], scenes=["pure-air"], sizes=COARSE)
 
 
 @pytest.fixture(scope="module")
@@ -43,12 +43,14 @@ def page_file(view, tmp_path_factory):
     return view.save(tmp_path_factory.mktemp("page") / "even.html")
 
 
-def test_it_opens_from_disk(page_file):
+def test_it_opens_from_disk_and_says_how_long_that_took(page_file):
     with open_page(page_file, 400, 500, from_disk=True) as (page, errors):
         assert page.url.startswith("file:")
         assert page.evaluate("twilight.at(40, 10)?.luminance ?? 0") > 0.0
         page.click("#toggle")
         page.click("#copy")  # the clipboard of pages from disk may be closed: the text is then selected
+        spent = page.evaluate("twilight.loaded")
+        assert 0.0 < spent["tables_ms"] < spent["drawn_ms"] < 60_000.0
         assert errors == []
 
 
@@ -95,11 +97,4 @@ def test_a_notebook_shows_it(view, tmp_path):
         for frame in inner:
             until(frame, "!!window.twilight && typeof twilight === 'object'")
             assert frame.evaluate("twilight.at(twilight.state.elevation, twilight.state.azimuth).luminance") > 0.0
-        assert errors == []
-
-
-def test_the_page_says_how_long_it_took(page_file):
-    with open_page(page_file, 160, 90) as (page, errors):
-        spent = page.evaluate("twilight.loaded")
-        assert 0.0 < spent["tables_ms"] < spent["drawn_ms"] < 60_000.0
         assert errors == []

@@ -14,7 +14,7 @@ from PIL import Image
 
 from twilight.io.view import view_exposure_ev100
 from twilight.sky.tone import Shot, Tone, tone_of
-from twilight.viewer import view_field
+from twilight.viewer import view_fields
 
 SUNS_DEG = (-18.0, -9.0, 0.0, 20.0)
 WIDTH = 120
@@ -28,7 +28,7 @@ STEP = 1.0 / 255.0
 
 @pytest.fixture(scope="module")
 def page_file(tmp_path_factory):
-    return view_field(closed(level=0.1), sizes=COARSE).save(tmp_path_factory.mktemp("tones") / "sky.html")
+    return view_fields([closed(level=0.1)], sizes=COARSE).save(tmp_path_factory.mktemp("tones") / "sky.html")
 
 
 def screen_of(page, state):

@@ -13,30 +13,6 @@ the package costs nothing.
 from importlib import import_module
 
 __version__ = "0.1.0"
-__all__ = [
-    "Climate",
-    "CompactSky",
-    "Config",
-    "Direction",
-    "Medium",
-    "Sky",
-    "SkySeries",
-    "Solved",
-    "Surface",
-    "TwilightError",
-    "TwilightWarning",
-    "__version__",
-    "irradiance",
-    "light",
-    "load",
-    "load_climate",
-    "medium",
-    "open_dataset",
-    "read_sky",
-    "render",
-    "solve",
-    "solver",
-]
 
 _WHERE = {
     "Climate": "twilight.config",
@@ -62,6 +38,7 @@ _WHERE = {
     "solver": "twilight.api.calls",
 }
 """The module of each public name.  All ways to a `Sky` lead through `twilight.api`, which attaches what draws it."""
+__all__ = sorted(["__version__", *_WHERE])
 
 
 def __getattr__(name: str) -> object:
@@ -71,4 +48,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return __all__

@@ -1,11 +1,15 @@
 """Types of the public names, which `__init__.py` loads when they are used."""
 
 from twilight.api.calls import medium, render, solve, solver
+from twilight.api.irradiance import irradiance
+from twilight.api.light import light
 from twilight.api.representation import Sky, SkySeries, open_dataset, read_sky
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import Climate, Config, load, load_climate
 from twilight.engine import Solved
+from twilight.engine.surfaces import Surface
+from twilight.engine.towards import Direction
 from twilight.solvers.compact.compact_sky import CompactSky
 
 __version__: str
@@ -13,13 +17,17 @@ __all__ = [
     "Climate",
     "CompactSky",
     "Config",
+    "Direction",
     "Medium",
     "Sky",
     "SkySeries",
     "Solved",
+    "Surface",
     "TwilightError",
     "TwilightWarning",
     "__version__",
+    "irradiance",
+    "light",
     "load",
     "load_climate",
     "medium",

@@ -21,9 +21,11 @@ from twilight.numerics import spectrum
 from twilight.sky import colour
 
 SUFFIXES = (".mp4", ".webp", ".gif", "")
+"""Of films; without one, a folder of EXR."""
 MP4_QUALITY = 16
 """Constant rate factor of H.264: noise of one step, the dither, mostly remains."""
 MP4_COLOURS = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1", "-color_range", "tv")
+"""Options of ffmpeg that name the pictures' colours: Rec. 709 with the curve of sRGB, in the range of video."""
 WEBP_EFFORT = 60
 """0 to 100, how hard the lossless coder of WebP tries; pictures are kept as they are.  Lossy WebP, even at its best,
 smooths away the dither and leaves blocks of one grey in dark skies."""

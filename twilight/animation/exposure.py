@@ -12,7 +12,7 @@ CAMERA_S = 1.0
 
 
 def meter(light: np.ndarray, highlights_over_mean: float = HIGHLIGHTS_OVER_MEAN) -> tuple[float, float]:
-    """(exposure value at ISO 100 as `io.view` takes it, log-mean luminance [cd m^-2]) of a picture (H, W, 4) without
+    """(exposure value at ISO 100 as `io.view` meters it, log-mean luminance [cd m^-2]) of a picture (H, W, 4) without
     the sun's disc; 0 is left out."""
     seen = light[..., 1][light[..., 1] > 0.0]
     if not seen.size:

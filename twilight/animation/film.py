@@ -20,7 +20,7 @@ from twilight.animation.encode import check_output, encode, write_exr
 from twilight.animation.exposure import meter, smoothed
 from twilight.animation.moon import MoonDiscPainter, moons_of
 from twilight.animation.night import NightPainter, Nights, nights_of
-from twilight.animation.timeline import Timeline, timeline
+from twilight.animation.timeline import FilmTimeline, timeline
 from twilight.base.digest import code_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
@@ -65,15 +65,15 @@ class FrameExposure:
 
 
 @dataclass(frozen=True)
-class Made:
-    """How many pictures were drawn, those that were there left out, and the processor time of that [s]."""
+class FilmResult:
+    """How many pictures were drawn, without those of an interrupted run, and the processor time of drawing [s]."""
 
     drawn: int
     processor_s: float
 
 
 @dataclass(frozen=True)
-class Parts:
+class FilmParts:
     """What pictures are made of; None where a film has no such part."""
 
     tables: ViewerTables
@@ -83,11 +83,11 @@ class Parts:
     moon_disc: MoonDiscPainter | None
 
 
-class Lights:
+class SkyPainter:
     """Draws directions (elevation, azimuth) (H, W) [deg]: sunlight, moonlight and the night's light."""
 
     def __init__(
-        self, parts: Parts, sizes: ViewerTableSizes, suns_deg: np.ndarray, directions: tuple[np.ndarray, np.ndarray]
+        self, parts: FilmParts, sizes: ViewerTableSizes, suns_deg: np.ndarray, directions: tuple[np.ndarray, np.ndarray]
     ):
         self.directions, self._moon = directions, parts.moon
         self._air = Painter(parts.tables, sizes, suns_deg, *directions)
@@ -134,7 +134,7 @@ class Animation:
         if exposure is not None and not output.suffix:
             raise TwilightError("--exposure: EXR hold luminances, which have no exposure; leave it out")
         check_output(output, self.view.shape, frames_per_second)
-        self.line: Timeline = timeline(
+        self.line: FilmTimeline = timeline(
             config, speed=speed, frames_per_second=frames_per_second, from_deg=from_deg, to_deg=to_deg
         )
         self.moons = moons_of(config, self.line)
@@ -150,7 +150,7 @@ class Animation:
             check_folder(output.parent)
         self.folder = output.with_name(f"{output.name}.frames")
 
-    def make(self, progress: Progress | None = None) -> Made:
+    def make(self, progress: Progress | None = None) -> FilmResult:
         """Make the film; pictures of an interrupted run are taken as they are.
 
         What is done stays in the folder OUTPUT.frames until the film is whole.
@@ -160,7 +160,7 @@ class Animation:
         drawn, processor_s = 0, 0.0
         with locked(self.folder / "lock", "another film"):
             parts = self._parts(part_of(tell, 0.0, 0.4))
-            painter = Lights(parts, self.sizes, self.suns_deg, self._directions(self.view))
+            painter = SkyPainter(parts, self.sizes, self.suns_deg, self._directions(self.view))
             exposures_of_frames = self._exposures(parts, part_of(tell, 0.4, 0.1))
             paths, fraction = [], part_of(tell, 0.5, 0.4)
             for i, exposure_of_frame in enumerate(exposures_of_frames):
@@ -175,9 +175,9 @@ class Animation:
                 fraction(f"picture {i + 1} of {len(exposures_of_frames)}", (i + 1) / len(exposures_of_frames))
             encode(paths, self.output, self.frames_per_second, part_of(tell, 0.9, 0.1))
         shutil.rmtree(self.folder)
-        return Made(drawn, processor_s)
+        return FilmResult(drawn, processor_s)
 
-    def _parts(self, progress: Progress) -> Parts:
+    def _parts(self, progress: Progress) -> FilmParts:
         """The field's tables, discs, moon and nights where they are asked for; from the folder where it has them."""
         path = self.folder / f"tables-{self._scene[:32]}.npz"
         arrays = stored_arrays(path)
@@ -211,7 +211,7 @@ class Animation:
             beam = arrays["refraction_deg"], arrays["beam"], float(arrays["horizon"][0])
             disc = DiscPainter(*beam) if self.config.sun.disc else None
             moon_disc = None if moon is None else MoonDiscPainter(*beam, moon)
-        return Parts(tables, nights, moon, disc, moon_disc)
+        return FilmParts(tables, nights, moon, disc, moon_disc)
 
     @cached_property
     def _scene(self) -> str:
@@ -258,15 +258,14 @@ class Animation:
     def _middle_deg(self) -> float:
         return float(self.line.azimuth_deg[0] + self.line.azimuth_deg[-1]) / 2.0
 
-    def _exposures(self, parts: Parts, progress: Progress) -> list[FrameExposure]:
+    def _exposures(self, parts: FilmParts, progress: Progress) -> list[FrameExposure]:
         """The exposure of every picture, from small ones of all."""
         n, output = len(self.line), self.config.output
         if not self.output.suffix:
             return [FrameExposure(0.0, None)] * n
         if isinstance(self.exposure, float) and output.tone_mapping != "eye":
             return [FrameExposure(self.exposure, None)] * n
-        small = _smaller(self.view)
-        painter = Lights(parts, self.sizes, self.suns_deg, self._directions(small))
+        painter = SkyPainter(parts, self.sizes, self.suns_deg, self._directions(_smaller(self.view)))
         found = np.empty((n, 2))
         for i in range(n):
             light = painter.light(float(self.line.time_s[i]), self._sun(i), self._moon(i))
@@ -308,8 +307,8 @@ class Animation:
 
     def _draw(
         self,
-        painter: Lights,
-        parts: Parts,
+        painter: SkyPainter,
+        parts: FilmParts,
         i: int,
         exposure_of_frame: FrameExposure,
         path: Path,
@@ -379,10 +378,6 @@ def _exposure(config: Config, exposure: str | float | None) -> str | float:
 
 def _check_layers(config: Config) -> None:
     """Raise TwilightError for what a configuration asks for and a film cannot show."""
-    output = config.output
-    for name, there in (
-        ("terrain", config.terrain is not None),
-        ("output.polariser_deg", output.polariser_deg is not None),
-    ):
-        if there:
+    for name, value in (("terrain", config.terrain), ("output.polariser_deg", config.output.polariser_deg)):
+        if value is not None:
             raise TwilightError(f"{config.title}: {name} is not drawn in films; leave it out")

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from twilight.animation.timeline import Timeline
+from twilight.animation.timeline import FilmTimeline
 from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Config
 from twilight.config.sun import SunInterval
@@ -60,7 +60,7 @@ class MovingStars:
 class Nights:
     """time_s (K,): of the moments; sun_azimuth_deg (K,), from which the azimuths of `lights` count.
 
-    lights: X, Y, Z and scotopic luminance [cd m^-2]; stars: those that are points, of whom `lights` have nothing.
+    lights: X, Y, Z and scotopic luminance [cd m^-2]; stars: those that are points, whose light `lights` lack.
     """
 
     time_s: np.ndarray
@@ -90,24 +90,22 @@ class Nights:
         return cls(cached["night_time_s"], cached["night_sun_azimuth_deg"], lights, stars)
 
 
-def nights_of(config: Config, medium: Medium, channels: Channels, line: Timeline) -> Nights | None:
+def nights_of(config: Config, medium: Medium, channels: Channels, line: FilmTimeline) -> Nights | None:
     """The nights of a film, None where its configuration has none."""
     if config.night is None:
         return None
     span = float(line.time_s[-1])
     times = np.linspace(0.0, span, 1 + int(np.ceil(span / STEP_S)))
     elevation, azimuth = (np.interp(times, line.time_s, v) for v in (line.elevation_deg, line.azimuth_deg))
-    levels, stars, lights = levels_of(config.night), None, []
+    levels, stars, lights, site = levels_of(config.night), None, [], None
     if isinstance(config.sun, SunInterval):
+        site = Place(config.sun.latitude_deg, config.sun.longitude_deg, config.sun.aware(config.sun.start))
         sky = star_sky(config.night, medium, config.observer.altitude_km)
         if sky is not None:
             levels = without_points(levels)
-            site = Place(config.sun.latitude_deg, config.sun.longitude_deg, config.sun.aware(config.sun.start))
             stars = MovingStars(sky, channels.of(np.diag(1.0 / channels.solar_irradiance)), site)
     for t, e, a in zip(times, elevation, azimuth, strict=True):
-        sun, place = config.sun, None
-        if isinstance(sun, SunInterval):
-            place = Place(sun.latitude_deg, sun.longitude_deg, sun.aware(sun.start) + timedelta(seconds=float(t)))
+        place = None if site is None else replace(site, time=site.time + timedelta(seconds=float(t)))
         made = night_light(
             medium,
             levels,

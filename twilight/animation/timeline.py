@@ -23,7 +23,7 @@ MOST_FRAMES = 100_000
 
 
 @dataclass(frozen=True)
-class Timeline:
+class FilmTimeline:
     """time_s: of the sky, since the film began; elevation_deg: true; azimuth_deg: from the same zero; (N,) each."""
 
     time_s: np.ndarray
@@ -42,7 +42,7 @@ def timeline(
     frames_per_second: float,
     from_deg: float | None = None,
     to_deg: float | None = None,
-) -> Timeline:
+) -> FilmTimeline:
     """The suns of a film: from one elevation to another, or along the configuration's sequence or time span.
 
     speed: seconds of the sky in a second of the film.  from_deg, to_deg: true elevations in place of the
@@ -67,10 +67,10 @@ def timeline(
         )
     time = np.arange(_count(way[-1] / FALL_DEG_PER_S, step_s)) * step_s
     elevation = np.interp(time * FALL_DEG_PER_S, way, path)
-    return _checked(config, Timeline(time, elevation, np.zeros(time.size), np.full(time.size, sun.distance_au)))
+    return _checked(config, FilmTimeline(time, elevation, np.zeros(time.size), np.full(time.size, sun.distance_au)))
 
 
-def _over_a_place(config: Config, sun: SunInterval, step_s: float) -> Timeline:
+def _over_a_place(config: Config, sun: SunInterval, step_s: float) -> FilmTimeline:
     start, stop = sun.aware(sun.start), sun.aware(sun.stop)
     time = np.arange(_count(stop.timestamp() - start.timestamp(), step_s)) * step_s
     altitude_km = config.observer.altitude_km
@@ -79,7 +79,7 @@ def _over_a_place(config: Config, sun: SunInterval, step_s: float) -> Timeline:
         for t in time
     ]
     columns = np.array([(float(p.elevation_deg), float(p.azimuth_deg), float(p.distance_au)) for p in found]).T
-    return _checked(config, Timeline(time, columns[0], np.degrees(np.unwrap(np.radians(columns[1]))), columns[2]))
+    return _checked(config, FilmTimeline(time, columns[0], np.degrees(np.unwrap(np.radians(columns[1]))), columns[2]))
 
 
 def _count(span_s: float, step_s: float) -> int:
@@ -92,7 +92,7 @@ def _count(span_s: float, step_s: float) -> int:
     return count
 
 
-def _checked(config: Config, line: Timeline) -> Timeline:
+def _checked(config: Config, line: FilmTimeline) -> FilmTimeline:
     low, high = float(line.elevation_deg.min()), float(line.elevation_deg.max())
     if high > 90.0 or (low < LOWEST_DEG and config.night is None and config.moon is None):
         raise TwilightError(

@@ -11,18 +11,20 @@ ds.sky.interp(elevation=20, azimuth=358.5)         # between the last azimuth an
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import xarray
+from numpy.typing import ArrayLike
 
 from twilight.api.representation import Sky, plot
+from twilight.api.types import PlotOptions
 from twilight.base.errors import TwilightError
 from twilight.io.facts import fields_from
 from twilight.io.labels import attributes
 from twilight.io.provenance import provenance_from_fields
 from twilight.sky.quantities.catalogue import quantity, unit_of
-from twilight.sky.quantities.responses import response
+from twilight.sky.quantities.responses import ResponseLike, response
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,6 +34,7 @@ _GRID = ("elevation", "azimuth", "wavelength")
 _RADIANCE = "sun_normalised_radiance"
 _Q = (f"{_RADIANCE}_q", "standard_error_q")
 _U = (f"{_RADIANCE}_u", "standard_error_u")
+"""Stokes parameters Q and U over F0, and their standard errors."""
 _DERIVED = ("degree_of_linear_polarisation", "angle_of_linear_polarisation")
 _DEFAULT_SPECTRUM = "astm_g173_etr"
 
@@ -94,6 +97,9 @@ class SkyAccessor:
         facts, bending = fields_from(one), one("solar_bending")
         if bending is not None:
             facts["apparent_sun_elevation_deg"] = facts["sun_elevation_deg"] + bending
+        provenance = provenance_from_fields(chosen.attrs)
+        if "sweep_hash" in chosen.attrs:
+            provenance["sweep_hash"] = chosen.attrs["sweep_hash"]
         direct = "direct_irradiance_factor"
         return Sky(
             wavelength_nm=chosen.wavelength.values,
@@ -102,17 +108,21 @@ class SkyAccessor:
             sun_normalised_radiance=radiance.astype(float),
             ground_albedo=chosen["surface_albedo"].values if "surface_albedo" in chosen else None,
             standard_error=grid("standard_error"),
-            polarisation=stokes(f"{_RADIANCE}_q", f"{_RADIANCE}_u"),
-            polarisation_error=stokes("standard_error_q", "standard_error_u"),
+            polarisation=stokes(_Q[0], _U[0]),
+            polarisation_error=stokes(_Q[1], _U[1]),
             direct_irradiance=chosen[direct].values.astype(float) if direct in chosen else None,
             solar_spectrum=str(chosen.attrs.get("solar_spectrum", _DEFAULT_SPECTRUM)),
             night_radiance=grid("night_radiance"),
-            provenance=provenance_from_fields(chosen.attrs)
-            | {key: chosen.attrs[key] for key in ("sweep_hash",) if key in chosen.attrs},
+            provenance=provenance,
             **facts,
         )
 
-    def interp(self, elevation: Any = None, azimuth: Any = None, **others: Any) -> xarray.Dataset:
+    def interp(
+        self,
+        elevation: ArrayLike | xarray.DataArray | None = None,
+        azimuth: ArrayLike | xarray.DataArray | None = None,
+        **others: Any,
+    ) -> xarray.Dataset:
         """`Dataset.interp`, linear, on the sphere: azimuths go round, elevations reach from the horizon to the zenith.
 
         Parameters
@@ -136,8 +146,8 @@ class SkyAccessor:
             wanted["azimuth"] = np.mod(self._dataset.azimuth if azimuth is None else azimuth, 360.0)
         made = data.interp(**wanted, **others)
         if azimuth is not None:
-            name = "azimuth"
-            made = made.assign_coords(azimuth=made[name].copy(data=np.broadcast_to(azimuth, made[name].shape)))
+            asked = np.broadcast_to(azimuth, made["azimuth"].shape)
+            made = made.assign_coords(azimuth=made["azimuth"].copy(data=asked))
             made.attrs.pop("azimuth_count", None)
         made["azimuth"].attrs = dict(self._dataset.azimuth.attrs)
         made["elevation"].attrs = {k: v for k, v in self._dataset.elevation.attrs.items() if k != "bounds"}
@@ -146,59 +156,57 @@ class SkyAccessor:
     def luminance(self) -> xarray.DataArray:
         """Luminance [cd m^-2] in every direction of the dataset."""
         count = self._dataset.sizes["azimuth"]
-
-        def of(sky: Sky) -> np.ndarray:
-            return sky.luminance()[:, :count]
-
-        made = self._each("luminance", of, ("elevation", "azimuth"))
-        return made.assign_attrs(units="cd m-2", long_name="luminance of the sky")
+        dims = ("elevation", "azimuth")
+        return self._each("luminance", lambda sky: sky.luminance()[:, :count], "cd m-2", "luminance of the sky", dims)
 
     def luminance_at(self, elevation_deg: float = 90.0, azimuth_deg: float = 0.0) -> xarray.DataArray:
         """Luminance [cd m^-2] in one direction; azimuth relative to the sun."""
-        made = self._each("luminance", lambda sky: sky.luminance_at(elevation_deg, azimuth_deg))
-        return made.assign_attrs(units="cd m-2", long_name=f"luminance at elevation {elevation_deg:g} deg")
+        about = f"luminance at elevation {elevation_deg:g} deg"
+        return self._each("luminance", lambda sky: sky.luminance_at(elevation_deg, azimuth_deg), "cd m-2", about)
 
     def magnitude(
-        self, band: Any = "V", elevation_deg: float = 90.0, azimuth_deg: float = 0.0, system: str | None = None
+        self, band: ResponseLike = "V", elevation_deg: float = 90.0, azimuth_deg: float = 0.0, system: str | None = None
     ) -> xarray.DataArray:
         """Surface brightness [mag arcsec^-2] in one direction, `Sky.magnitude`; azimuth relative to the sun."""
-        made = self._each("magnitude", lambda sky: sky.magnitude(band, elevation_deg, azimuth_deg, system))
-        return made.assign_attrs(units="mag arcsec-2", long_name=f"surface brightness in {response(band).name}")
+        where, about = (elevation_deg, azimuth_deg), f"surface brightness in {response(band).name}"
+        return self._each("magnitude", lambda sky: sky.magnitude(band, *where, system), "mag arcsec-2", about)
 
-    def radiance_in(self, response: Any, elevation_deg: float = 90.0, azimuth_deg: float = 0.0) -> xarray.DataArray:
+    def radiance_in(
+        self, response: ResponseLike, elevation_deg: float = 90.0, azimuth_deg: float = 0.0
+    ) -> xarray.DataArray:
         """Radiance within a response [W m^-2 sr^-1], `Sky.radiance_in`."""
-        made = self._each("radiance_in", lambda sky: sky.radiance_in(response, elevation_deg, azimuth_deg))
-        return made.assign_attrs(units="W m-2 sr-1", long_name="radiance within a response")
+        where, about = (elevation_deg, azimuth_deg), "radiance within a response"
+        return self._each("radiance_in", lambda sky: sky.radiance_in(response, *where), "W m-2 sr-1", about)
 
     def illuminance_lux(self, horizontal: bool = True, eye: str = "photopic") -> xarray.DataArray:
         """Illuminance of the ground by the sky alone [lx], or of a sphere; eye: as of `Sky.illuminance_lux`."""
-        made = self._each("illuminance", lambda sky: sky.illuminance_lux(horizontal, eye=eye))
-        return made.assign_attrs(units="lx", long_name="illuminance by the sky")
+        about = "illuminance by the sky"
+        return self._each("illuminance", lambda sky: sky.illuminance_lux(horizontal, eye=eye), "lx", about)
 
     def measure(
         self, name: str, elevation_deg: float | None = None, azimuth_deg: float = 0.0, *, horizontal: bool = True
     ) -> xarray.DataArray:
         """Any quantity of a direction, or of the sky's light on a plane or sphere: `Sky.measure`."""
         found = quantity(name)
-        made = self._each(
-            found.variable, lambda sky: sky.measure(name, elevation_deg, azimuth_deg, horizontal=horizontal)
+        unit, where = unit_of(found, "surface" if elevation_deg is None else "direction"), (elevation_deg, azimuth_deg)
+        return self._each(
+            found.variable, lambda sky: sky.measure(name, *where, horizontal=horizontal), unit, found.about
         )
-        of: Any = "surface" if elevation_deg is None else "direction"
-        return made.assign_attrs(units=unit_of(found, of), long_name=found.about)
 
-    def plot(self, projection: str = "wide", ax: Axes | None = None, **options: Any) -> Figure:
+    def plot(self, projection: str = "wide", ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Figure:
         """Draw the one sky that is left (`Sky.plot`)."""
         return plot(self.scene(), projection, ax, **options)
 
-    def _each(self, name: str, figure: Callable[[Sky], Any], dims: tuple[str, ...] = ()) -> xarray.DataArray:
+    def _each(
+        self, name: str, figure: Callable[[Sky], ArrayLike], unit: str, about: str, dims: tuple[str, ...] = ()
+    ) -> xarray.DataArray:
         """A figure of every sky."""
-
         data = self._dataset
         azimuth, column = _whole(data)
         spectrum = str(data.attrs.get("solar_spectrum", _DEFAULT_SPECTRUM))
         night = [data["night_radiance"]] if "night_radiance" in data else []
 
-        def one(radiance: np.ndarray, distance_au: float, sun_elevation_deg: float, *night: np.ndarray) -> Any:
+        def one(radiance: np.ndarray, distance_au: float, sun_elevation_deg: float, *night: np.ndarray) -> np.ndarray:
             if np.isnan(radiance).any():
                 return np.full(radiance.shape[: len(dims)], np.nan)
             sky = Sky(
@@ -225,7 +233,7 @@ class SkyAccessor:
             dask="parallelized",
             output_dtypes=[float],
         )
-        return made.rename(name)
+        return made.rename(name).assign_attrs(units=unit, long_name=about)
 
 
 def _sphere(data: xarray.Dataset) -> xarray.Dataset:
@@ -260,16 +268,17 @@ def _directed(data: xarray.Dataset) -> xarray.Dataset:
     return data[names].drop_vars([n for n in data.coords if n not in data.dims])
 
 
-def _edge(whole: xarray.Dataset, share: float) -> xarray.Dataset:
-    """A row at 0 deg, `share` of a row below the first: by the logarithm as `Sky.sample`, Q and U linearly."""
+def _edge(whole: xarray.Dataset, fraction: float) -> xarray.Dataset:
+    """A row at 0 deg, a fraction of the rows' distance below the lowest: by the logarithm as `Sky.sample`, Q and U
+    linearly."""
     first, second = (_directed(whole).isel(elevation=[i]).assign_coords(elevation=[0.0]) for i in (0, 1))
 
     def on(values: xarray.DataArray) -> xarray.DataArray:
         other = second[values.name]
         if values.name in (_Q[0], _U[0]):
-            return values + share * (values - other)
+            return values + fraction * (values - other)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return xarray.where((values > 0.0) & (other > 0.0), values * (values / other) ** share, values)
+            return xarray.where((values > 0.0) & (other > 0.0), values * (values / other) ** fraction, values)
 
     return first.map(on)
 

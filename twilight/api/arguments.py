@@ -2,34 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twilight.api.types import SceneLike
+from twilight.api.types import AstropyTime, PlaceLike, PvlibLocation, SceneLike, TimeLike, TimesLike
 from twilight.base.errors import TwilightError
 from twilight.config import Config, load
 
 
 def config_of(
     scene: SceneLike,
-    chosen: Mapping[str, Any],
-    altitude_km: float | None,
-    wavelength_nm: ArrayLike | None,
-    solver: str | None,
-    quality: str | None,
-    settings: Mapping[str, object] | None,
+    chosen: Mapping[str, object] | None = None,
+    altitude_km: float | None = None,
+    wavelength_nm: ArrayLike | None = None,
+    solver: str | None = None,
+    quality: str | None = None,
+    settings: Mapping[str, object] | None = None,
 ) -> Config:
-    given: dict[str, Any] = {
+    """The configuration of a scene with what a call gives in place of its keys; chosen: by dotted keys."""
+    given: dict[str, object] = {
         "observer.altitude_km": altitude_km,
         "wavelengths": None if wavelength_nm is None else {"list_nm": numbers(wavelength_nm, "wavelength_nm")},
         "solver.name": solver,
         "solver.quality": quality,
     }
-    keys = {**chosen, **{key: value for key, value in given.items() if value is not None}, **(settings or {})}
+    keys = {**(chosen or {}), **{key: value for key, value in given.items() if value is not None}, **(settings or {})}
     if isinstance(scene, Config):
         if not keys:
             return scene
@@ -38,16 +39,29 @@ def config_of(
 
 
 def numbers(values: ArrayLike, name: str) -> list[float]:
+    """A number or several as a list; `name`: of the argument, for the TwilightError."""
     try:
         return [float(value) for value in np.atleast_1d(values)]
     except (TypeError, ValueError):
         raise TwilightError(f"{name}: must be a number or a list of numbers, got {values!r}") from None
 
 
+class GivenPlace(NamedTuple):
+    """What a call says of a place; None: nothing.  Latitude and longitude [deg] are north and east positive."""
+
+    latitude_deg: float | None
+    longitude_deg: float | None
+    time_zone: str | None
+    altitude_km: float | None
+
+
 def place_of(
-    place: Any, latitude_deg: float | None, longitude_deg: float | None, time_zone: str | None
-) -> dict[str, Any]:
-    """latitude_deg, longitude_deg, time_zone and altitude_km; None for what is not known."""
+    place: PlaceLike | None,
+    latitude_deg: float | None = None,
+    longitude_deg: float | None = None,
+    time_zone: str | None = None,
+) -> GivenPlace:
+    """A place of any library.  Errors: TwilightError for what is none, and for one that is given twice."""
     altitude_km = None
     if place is not None:
         if latitude_deg is not None or longitude_deg is not None:
@@ -55,12 +69,13 @@ def place_of(
         if isinstance(place, tuple | list) and len(place) == 2:
             latitude_deg, longitude_deg = numbers(place, "place")
         elif hasattr(place, "latitude") and hasattr(place, "longitude"):  # pvlib
-            latitude_deg, longitude_deg = float(place.latitude), float(place.longitude)
-            altitude_km = float(getattr(place, "altitude", None) or 0.0) / 1e3
-            time_zone = time_zone or str(place.tz)
+            location = cast(PvlibLocation, place)
+            latitude_deg, longitude_deg = float(location.latitude), float(location.longitude)
+            altitude_km = float(getattr(location, "altitude", None) or 0.0) / 1e3
+            time_zone = time_zone or str(location.tz)
         elif hasattr(place, "to_geodetic"):  # astropy
             found = place.to_geodetic()
-            latitude_deg, longitude_deg = float(found.lat.deg), float(found.lon.deg)
+            latitude_deg, longitude_deg = float(found.lat.to_value("deg")), float(found.lon.to_value("deg"))
             altitude_km = float(found.height.to_value("km"))
         else:
             raise TwilightError(
@@ -70,18 +85,18 @@ def place_of(
         if altitude_km is not None:
             # at sea level, or below it by the rounding of an ellipsoid: on the ground of the scene
             altitude_km = round(altitude_km, 6) if altitude_km >= 1e-3 else None
-    return {
-        "latitude_deg": latitude_deg,
-        "longitude_deg": longitude_deg,
-        "time_zone": time_zone,
-        "altitude_km": altitude_km,
-    }
+    return GivenPlace(latitude_deg, longitude_deg, time_zone, altitude_km)
 
 
-def moment_of(at: Any) -> Any:
-    """A time as a datetime; text as it is."""
+def times_of(at: TimeLike | TimesLike) -> tuple[bool, list[datetime | str]]:
+    """Whether there are several times, and each as a datetime; text stays text."""
+    several = getattr(at, "isscalar", None) is False or not (isinstance(at, str) or np.ndim(cast(Any, at)) == 0)
+    return several, [_moment(one) for one in cast(Iterable[TimeLike], at if several else [at])]
+
+
+def _moment(at: TimeLike) -> datetime | str:
     if hasattr(at, "to_datetime") and hasattr(at, "scale"):  # astropy's Time
-        return at.utc.to_datetime(timezone=UTC)
+        return cast(AstropyTime, at).utc.to_datetime(timezone=UTC)
     if isinstance(at, np.datetime64):
         return at.astype("datetime64[us]").item()
     if isinstance(at, datetime):

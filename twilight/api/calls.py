@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twilight import solvers
-from twilight.api.airmass import airmass, jacobian
-from twilight.api.arguments import config_of, moment_of, numbers, place_of
+from twilight.api.arguments import config_of, numbers, place_of, times_of
 from twilight.api.limb import limb
 from twilight.api.representation import Sky, SkySeries
 from twilight.api.types import PlaceLike, RenderOptions, SceneLike, TimeLike, TimesLike
@@ -29,6 +28,7 @@ from twilight.engine.night import check_stars
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
 from twilight.solvers.base import Solver
+from twilight.studies.airmass.factors import box_factors, jacobian
 from twilight.viewer.page import Page
 
 if TYPE_CHECKING:
@@ -111,17 +111,17 @@ def render(
     if sun_elevation_deg is not None and at is not None:
         raise TwilightError("render: takes either sun_elevation_deg or at, not both")
     where = place_of(place, latitude_deg, longitude_deg, time_zone)
-    if at is None and any(value is not None for value in where.values()):
+    if at is None and any(value is not None for value in where):
         raise TwilightError("render: a place needs a time: give at")
-    chosen: dict[str, Any] = {}
+    chosen: dict[str, object] = {}
     if sun_elevation_deg is not None:
         several = np.ndim(sun_elevation_deg) > 0
         suns = numbers(sun_elevation_deg, "sun_elevation_deg")
         chosen["sun"] = {"elevations_deg": suns} if several else {"elevation_deg": suns[0]}
     elif at is not None:
-        observer_km = where.pop("altitude_km")
-        altitude_km = observer_km if altitude_km is None else altitude_km
-        chosen["sun"] = {**_times(at), **{key: value for key, value in where.items() if value is not None}}
+        altitude_km = where.altitude_km if altitude_km is None else altitude_km
+        given = where._replace(altitude_km=None)._asdict()
+        chosen["sun"] = {**_times(at), **{key: value for key, value in given.items() if value is not None}}
     config = config_of(scene, chosen, altitude_km, wavelength_nm, solver, quality, settings)
     if "sun" not in config.model_fields_set:
         sun = SunElevation().elevation_deg
@@ -175,7 +175,7 @@ def solve(
         For whatever is not allowed or cannot be computed, in one sentence.
     """
     suns = None if sun_elevation_deg is None else numbers(sun_elevation_deg, "sun_elevation_deg")
-    config = config_of(scene, {}, altitude_km, wavelength_nm, solver, quality, settings)
+    config = config_of(scene, None, altitude_km, wavelength_nm, solver, quality, settings)
     return solve_scene(resolve(config, mixed=True), suns)
 
 
@@ -239,9 +239,9 @@ def view(self: Solved, **options: Any) -> Page:
     twilight.viewer.Page
         A page that a notebook shows and whose `save(path)` writes it as HTML.
     """
-    from twilight.viewer import view_field  # start-up
+    from twilight.viewer import view_fields  # start-up
 
-    return view_field(self, **options)
+    return view_fields([self], **options)
 
 
 def fluxes(
@@ -284,15 +284,14 @@ def fluxes(
 
 Solved.view = view  # type: ignore[method-assign]
 Solved.fluxes = fluxes  # type: ignore[method-assign]
-Solved.airmass = airmass  # type: ignore[method-assign]
-Solved.jacobian = jacobian  # type: ignore[method-assign]
+Solved.airmass = box_factors  # type: ignore[method-assign, assignment]
+Solved.jacobian = jacobian  # type: ignore[method-assign, assignment]
 Solved.limb = limb  # type: ignore[method-assign]
 
 
-def _times(at: Any) -> dict[str, Any]:
+def _times(at: TimeLike | TimesLike) -> dict[str, object]:
     """The keys of a `sun` section for one time or for several."""
-    several = getattr(at, "isscalar", None) is False or not (isinstance(at, str) or np.ndim(at) == 0)
-    moments = [moment_of(one) for one in at] if several else [moment_of(at)]
+    several, moments = times_of(at)
     if several and len({isinstance(one, datetime) and one.tzinfo is None for one in moments}) > 1:
         raise TwilightError("at: several times must be all with or all without an offset")
     if any(isinstance(a, datetime) and isinstance(b, datetime) and b <= a for a, b in itertools.pairwise(moments)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,10 +12,15 @@ from twilight.base.extras import is_installed, missing
 from twilight.sky.quantities.catalogue import Of, Quantity, unit_of
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
 
+    from twilight.api.types import AstropyQuantity, TimeLike, TimesLike
 
-def quantities_of(arrays: Mapping[str, np.ndarray], found: Sequence[Quantity], of: Of) -> Any:
+
+def quantities_of(
+    arrays: Mapping[str, np.ndarray], found: Sequence[Quantity], of: Of
+) -> AstropyQuantity | dict[str, AstropyQuantity]:
     """astropy's Quantity, or a mapping of them by variable where there are several."""
     if not is_installed("astropy"):
         raise missing("astropy", "light: returns astropy")
@@ -29,7 +34,9 @@ def quantities_of(arrays: Mapping[str, np.ndarray], found: Sequence[Quantity], o
     return next(iter(made.values())) if len(made) == 1 else made
 
 
-def frame_of(made: xarray.Dataset, time: Any, variables: Sequence[str], zone: str | None) -> Any:
+def frame_of(
+    made: xarray.Dataset, time: TimeLike | TimesLike, variables: Sequence[str], zone: str | None
+) -> pandas.Series | pandas.DataFrame:
     """pandas' Series along the time, a DataFrame for several quantities or targets; the index is the one that was
     given."""
     import pandas  # start-up

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twilight.api.arguments import config_of, place_of
 from twilight.api.types import PlaceLike, SceneLike
 from twilight.base.errors import TwilightError
-from twilight.engine.light import Moments, moments_at, spectra_arguments
+from twilight.engine.light import Moments, moments_at
 from twilight.engine.light_setup import field_for
 from twilight.engine.surfaces import Surface
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.night import Place
 from twilight.sky.quantities.catalogue import QUANTITIES, check_of
 from twilight.sky.quantities.catalogue import quantity as known
-from twilight.sky.quantities.measure import Spectra
 
 if TYPE_CHECKING:
     import pandas
@@ -27,13 +28,13 @@ POSITIONS = (("elevation", -90.0, 90.0), ("azimuth", -360.0, 360.0))
 
 
 def irradiance(
-    times: Any,
+    times: pandas.DatetimeIndex | pandas.DataFrame | Sequence[str] | Sequence[datetime],
     place: PlaceLike | None = None,
     climate: SceneLike = "continental-average",
     quantity: str = "illuminance",
     *,
-    surface_tilt: Any = None,
-    surface_azimuth: Any = None,
+    surface_tilt: ArrayLike | pandas.Series | None = None,
+    surface_azimuth: ArrayLike | pandas.Series | None = None,
     altitude_km: float | None = None,
     quality: str | None = None,
     settings: Mapping[str, object] | None = None,
@@ -92,11 +93,11 @@ def irradiance(
             f"irradiance: {found.name} does not add up; choose one of {adding}, in:RESPONSE, photons:RESPONSE"
         )
     moments, index, height = _moments(times, place, altitude_km)
-    field = field_for(config_of(climate, {}, height, None, None, quality, settings), [found])
+    field = field_for(config_of(climate, altitude_km=height, quality=quality, settings=settings), [found])
     level, planes, groups = Surface.horizontal(), *_planes(surface_tilt, surface_azimuth, index)
 
     def number(light: np.ndarray) -> np.ndarray:
-        return found.value(Spectra(field.factor(light), **spectra_arguments(field)))
+        return found.value(field.spectra(light))
 
     size = len(index), field.wavelength_nm.size
     dni, beam, sky, direct, diffuse, ground = (np.zeros(size) for _ in range(6))
@@ -107,12 +108,10 @@ def irradiance(
         made = field.surfaces(some, surfaces, ["sky"])
         sky[rows], diffuse[rows] = made[:, 0], made[:, -1]
         for one in field.terms(["sun"])[0].beams(some):
-            angles = one.elevation_deg[:, None], one.azimuth_deg[:, None], some.sun_azimuth_deg
-            up = one.elevation_deg[:, None] > 0.0
-            dni[rows] += np.where(up, one.irradiance, 0.0)
-            beam[rows] += np.where(up, level.view(*angles), 0.0) * one.irradiance
+            dni[rows] += np.where(one.elevation_deg[:, None] > 0.0, one.irradiance, 0.0)
+            beam[rows] += one.view(level, some) * one.irradiance
             if plane is not None:
-                direct[rows] += np.where(up, plane.view(*angles), 0.0) * one.irradiance
+                direct[rows] += one.view(plane, some) * one.irradiance
         if plane is not None:
             ground[rows] = plane.ground_view * albedo / np.pi * (sky[rows] + beam[rows])
     parts = {"ghi": sky + beam, "dni": dni, "dhi": sky}
@@ -124,7 +123,11 @@ def irradiance(
     return frame
 
 
-def _moments(times: Any, place: Any, altitude_km: float | None) -> tuple[Moments, Any, float | None]:
+def _moments(
+    times: pandas.DatetimeIndex | pandas.DataFrame | Sequence[str] | Sequence[datetime],
+    place: PlaceLike | None,
+    altitude_km: float | None,
+) -> tuple[Moments, pandas.DatetimeIndex, float | None]:
     """Suns along an index, and the altitude [km] of the place."""
     import pandas  # start-up
 
@@ -149,12 +152,12 @@ def _moments(times: Any, place: Any, altitude_km: float | None) -> tuple[Moments
         raise TwilightError("irradiance: times: one is NaT, which is no time")
     utc = index.tz_localize("UTC") if index.tz is None else index.tz_convert("UTC")
     moments = [moment.to_pydatetime() for moment in utc]
-    found: dict[str, Any] = {"altitude_km": None} if place is None else place_of(place, None, None, None)
-    height = found["altitude_km"] if altitude_km is None else altitude_km
+    found = place_of(place)
+    height = found.altitude_km if altitude_km is None else altitude_km
     if columns is None:
-        if place is None:
+        if found.latitude_deg is None or found.longitude_deg is None:
             raise TwilightError("irradiance: needs a place, or the solar positions of one in place of times")
-        where = [found["latitude_deg"]] * len(index), [found["longitude_deg"]] * len(index)
+        where = [found.latitude_deg] * len(index), [found.longitude_deg] * len(index)
         return moments_at(*where, moments, height or 0.0), index, height
     distance = np.asarray(sun_position(moments, 0.0, 0.0).distance_au)
     places = tuple(Place(0.0, 0.0, moment) for moment in moments)
@@ -172,7 +175,9 @@ def _angles(columns: pandas.DataFrame, name: str, low: float, high: float) -> np
     return values
 
 
-def _planes(tilt: Any, azimuth: Any, index: Any) -> tuple[list[Surface | None], list[np.ndarray]]:
+def _planes(
+    tilt: ArrayLike | pandas.Series | None, azimuth: ArrayLike | pandas.Series | None, index: pandas.DatetimeIndex
+) -> tuple[list[Surface | None], list[np.ndarray]]:
     """The planes that there are, and the rows of each; one None where no plane is asked for."""
     rows = np.arange(len(index))
     if tilt is None and azimuth is None:
@@ -186,7 +191,5 @@ def _planes(tilt: Any, azimuth: Any, index: Any) -> tuple[list[Surface | None], 
             "irradiance: surface_tilt and surface_azimuth must be numbers, or one for each time"
         ) from None
     different, which = np.unique(pairs, axis=0, return_inverse=True)
-    which = which.ravel()
-    return [Surface("plane", float(t), float(a)) for t, a in different], [
-        np.flatnonzero(which == k) for k in range(len(different))
-    ]
+    planes: list[Surface | None] = [Surface("plane", float(t), float(a)) for t, a in different]
+    return planes, [np.flatnonzero(which.ravel() == k) for k in range(len(different))]

@@ -3,36 +3,73 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack, overload
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from twilight.api.arguments import config_of, moment_of, numbers, place_of
-from twilight.api.types import PlaceLike, SceneLike, TimeLike, TimesLike
+from twilight.api.arguments import config_of, numbers, place_of, times_of
+from twilight.api.types import (
+    AnglesLike,
+    AstropyQuantity,
+    LightOptions,
+    PlaceLike,
+    SceneLike,
+    TargetsLike,
+    TimeLike,
+    TimesLike,
+)
 from twilight.base.errors import TwilightError
-from twilight.engine.light import LightField, Moments, moments_at, spectra_arguments
+from twilight.engine.light import LightField, Moments, moments_at
 from twilight.engine.light_setup import field_for
 from twilight.engine.surfaces import Surface
 from twilight.engine.towards import Direction, towards
 from twilight.sky.ephemeris import parse_time
-from twilight.sky.quantities.catalogue import Of, Quantity, check_of, quantity, unit_of
-from twilight.sky.quantities.measure import Spectra
+from twilight.sky.quantities.catalogue import Of, Quantity, check_of, unit_of
+from twilight.sky.quantities.catalogue import quantity as quantity_of
 from twilight.sky.twilight_times import time_of
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
 
-Target = str | Direction | Surface
-Returned = Literal["xarray", "pandas", "astropy"]
+Astropy = AstropyQuantity | dict[str, AstropyQuantity]
+"""astropy's quantity, or one for each of several quantities by its variable."""
 AT_ONCE = 20_000
 """Directions times moments whose spectra are held at once."""
+_TARGETS = (str, Direction, Surface)
+
+
+@overload
+def light(
+    place: PlaceLike | Sequence[PlaceLike],
+    time: TimeLike | TimesLike,
+    towards: TargetsLike = "zenith",
+    quantity: str | Quantity | Sequence[str | Quantity] = "V",
+    climate: SceneLike = "continental-average",
+    *,
+    returns: Literal["xarray"] = "xarray",
+    **options: Unpack[LightOptions],
+) -> xarray.DataArray | xarray.Dataset: ...
+@overload
+def light(
+    place: PlaceLike | Sequence[PlaceLike],
+    time: TimeLike | TimesLike,
+    towards: TargetsLike = "zenith",
+    quantity: str | Quantity | Sequence[str | Quantity] = "V",
+    climate: SceneLike = "continental-average",
+    *,
+    returns: Literal["pandas", "astropy"],
+    **options: Unpack[LightOptions],
+) -> pandas.Series | pandas.DataFrame | Astropy: ...
 
 
 def light(
     place: PlaceLike | Sequence[PlaceLike],
     time: TimeLike | TimesLike,
-    towards: Target | Sequence[Target] | tuple[Any, Any] = "zenith",
+    towards: TargetsLike = "zenith",
     quantity: str | Quantity | Sequence[str | Quantity] = "V",
     climate: SceneLike = "continental-average",
     *,
@@ -41,13 +78,13 @@ def light(
     altitude_km: float | None = None,
     quality: str | None = None,
     settings: Mapping[str, object] | None = None,
-    returns: Returned = "xarray",
-) -> Any:
+    returns: Literal["xarray", "pandas", "astropy"] = "xarray",
+) -> xarray.DataArray | xarray.Dataset | pandas.Series | pandas.DataFrame | Astropy:
     """The light of directions or surfaces at places and times: sun, sky, moon, night and ground.
 
-    The field of the climate is solved once for all suns and kept in the user's cache, with the tables of its skies;
-    what follows takes milliseconds.  Tables are within 0.4 % of the field, 0.1 % on surfaces; few lines of sight,
-    fewer than the tables would take, are computed one by one.
+    The field of the climate is solved once for all suns and cached, with the tables of its skies; what follows takes
+    milliseconds.  Tables are within 0.4 % of the field, 0.1 % on surfaces; few lines of sight, fewer than those of the
+    tables, are computed one by one.
 
     Parameters
     ----------
@@ -58,8 +95,8 @@ def light(
     towards
         A direction: "zenith", "30/180" (elevation and azimuth from north [deg]), "5/sun+90" (azimuth from the sun), a
         pair of arrays (elevation, azimuth; numbers, astropy's angles, or DataArrays along `time`), astropy's AltAz.
-        A surface: "horizontal", "plane:35/180" (tilt and azimuth that it faces), "sphere" (actinic flux), "cylinder"
-        (mean of upright planes); or a `Direction` or `Surface`.  A list gives the dimension `direction` or `surface`.
+        A surface: "horizontal", "plane:35/180" (tilt and azimuth of the normal), "sphere" (actinic flux), "cylinder"
+        (mean of vertical planes); or a `Direction` or `Surface`.  A list gives the dimension `direction` or `surface`.
     quantity
         A name of `docs/quantities.md`: V, g, luminance, illuminance, melanopic, cct ...; or several.
     climate
@@ -94,90 +131,83 @@ def light(
     >>> twilight.light((52.5, 13.4), times, "plane:90/180", "illuminance", "urban", returns="pandas")
     """
     names = [quantity] if isinstance(quantity, str | Quantity) else list(quantity)
-    found = [_quantity(name) for name in names]
-    several_places, latitude, longitude, zone, height = _places(place, time_zone)
-    several_times, times = _times(time, latitude[0], longitude[0], zone)
-    aim = _Aim.read(towards)
+    found = [quantity_of(name) for name in names]
+    places = _Places.of(place, time_zone)
+    several_times, times = _times(time, places)
+    aim = _Aim.of_targets(towards)
     for one in found:
         check_of(one, aim.of)
-    altitude_km = height if altitude_km is None else altitude_km
-    field = light_field(climate, found, altitude_km, quality, settings)
-    count = len(times)
+    altitude_km = places.altitude_km if altitude_km is None else altitude_km
+    solved = field_for(config_of(climate, altitude_km=altitude_km, quality=quality, settings=settings), found)
+    count, n_places = len(times), len(places.latitude_deg)
     moments = moments_at(
-        np.repeat(latitude, count).tolist(),
-        np.repeat(longitude, count).tolist(),
-        list(times) * len(latitude),
-        field.solved.scene.altitude_km,
+        np.repeat(places.latitude_deg, count).tolist(),
+        np.repeat(places.longitude_deg, count).tolist(),
+        times * n_places,
+        solved.solved.scene.altitude_km,
     )
-    values = _values(field, moments, aim, found, sources, count)
-    dims = {"place": (len(latitude), several_places), "time": (count, several_times), aim.of: (aim.size, aim.several)}
-    shape = [size for size, several in dims.values() if several]
-    kept = [name for name, (_, several) in dims.items() if several]
-    arrays = {one.variable: values[i].reshape(shape) for i, one in enumerate(found)}
+    values = _values(solved, moments, aim, found, sources, count)
+    sizes = {"place": (n_places, places.several), "time": (count, several_times), aim.of: (aim.size, aim.several)}
+    dims = {name: size for name, (size, several) in sizes.items() if several}
+    arrays = {one.variable: v.reshape(list(dims.values())) for one, v in zip(found, values, strict=True)}
     if returns == "astropy":
         from twilight.api.foreign import quantities_of  # optional
 
         return quantities_of(arrays, found, aim.of)
-    made = _dataset(arrays, found, aim, kept, latitude, longitude, times, moments, field)
+    made = _dataset(arrays, found, aim, dims, places, times, moments)
+    made.attrs["climate"] = solved.solved.scene.configuration.climate.name
     if returns == "pandas":
         from twilight.api.foreign import frame_of  # start-up
 
-        return frame_of(made, time, [one.variable for one in found], zone)
+        return frame_of(made, time, [one.variable for one in found], places.time_zone)
     if returns != "xarray":
         raise TwilightError(f"light: returns is '{returns}'; allowed is xarray, pandas, astropy")
     return made[found[0].variable] if isinstance(quantity, str | Quantity) else made
 
 
-def light_field(
-    climate: SceneLike,
-    quantities: Sequence[Quantity],
-    altitude_km: float | None = None,
-    quality: str | None = None,
-    settings: Mapping[str, object] | None = None,
-) -> LightField:
-    """The solved field of a climate at wavelengths that cover quantities, with a night; kept for the next call.
-
-    A configuration that says its wavelengths keeps them.
-    Errors: TwilightError for a quantity that they do not cover.
-    """
-    config = config_of(climate, {}, altitude_km, None, None, quality, settings)
-    return field_for(config, quantities)
-
-
+@dataclass(frozen=True, eq=False)
 class _Aim:
-    """Directions or surfaces: `of`, size D, whether there are `several`, and what labels them."""
+    """Directions or surfaces, whether there are `several`, and the names of surfaces.
 
-    def __init__(
-        self,
-        of: Of,
-        size: int,
-        several: bool,
-        labels: Mapping[str, Any],
-        surfaces: Sequence[Surface] = (),
-        elevation: Any = None,
-        azimuth: Any = None,
-        from_sun: Any = False,
-    ):
-        self.of, self.size, self.several, self.labels, self.surfaces = of, size, several, labels, surfaces
-        self.elevation, self.azimuth, self.from_sun = elevation, azimuth, from_sun
+    elevation, azimuth: of directions [deg], (D,), or (T, D) of as many times; from_sun: whether azimuths count from the
+    sun, (D,).
+    """
+
+    of: Of
+    several: bool
+    surfaces: Sequence[Surface] = ()
+    names: Sequence[str] = ()
+    elevation: np.ndarray = field(default_factory=lambda: np.empty(0))
+    azimuth: np.ndarray = field(default_factory=lambda: np.empty(0))
+    from_sun: np.ndarray | bool = False
+
+    @property
+    def size(self) -> int:
+        """How many directions or surfaces there are."""
+        return len(self.surfaces) or self.elevation.shape[-1]
+
+    @property
+    def labels(self) -> dict[str, ArrayLike]:
+        """What coordinates of a dataset say of them."""
+        return {"surface": self.names} if self.surfaces else {"elevation": self.elevation, "azimuth": self.azimuth}
 
     @classmethod
-    def read(cls, target: Any) -> _Aim:
-        if hasattr(target, "alt") and hasattr(target, "az"):  # astropy's AltAz
-            target = (target.alt, target.az)
-        pair = isinstance(target, tuple) and len(target) == 2 and not any(_is_target(t) for t in target)
-        if pair:
-            return cls._of_angles(*(_degrees(values) for values in target))
-        several = isinstance(target, list | tuple)
-        chosen = [towards(t) if isinstance(t, str) else t for t in (target if several else [target])]
-        if all(isinstance(t, Surface) for t in chosen) and chosen:
-            names = [str(t) for t in target] if several else [str(target)]
-            return cls("surface", len(chosen), several, {"surface": names}, chosen)  # type: ignore[arg-type]
-        if all(isinstance(t, Direction) for t in chosen) and chosen:
-            elevation, azimuth = (np.array([getattr(t, f"{x}_deg") for t in chosen]) for x in ("elevation", "azimuth"))
-            from_sun = np.array([t.from_sun for t in chosen])
-            labels = {"elevation": elevation, "azimuth": azimuth}
-            return cls("direction", len(chosen), several, labels, (), elevation, azimuth, from_sun)
+    def of_targets(cls, target: TargetsLike) -> _Aim:
+        given: Any = target
+        if hasattr(target, "alt") and hasattr(target, "az"):
+            given = given.alt, given.az
+        several = isinstance(given, list | tuple)
+        each = given if several else [given]
+        if isinstance(given, tuple) and len(each) == 2 and not any(isinstance(t, _TARGETS) for t in each):
+            return cls._of_angles(*(_degrees(values) for values in each))
+        chosen = [towards(t) if isinstance(t, str) else t for t in each]
+        surfaces = [t for t in chosen if isinstance(t, Surface)]
+        directions = [t for t in chosen if isinstance(t, Direction)]
+        if surfaces and len(surfaces) == len(chosen):
+            return cls("surface", several, surfaces, [str(t) for t in each])
+        if directions and len(directions) == len(chosen):
+            angles = np.array([(t.elevation_deg, t.azimuth_deg) for t in directions]).T
+            return cls("direction", several, (), (), angles[0], angles[1], np.array([t.from_sun for t in directions]))
         raise TwilightError("towards: must be directions or surfaces, not both and nothing else; see twilight.light")
 
     @classmethod
@@ -192,17 +222,15 @@ class _Aim:
             if len(others) > 1:
                 raise TwilightError("towards: DataArrays may have the dimension time and one other")
             e, a = (v.transpose("time", *others).values.reshape(first.sizes["time"], -1) for v in (first, second))
-            labels: dict[str, Any] = {"elevation": e, "azimuth": a}
-            made = cls("direction", e.shape[1], bool(others), labels, (), e, a)
+            several = bool(others)
         else:
             e, a = np.broadcast_arrays(np.asarray(elevation, float), np.asarray(azimuth, float))
             if e.ndim > 1:
                 raise TwilightError("towards: elevation and azimuth must be numbers or have one dimension")
-            labels = {"elevation": e.ravel(), "azimuth": a.ravel()}
-            made = cls("direction", e.size, e.ndim == 1, labels, (), e.ravel(), a.ravel())
-        if not ((made.elevation >= 0.0) & (made.elevation <= 90.0)).all() or not np.isfinite(made.azimuth).all():
+            several, e, a = e.ndim == 1, e.ravel(), a.ravel()
+        if not ((e >= 0.0) & (e <= 90.0)).all() or not np.isfinite(a).all():
             raise TwilightError("towards: elevations must be from 0 to 90 deg, and azimuths finite")
-        return made
+        return cls("direction", several, (), (), e, a)
 
     def angles(self, moments: Moments, first: int, times: int) -> tuple[np.ndarray, np.ndarray]:
         """Elevation and azimuth from north (N, D) of moments, the first of which is number `first` of all."""
@@ -217,12 +245,7 @@ class _Aim:
 
 
 def _values(
-    field: LightField,
-    moments: Moments,
-    aim: _Aim,
-    found: Sequence[Quantity],
-    sources: Sequence[str] | None,
-    times: int,
+    field: LightField, moments: Moments, aim: _Aim, found: Sequence[Quantity], sources: Sequence[str] | None, times: int
 ) -> list[np.ndarray]:
     """Each quantity, (N, D)."""
     parts: list[list[np.ndarray]] = [[] for _ in found]
@@ -233,7 +256,7 @@ def _values(
             made = field.surfaces(some, aim.surfaces, sources)
         else:
             made = field.directions(some, *aim.angles(some, first, times), sources)
-        spectra = Spectra(field.factor(made), **spectra_arguments(field))
+        spectra = field.spectra(made)
         for i, one in enumerate(found):
             parts[i].append(one.value(spectra))
     return [np.concatenate(part) for part in parts]
@@ -243,12 +266,10 @@ def _dataset(
     arrays: Mapping[str, np.ndarray],
     found: Sequence[Quantity],
     aim: _Aim,
-    dims: Sequence[str],
-    latitude: np.ndarray,
-    longitude: np.ndarray,
+    dims: Mapping[str, int],
+    places: _Places,
     times: Sequence[datetime],
     moments: Moments,
-    field: LightField,
 ) -> xarray.Dataset:
     import xarray  # start-up
 
@@ -256,14 +277,14 @@ def _dataset(
         "datetime64[ns]"
     )
     sky = [d for d in dims if d in ("place", "time")]
-    shape = [len(latitude) if d == "place" else len(times) for d in sky]
+    shape = [dims[d] for d in sky]
 
     def along(name: str, values: Any) -> Any:
         return (name, values) if name in dims else values[0]
 
     coords: dict[str, Any] = {
-        "latitude": along("place", latitude),
-        "longitude": along("place", longitude),
+        "latitude": along("place", places.latitude_deg),
+        "longitude": along("place", places.longitude_deg),
         "time": along("time", moment),
         "solar_elevation_angle": (sky, moments.sun_elevation_deg.reshape(shape)),
         "solar_azimuth_angle": (sky, moments.sun_azimuth_deg.reshape(shape)),
@@ -273,14 +294,12 @@ def _dataset(
             coords[name] = (["time", "direction"], values) if aim.several else ("time", np.asarray(values)[:, 0])
         else:
             coords[name] = along(aim.of, values)
-    climate = field.solved.scene.configuration.climate.name
     made = xarray.Dataset(
         {
             one.variable: (list(dims), arrays[one.variable], {"units": unit_of(one, aim.of), "long_name": one.about})
             for one in found
         },
         coords,
-        {"climate": climate},
     )
     for name in ("latitude", "longitude", "solar_elevation_angle", "solar_azimuth_angle", "elevation", "azimuth"):
         if name in made.coords:
@@ -288,63 +307,60 @@ def _dataset(
     return made
 
 
-def _quantity(name: str | Quantity) -> Quantity:
-    return quantity(name)
-
-
-def _is_target(value: Any) -> bool:
-    return isinstance(value, str | Direction | Surface)
-
-
-def _degrees(values: Any) -> Any:
+def _degrees(values: AnglesLike) -> ArrayLike:
     """Numbers of astropy's angles; others as they are."""
-    if hasattr(values, "to_value"):
-        return np.asarray(values.to_value("deg"))
-    return values
+    return np.asarray(values.to_value("deg")) if hasattr(values, "to_value") else values
 
 
-def _places(place: Any, time_zone: str | None) -> tuple[bool, np.ndarray, np.ndarray, str | None, float | None]:
-    """Whether there are several, latitudes and longitudes (P,), time zone, and altitude [km] of a single one."""
-    several = isinstance(place, list) or (
-        isinstance(place, tuple) and len(place) > 0 and not all(np.ndim(p) == 0 and not _is_place(p) for p in place)
-    )
-    if several and isinstance(place, tuple) and len(place) == 2 and all(np.ndim(p) == 1 for p in place):
-        place = list(zip(*(numbers(p, "place") for p in place), strict=True))
-    found = [place_of(one, None, None, time_zone) for one in (place if several else [place])]
-    if not found:
-        raise TwilightError("place: none is given")
-    for one in found:
-        if not (-90.0 <= one["latitude_deg"] <= 90.0 and -180.0 <= one["longitude_deg"] <= 360.0):
-            raise TwilightError(
-                f"place: ({one['latitude_deg']:g}, {one['longitude_deg']:g}) is not a latitude from -90 to 90 and a "
-                "longitude from -180 to 360"
-            )
-    heights = {one["altitude_km"] for one in found}
-    if len(heights) > 1:
-        raise TwilightError("place: several places must have one altitude; give altitude_km")
-    latitude, longitude = (np.array([one[f"{x}_deg"] for one in found]) for x in ("latitude", "longitude"))
-    return several, latitude, longitude, found[0]["time_zone"], heights.pop()
+class _Places(NamedTuple):
+    """Latitudes and longitudes (P,) [deg], whether there are `several`, their time zone and altitude [km]."""
+
+    several: bool
+    latitude_deg: np.ndarray
+    longitude_deg: np.ndarray
+    time_zone: str | None
+    altitude_km: float | None
+
+    @classmethod
+    def of(cls, place: Any, time_zone: str | None) -> _Places:
+        several = isinstance(place, list) or (isinstance(place, tuple) and not all(map(_is_number, place)))
+        if several and isinstance(place, tuple) and len(place) == 2 and all(np.ndim(p) == 1 for p in place):
+            place = list(zip(*(numbers(p, "place") for p in place), strict=True))
+        found = [place_of(one, time_zone=time_zone) for one in (place if several else [place])]
+        if not found:
+            raise TwilightError("place: none is given")
+        angles = np.array([(one.latitude_deg, one.longitude_deg) for one in found])
+        for latitude, longitude in angles:
+            if not (-90.0 <= latitude <= 90.0 and -180.0 <= longitude <= 360.0):
+                raise TwilightError(
+                    f"place: ({latitude:g}, {longitude:g}) is not a latitude from -90 to 90 and a longitude from -180 "
+                    "to 360"
+                )
+        if len({one.altitude_km for one in found}) > 1:
+            raise TwilightError("place: several places must have one altitude; give altitude_km")
+        return cls(several, angles[:, 0], angles[:, 1], found[0].time_zone, found[0].altitude_km)
 
 
-def _is_place(value: Any) -> bool:
-    return isinstance(value, tuple) or hasattr(value, "latitude") or hasattr(value, "to_geodetic")
+def _is_number(value: Any) -> bool:
+    """Whether a value is a coordinate, not a place or several coordinates."""
+    return np.ndim(value) == 0 and not hasattr(value, "latitude") and not hasattr(value, "to_geodetic")
 
 
-def _times(time: Any, latitude: float, longitude: float, zone: str | None) -> tuple[bool, list[datetime]]:
-    several = getattr(time, "isscalar", None) is False or not (isinstance(time, str) or np.ndim(time) == 0)
+def _times(time: TimeLike | TimesLike, places: _Places) -> tuple[bool, list[datetime]]:
+    zone = places.time_zone
 
-    def one(moment: Any) -> datetime:
-        value = moment_of(moment)
-        if isinstance(value, str):
+    def one(moment: datetime | str) -> datetime:
+        if isinstance(moment, str):
             try:
-                datetime.fromisoformat(value.strip())
+                datetime.fromisoformat(moment.strip())
             except ValueError:
-                return time_of(value, latitude, longitude, zone)
-        if isinstance(value, datetime) and value.tzinfo is None and zone is None:
-            value = value.replace(tzinfo=UTC)
-        return parse_time(value, zone or "UTC")
+                return time_of(moment, places.latitude_deg[0], places.longitude_deg[0], zone)
+        if isinstance(moment, datetime) and moment.tzinfo is None and zone is None:
+            moment = moment.replace(tzinfo=UTC)
+        return parse_time(moment, zone or "UTC")
 
-    made = [one(moment) for moment in (time if several else [time])]
+    several, moments = times_of(time)
+    made = [one(moment) for moment in moments]
     if not made:
         raise TwilightError("time: none is given")
     return several, made

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import UTC
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twilight.api.light import light_field
+from twilight.api.arguments import config_of
 from twilight.api.types import SceneLike
 from twilight.base.extras import is_installed, missing
-from twilight.engine.light import moments_at, spectra_arguments
+from twilight.engine.light import moments_at
+from twilight.engine.light_setup import field_for
 from twilight.sky.quantities.catalogue import check_of, quantity
-from twilight.sky.quantities.measure import Spectra
+
+if TYPE_CHECKING:
+    from astroplan import Observer
+    from astropy.coordinates import SkyCoord
+    from astropy.time import Time
 
 if not is_installed("astroplan"):
     raise missing("astroplan", "twilight.api.planning")
@@ -50,9 +55,9 @@ class SkyBrightnessConstraint(Constraint):
     ):
         self.faintness, self._quantity = float(faintness), quantity(band)
         check_of(self._quantity, "direction")
-        self._field = (climate, [self._quantity], None, quality, settings)
+        self._config = config_of(climate, quality=quality, settings=settings)
 
-    def compute_constraint(self, times: Any, observer: Any, targets: Any) -> np.ndarray:
+    def compute_constraint(self, times: Time, observer: Observer, targets: SkyCoord) -> np.ndarray:
         """Whether it holds, of the shape that astroplan asks for: targets and times."""
         seen = observer.altaz(times, targets)
         elevation, azimuth = np.broadcast_arrays(seen.alt.deg, seen.az.deg)
@@ -60,10 +65,10 @@ class SkyBrightnessConstraint(Constraint):
         moments = [moment.replace(tzinfo=UTC) for moment in when.ravel()]
         place = observer.location.to_geodetic()
         count = len(moments)
-        field = light_field(*self._field)
+        field = field_for(self._config, [self._quantity])
         at = moments_at([float(place.lat.deg)] * count, [float(place.lon.deg)] * count, moments)
         up = elevation.ravel() >= 0.0
         lines = np.where(up, elevation.ravel(), 0.0)[:, None], azimuth.ravel()[:, None]
         radiance = field.directions(at, *lines)[:, 0]
-        found = self._quantity.value(Spectra(field.factor(radiance), **spectra_arguments(field)))
+        found = self._quantity.value(field.spectra(radiance))
         return (up & (found >= self.faintness)).reshape(elevation.shape)

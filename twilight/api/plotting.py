@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -51,11 +50,7 @@ def contact_sheet(pictures: Sequence[tuple[str, Path]], path: Path) -> None:
 
 
 def profile_figure(
-    title: str,
-    altitude_km: np.ndarray,
-    coefficients_per_km: Mapping[str, np.ndarray],
-    wavelength_nm: float,
-    path: Path,
+    title: str, altitude_km: np.ndarray, coefficients_per_km: Mapping[str, np.ndarray], wavelength_nm: float, path: Path
 ) -> None:
     """PNG of extinction coefficients [km^-1] against altitude [km] at one wavelength, one line for each part (Z,)."""
     import matplotlib  # start-up
@@ -63,7 +58,6 @@ def profile_figure(
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure: Any
     figure, axes = pyplot.subplots(figsize=(6, 7), layout="constrained")
     values = np.concatenate([c[c > 0] for c in coefficients_per_km.values()] or [np.ones(1)])
     smallest, largest = float(values.min(initial=1.0)), float(values.max(initial=0.0)) or 1.0

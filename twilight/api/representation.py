@@ -10,10 +10,11 @@ import base64
 import io
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
+from twilight.api.types import PlotOptions
 from twilight.base.errors import TwilightError
 from twilight.base.reading import first_line
 from twilight.io.eight_bit import to_bytes
@@ -70,7 +71,7 @@ def facts(sky: Sky) -> list[tuple[str, str]]:
     ]
 
 
-def plot(self: Sky, projection: str = "wide", ax: Axes | None = None, **options: Any) -> Figure:
+def plot(self: Sky, projection: str = "wide", ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Figure:
     """Draw the sky with matplotlib.
 
     Parameters
@@ -140,12 +141,12 @@ def plot_comparison(
     values = np.where(np.broadcast_to(elevation >= lower, values.shape), values, np.nan)
     norm: Normalize
     if self.kind == "difference":
-        reach = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
-        norm, label = Normalize(-reach, reach), f"difference of {what} [{unit}]"
+        largest = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
+        norm, label = Normalize(-largest, largest), f"difference of {what} [{unit}]"
     else:
         seen = values[np.isfinite(values) & (values > 0.0)]
-        reach = max(1.001, float(np.exp(np.abs(np.log(seen)).max(initial=0.0))))
-        norm, label = LogNorm(1.0 / reach, reach), f"ratio of {what}"
+        largest = max(1.001, float(np.exp(np.abs(np.log(seen)).max(initial=0.0))))
+        norm, label = LogNorm(1.0 / largest, largest), f"ratio of {what}"
     ax = ax or _axes(values.shape)
     image = ax.imshow(values, cmap="RdBu_r", norm=norm)
     ax.set_axis_off()
@@ -281,7 +282,7 @@ def open_dataset(path: str) -> xarray.Dataset:
 
 SkyComparison.plot = plot_comparison  # type: ignore[method-assign]
 SkyComparison.to_xarray = comparison_to_xarray  # type: ignore[method-assign]
-Sky.plot = plot  # type: ignore[method-assign]
+Sky.plot = plot  # type: ignore[method-assign, assignment]
 Sky.view = view  # type: ignore[method-assign]
 Sky.to_xarray = to_xarray  # type: ignore[method-assign]
 Sky._repr_html_ = html  # type: ignore[method-assign]

@@ -78,7 +78,7 @@ def _sky(config: Config, sun: str) -> Sky:
     from twilight.engine.frames import frames  # start-up
     from twilight.scene import resolve  # start-up
 
-    return next(iter(frames(resolve(config, mixed=True), wanted={sun}, keep=False, numpy_only_sun=True))).sky
+    return next(iter(frames(resolve(config, mixed=True), wanted={sun}, cached=False, numpy_only_sun=True))).sky
 
 
 def wait_s(config: Config, compiles: bool) -> float | None:

@@ -42,7 +42,7 @@ def visible(
     """
     from twilight.config import load
     from twilight.engine.light_setup import field_for
-    from twilight.engine.visibility import Eye
+    from twilight.engine.visibility import NakedEye
     from twilight.sky.objects import names_of
     from twilight.sky.quantities.catalogue import quantity
     from twilight.sky.twilight_times import time_of, today_at
@@ -64,7 +64,7 @@ def visible(
         date = options.parse_date(at, "--at", example) if at is not None else today_at(longitude, time_zone)
         noon = time_of(f"{date} solar noon", latitude, longitude, time_zone)
     with progress_bar() as progress:
-        eye = Eye(field_for(config, [quantity("luminance")], progress), field_factor)
+        eye = NakedEye(field_for(config, [quantity("luminance")], progress), field_factor)
         if map_file is not None:
             from twilight.studies.visible.figure import draw_map
 

@@ -7,16 +7,4 @@ from twilight.engine.memory import check_size
 from twilight.engine.solve import Problem, Solved, solve
 from twilight.engine.sunbeam import Direct, Sunbeam
 
-__all__ = [
-    "Answer",
-    "Block",
-    "Direct",
-    "Frame",
-    "Problem",
-    "Solved",
-    "Sunbeam",
-    "check_size",
-    "frames",
-    "run",
-    "solve",
-]
+__all__ = ["Answer", "Block", "Direct", "Frame", "Problem", "Solved", "Sunbeam", "check_size", "frames", "run", "solve"]

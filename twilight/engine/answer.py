@@ -29,20 +29,12 @@ class Answer:
     polarisation_error: np.ndarray | None = None
 
 
-def join_wavelengths(answers: Sequence[Answer]) -> Answer:
-    """One answer for all wavelengths from those of all blocks."""
+def join(answers: Sequence[Answer], axis: int = -1) -> Answer:
+    """One answer from those of all blocks of wavelengths; axis 0: from those of some rows of a texture each."""
     if len(answers) == 1:
         return answers[0]
     parts = zip(*(vars(answer).values() for answer in answers), strict=True)
-    whole: list[Any] = [None if part[0] is None else np.concatenate(part, axis=-1) for part in parts]
-    return Answer(*whole)
-
-
-def join_rows(answers: Sequence[Answer]) -> Answer:
-    """One answer for all rows of a texture from those of some."""
-    parts = zip(*(vars(answer).values() for answer in answers), strict=True)
-    whole: list[Any] = [None if part[0] is None else np.concatenate(part, axis=0) for part in parts]
-    return Answer(*whole)
+    return Answer(*(None if part[0] is None else np.concatenate(part, axis=axis) for part in parts))  # type: ignore[arg-type]
 
 
 def answer_of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Answer:

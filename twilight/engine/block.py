@@ -14,12 +14,12 @@ from twilight.atmosphere.medium import Medium
 from twilight.base import cache
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
-from twilight.engine.answer import Answer, answer_of_stokes, join_rows, sum_terms
+from twilight.engine.answer import Answer, answer_of_stokes, join, sum_terms
 from twilight.engine.field_cache import field_key
 from twilight.engine.sunbeam import Direct, Sunbeam
 from twilight.numerics.grids import half_of
 from twilight.scene.shifted import shifted
-from twilight.solvers.base import Field
+from twilight.solvers.base import Derivatives, Field, Interpolation
 
 if TYPE_CHECKING:
     from twilight.engine.solve import Problem
@@ -43,7 +43,7 @@ class Block:
     bands
         Exponential sums of these wavelengths, whose terms are solved in place of the wavelengths; None: no gas bands.
     progress
-        Is told how far a field is that has to be solved for another observer.
+        Called with how far a field is that has to be solved for another observer.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class Block:
         self.sunbeam = Sunbeam(self.term_medium, self.capabilities.numpy_only or problem.numpy_only_sun)
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
-        self._derivatives: tuple[Any, Any] = (None, None)
+        self._derivatives: tuple[Field, tuple[str, bytes], Derivatives] | None = None
         self.columns: tuple[tuple[float, Block], ...] = ((1.0, self),)
 
     @classmethod
@@ -85,17 +85,11 @@ class Block:
     def _prepare(self, altitude_km: float) -> Field:
         """The field for an observer, from the cache where it has it."""
         scene = self.scene
-        prepare: Any = scene.solver.prepare
-        known = self.problem.sun_elevations_deg
-        more: dict[str, Any] = {}
-        if known is not None and self.capabilities.takes_suns:
-            more["sun_elevations_deg"] = list(known)
-        interpolation = self.problem.interpolations[self.wavelengths.start]
-        if interpolation is not None:
-            more["interpolation"] = interpolation
+        known = {"sun_elevations_deg": self._known_suns_deg, "interpolation": self._interpolation}
+        more: dict[str, Any] = {name: value for name, value in known.items() if value is not None}
 
         def solved(settings: Any) -> Field:
-            return prepare(
+            return scene.solver.prepare(
                 self.term_medium, settings, observer_altitude_km=altitude_km, progress=self._progress, **more
             )
 
@@ -117,10 +111,19 @@ class Block:
 
     def key(self, altitude_km: float) -> str:
         """The key of the field of an observer in the cache: a hash of all that enters."""
-        scene, known = self.scene, self.problem.sun_elevations_deg
-        suns = list(known) if known is not None and self.capabilities.takes_suns else None
-        interpolation = self.problem.interpolations[self.wavelengths.start]
-        return field_key(scene.solver.__name__, scene.settings, self.term_medium, suns, altitude_km, interpolation)
+        solver, settings = self.scene.solver.__name__, self.scene.settings
+        return field_key(solver, settings, self.term_medium, self._known_suns_deg, altitude_km, self._interpolation)
+
+    @property
+    def _known_suns_deg(self) -> list[float] | None:
+        """All suns that will be asked for [deg], where the solver takes them; None: any."""
+        known = self.problem.sun_elevations_deg
+        return list(known) if known is not None and self.capabilities.takes_suns else None
+
+    @property
+    def _interpolation(self) -> Interpolation | None:
+        """What interpolates light over the block's spectral group; None: every wavelength is solved."""
+        return self.problem.interpolations[self.wavelengths.start]
 
     def rows_at_once(self, columns: int) -> int:
         """Rows of so many directions that the solver is asked for at once."""
@@ -135,29 +138,16 @@ class Block:
         *,
         polarisation: bool = False,
         checkpoint: Path | None = None,
+        by_term: bool = False,
     ) -> Answer:
         """Radiance in directions [deg] (azimuth from the sun), seen from an altitude; None: the problem's.
 
         polarisation: also Q and U, where the field has them.  checkpoint: where a solver with standard errors saves
-        what it has begun.  A solver whose field belongs to one observer solves anew for another one.  Standard errors
-        of a wavelength's terms are added, for their noise may be correlated.
+        what it has begun.  by_term: of each term of the exponential sums in place of each wavelength.  A solver whose
+        field belongs to one observer solves anew for another one.  Standard errors of a wavelength's terms are added,
+        for their noise may be correlated.
         Errors: TwilightError for what the solver cannot do, and where it gave radiance that cannot be.
         """
-        question = (sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
-        found = self.of_terms(*question, polarisation=polarisation, checkpoint=checkpoint)
-        return found if self.bands is None else sum_terms(found, self.bands)
-
-    def of_terms(
-        self,
-        sun_elevation_deg: float,
-        elevation_deg: ArrayLike,
-        azimuth_deg: ArrayLike,
-        observer_altitude_km: float | None = None,
-        *,
-        polarisation: bool = False,
-        checkpoint: Path | None = None,
-    ) -> Answer:
-        """As `answer`, of each term of the exponential sums; without bands of each wavelength."""
         directions = (sun_elevation_deg, elevation_deg, azimuth_deg)
         made, more = self._seen_from(observer_altitude_km)
         if checkpoint is not None and self.capabilities.standard_error:
@@ -178,10 +168,10 @@ class Block:
             raise TwilightError("the solver gave radiance that is negative or not a number")
         if found.polarisation is not None and not np.isfinite(found.polarisation).all():
             raise TwilightError("the solver gave a Stokes parameter that is not a number")
-        return found
+        return found if self.bands is None or by_term else sum_terms(found, self.bands)
 
     def _seen_from(self, altitude_km: float | None) -> tuple[Any, dict[str, Any]]:
-        """The field that serves an observer, and what to tell it."""
+        """The field that serves an observer, and further arguments of its methods."""
         if self.capabilities.every_observer:
             return self.field, {} if altitude_km is None else {"observer_altitude_km": altitude_km}
         wanted = self.scene.altitude_km if altitude_km is None else altitude_km
@@ -227,8 +217,7 @@ class Block:
         """
         if self.capabilities.differentiate is None:
             raise TwilightError(
-                f"derivatives: {self.scene.solver.__name__.rpartition('.')[2]} cannot differentiate its light; zones "
-                "and montecarlo can"
+                f"derivatives: {self.scene.solver_name} cannot differentiate its light; zones and montecarlo can"
             )
         if self.bands is not None:
             raise TwilightError(
@@ -237,12 +226,11 @@ class Block:
                 "outside their bands, or gases.oxygen: false and gases.water_vapour.column_mm: 0"
             )
         made, more = self._seen_from(observer_altitude_km)
-        key = (made, quantity, edges_km.tobytes())
-        held = self._derivatives[0]
-        if held is None or held[0] is not made or held[1:] != key[1:]:
+        wanted = quantity, edges_km.tobytes()
+        if self._derivatives is None or self._derivatives[0] is not made or self._derivatives[1] != wanted:
             air = shifted(self.scene, quantity, self.medium.wavelength_nm)
-            self._derivatives = (key, self.capabilities.differentiate(made, quantity, edges_km, air))
-        return self._derivatives[1].log_slopes(sun_elevation_deg, elevation_deg, azimuth_deg, **more)
+            self._derivatives = made, wanted, self.capabilities.differentiate(made, quantity, edges_km, air)
+        return self._derivatives[2].log_slopes(sun_elevation_deg, elevation_deg, azimuth_deg, **more)
 
     def texture(
         self,
@@ -269,7 +257,7 @@ class Block:
         for start in range(0, elevation_deg.size, rows_at_once):
             e, a = np.meshgrid(elevation_deg[start : start + rows_at_once], columns, indexing="ij")
             parts.append(self.answer(sun_elevation_deg, e, a, observer_altitude_km, polarisation=True))
-        half = parts[0] if len(parts) == 1 else join_rows(parts)
+        half = join(parts, axis=0)
         if half.polarisation is None:
             return Answer(half.radiance[:, back])
         mirrored = half.polarisation[:, back]

@@ -9,7 +9,7 @@ from twilight.scene.scene import Scene
 from twilight.transport.apparent_rays import horizon_dip_deg
 
 HIGH_FROM_KM = 0.1
-"""Above the ground: from lower down the horizon dips by 0.3 deg at most, and the sky ends at 0 deg."""
+"""Height above the ground from which rows go below the horizontal; lower down the horizon dips by 0.3 deg at most."""
 _NEAR_HORIZON_DEG = np.array([0.04, 0.15, 0.4, 0.9, 1.8, 3.5, 7.0, 14.0, 28.0, 56.0])
 """Distances of rows from the horizon: there the light changes at once, and radiance is evaluated on both sides."""
 
@@ -17,8 +17,8 @@ _NEAR_HORIZON_DEG = np.array([0.04, 0.15, 0.4, 0.9, 1.8, 3.5, 7.0, 14.0, 28.0, 5
 def texture_rows(scene: Scene) -> np.ndarray:
     """Elevations [deg] of the texture's rows: those of the sky, and from high up more, to the horizon and the nadir.
 
-    The latter where the solver serves every observer; they bracket the horizon, whose dip is that of the refracted
-    ray that touches the ground.
+    Rows below 0 deg need a solver that serves every observer; they bracket the horizon, whose dip is that of the
+    refracted ray that touches the ground.
     """
     rows, _ = texture_centres(scene.configuration.texture.shape)
     above_ground_km = scene.altitude_km - scene.medium.bottom_km

@@ -21,7 +21,7 @@ ROW_DEG = 1.0 / 1200.0
 _SEARCH_DEG = 0.01
 """Distance of the elevations among which the disc's upper and lower edge are sought [deg]."""
 _LIFTED_DEG = 5.0
-"""No air of a climate lifts the sun by more."""
+"""Largest refraction of the sun that is looked for [deg]: no air of a climate lifts the sun by more."""
 
 
 def make_disc(
@@ -37,7 +37,7 @@ def make_disc(
     bands: of gases, which take from its light too.  radius_deg: angular, of another body; None: the sun's.
     All images count: where layers of air bend several lines of sight to one point of the disc it is seen several times.
     """
-    sights = ApparentRays(medium)
+    rays = ApparentRays(medium)
     radius = radius_deg
     if radius is None:
         radius = float(np.degrees(np.arcsin(np.sin(np.radians(SOLAR_RADIUS_DEG)) / distance_au)))
@@ -46,7 +46,7 @@ def make_disc(
     scan = scan[scan <= 90.0]
     n = medium.refractivity[0]
     extremes = np.unique([int(np.argmin(n)), int(np.argmax(n))])
-    true, passed = sights.follow(altitude_km, scan, extremes)
+    true, passed = rays.follow(altitude_km, scan, extremes)
     hits = ((np.abs(true - sun_elevation_deg) < radius + 5 * _SEARCH_DEG) & (passed > 0.0)).any(axis=1)
     if hits.any():
         first, last = scan[hits][[0, -1]] + np.array([-2.0, 2.0]) * _SEARCH_DEG

@@ -8,24 +8,27 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, fields
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict, fields, is_dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twilight.base.digest import code_digest
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
     from twilight.atmosphere.medium import Medium
+    from twilight.solvers.base import Interpolation
 
 
 def field_key(
     solver: str,
-    settings: Any,
+    settings: DataclassInstance,
     medium: Medium,
     suns_deg: Sequence[float] | None,
     altitude_km: float,
-    interpolation: Any = None,
+    interpolation: Interpolation | None = None,
 ) -> str:
     """The key of the field of a problem.
 
@@ -42,14 +45,14 @@ def field_key(
     return digest.hexdigest()
 
 
-def _add(digest: Any, value: Any) -> None:
+def _add(digest: hashlib._Hash, value: object) -> None:
     """Everything in a medium but the notes and the air at other wavelengths."""
     if isinstance(value, np.ndarray):
         digest.update(f"{value.dtype.str}{value.shape}".encode() + np.ascontiguousarray(value).tobytes())
     elif isinstance(value, tuple):
         for one in value:
             _add(digest, one)
-    elif hasattr(value, "__dataclass_fields__"):
+    elif is_dataclass(value):
         for f in fields(value):
             if f.compare and f.name != "notes":
                 digest.update(f.name.encode())

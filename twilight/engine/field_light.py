@@ -1,8 +1,8 @@
-"""What a solved field can be asked in the units of people's trades, of the sun's scattered light alone."""
+"""Photometric and radiometric quantities of a solved field, of the sun's scattered light alone."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
     from twilight.engine.block import Block
     from twilight.scene.scene import Scene
+    from twilight.sky.quantities.responses import ResponseLike
 
 
 class FieldLight:
@@ -83,11 +84,11 @@ class FieldLight:
             factor = self.horizontal_irradiance(sun_elevation_deg, direct, observer_altitude_km)
         else:
             factor = self.radiance(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
-        return found.value(Spectra(factor, self.medium.wavelength_nm, self.solar_spectrum, distance_au, "the field"))
+        return found.value(self._spectra(factor, distance_au))
 
     def magnitude(
         self,
-        band: Any,
+        band: ResponseLike,
         sun_elevation_deg: float,
         elevation_deg: ArrayLike = 90.0,
         azimuth_deg: ArrayLike = 0.0,
@@ -95,20 +96,21 @@ class FieldLight:
     ) -> np.ndarray:
         """Surface brightness [mag arcsec^-2]; band and system as of `Sky.magnitude`, the rest as of `measure`."""
         factor = self.radiance(sun_elevation_deg, elevation_deg, azimuth_deg)
-        return Spectra(factor, self.medium.wavelength_nm, self.solar_spectrum, where="the field").magnitude(
-            band, system
-        )
+        return self._spectra(factor).magnitude(band, system)
 
     def radiance_in(
         self,
-        response: Any,
+        response: ResponseLike,
         sun_elevation_deg: float,
         elevation_deg: ArrayLike = 90.0,
         azimuth_deg: ArrayLike = 0.0,
     ) -> np.ndarray:
         """Radiance within a response [W m^-2 sr^-1], as `Sky.radiance_in`."""
         factor = self.radiance(sun_elevation_deg, elevation_deg, azimuth_deg)
-        return Spectra(factor, self.medium.wavelength_nm, self.solar_spectrum, where="the field").within(response)
+        return self._spectra(factor).within(response)
+
+    def _spectra(self, factor: np.ndarray, distance_au: float = 1.0) -> Spectra:
+        return Spectra(factor, self.medium.wavelength_nm, self.solar_spectrum, distance_au, "the field")
 
     def illuminance_lux(self, sun_elevation_deg: float, direct: bool = False) -> float:
         """Illuminance of level ground by the sky [lx]; direct: with the sun's disc."""

@@ -12,26 +12,18 @@ import numpy as np
 
 from twilight import __version__
 from twilight.base.errors import TwilightError, TwilightWarning
-from twilight.base.progress import PhasedProgress, Progress, silent
+from twilight.base.progress import Progress, silent
 from twilight.config.sun import SunAt
-from twilight.engine.answer import Answer, join_wavelengths, make_sky
+from twilight.engine.answer import Answer, join, make_sky
 from twilight.engine.block import Block
 from twilight.engine.columns import disc_of, mean_of
 from twilight.engine.directions import texture_rows
 from twilight.engine.memory import check_size
 from twilight.engine.moon import moon_light, warn_of_the_moon, with_moon
-from twilight.engine.night import (
-    NightLight,
-    check_stars,
-    levels_of,
-    night_light,
-    place_of,
-    star_sky,
-    without_points,
-)
+from twilight.engine.night import NightLight, check_stars, levels_of, night_light, place_of, star_sky, without_points
 from twilight.engine.solve import Problem
 from twilight.engine.sunbeam import Direct
-from twilight.engine.view import ViewRadiance, check_view, landscape, see, together, with_night, with_sun
+from twilight.engine.view import ViewRadiance, check_view, join_views, landscape, view_radiance, with_night, with_sun
 from twilight.io.provenance import configuration_hash
 from twilight.io.rendered import ViewPixels, ViewSource
 from twilight.numerics.grids import latlong_grid, texture_centres
@@ -59,25 +51,9 @@ class Frame:
 
 
 def run(scene: Scene, progress: Progress | None = None, *, numpy_only_sun: bool = False) -> Sky:
-    """The sky of a scene with one sun.
+    """The sky of a scene with one sun; arguments as of `frames`.
 
-    Parameters
-    ----------
-    scene
-        A scene that was resolved from a configuration.
-    progress
-        Called as progress(doing, fraction) now and then.
-    numpy_only_sun
-        As of `Problem`.
-
-    Returns
-    -------
-    Sky
-
-    Raises
-    ------
-    TwilightError
-        For a scene with several suns (`frames` gives them one by one), and for whatever in it cannot be computed.
+    Errors: TwilightError for a scene with several suns, and for whatever in it cannot be computed.
     """
     count = len(scene.suns)
     if count > 1:
@@ -90,30 +66,15 @@ def frames(
     progress: Progress | None = None,
     *,
     wanted: Collection[str] | None = None,
-    keep: bool = True,
+    cached: bool = True,
     numpy_only_sun: bool = False,
 ) -> Iterator[Frame]:
     """The skies of a scene, one for each sun; what does not depend on the sun is computed once for all.
 
     As long as the solver takes all wavelengths at once a frame is given as soon as it is done.
 
-    Parameters
-    ----------
-    scene
-        A scene that was resolved from a configuration.
-    progress
-        Is told what is done.
-    wanted
-        Names of the suns whose skies are computed; None: all.
-    keep
-        Whether fields are taken from the user's cache and left there.
-    numpy_only_sun
-        As of `Problem`.
-
-    Warns
-    -----
-    TwilightWarning
-        Of a black sky.
+    progress: called as progress(doing, fraction) now and then; wanted: names of the suns whose skies are computed,
+    None: all; cached, numpy_only_sun: as of `Problem`.  Warns of a black sky.
     """
     tell, config = progress or silent, scene.configuration
     tell("setting up", 0.0)
@@ -129,19 +90,20 @@ def frames(
     known = None if config.terrain is not None else tuple(sun.elevation_deg for sun in suns)
     if known is not None:
         known += tuple(moon.elevation_deg for moon in moons if moon is not None and moon.shines)
-    problem = Problem(scene, known, keep, numpy_only_sun)
+    problem = Problem(scene, known, cached, numpy_only_sun)
     if scene.observer.view is not None:
         check_view(scene.observer.view, scene.capabilities, scene.title)
     set_up_s = 0.0
     found = [_SunResult(moon) for moon in moons]
-    meter = _Phases(tell, len(problem.slices), [sun.name for sun in suns])
+    meter, steps, several = Meter(tell), 1 + len(suns), len(suns) > 1
+    fraction = 1.0 / (len(problem.slices) * steps)
     for b in range(len(problem.slices)):
         begin = time.perf_counter()
-        meter.solving(b)
+        meter.phase("all suns" if several else "", b * steps * fraction, fraction)
         block = problem.block(b, meter)
         set_up_s += time.perf_counter() - begin
         for s, sun in enumerate(suns):
-            meter.evaluating(b, s)
+            meter.phase(sun.name if several else "", (b * steps + 1 + s) * fraction, fraction)
             found[s].take(block, sun)
             if b == len(problem.slices) - 1:
                 frame = _frame(scene, sun, found[s], set_up_s)
@@ -168,23 +130,6 @@ def _warn_of_black(scene: Scene, sky: Sky) -> None:
     warnings.warn(f"the sky is black in every direction: {why}; {ask}", TwilightWarning, stacklevel=3)
 
 
-class _Phases(PhasedProgress):
-    """A sequence's phases: each block of wavelengths is solved, then evaluated under every sun."""
-
-    def __init__(self, tell: Progress, blocks: int, suns: list[str]):
-        super().__init__(tell)
-        self.suns = suns
-        self.fraction = 1.0 / (blocks * (1 + len(suns)))
-
-    def solving(self, block: int) -> None:
-        name = "all suns" if len(self.suns) > 1 else ""
-        self.phase(name, block * (1 + len(self.suns)) * self.fraction, self.fraction)
-
-    def evaluating(self, block: int, sun: int) -> None:
-        start = (block * (1 + len(self.suns)) + 1 + sun) * self.fraction
-        self.phase(self.suns[sun] if len(self.suns) > 1 else "", start, self.fraction)
-
-
 def _standpoint(sun: SceneSun) -> Standpoint | None:
     """Where the observer of a sun with a time and a place stands; None for a sun of an elevation alone."""
     if sun.azimuth_deg is None or not isinstance(sun.section, SunAt):
@@ -196,7 +141,7 @@ def _standpoint(sun: SceneSun) -> Standpoint | None:
 class _SunResult:
     """What the blocks give for one sun: on the texture, in the panorama's own directions, of the sun itself.
 
-    by_moon: the same for the moon of that moment, where it stands high enough to light the air; it has no moon itself.
+    by_moon: the same under the moon of that moment, where the moon stands high enough to light the air.
     """
 
     moon: Moon | None
@@ -214,12 +159,12 @@ class _SunResult:
     def take(self, block: Block, sun: SceneSun) -> None:
         """Evaluate a block under the sun."""
         begin = time.perf_counter()
-        self._look(block, sun)
+        self._evaluate(block, sun)
         if self.moon is not None and self.moon.shines:
             self.by_moon = self.by_moon or _SunResult(None)
             azimuth = None if sun.azimuth_deg is None else (sun.azimuth_deg + self.moon.azimuth_deg) % 360.0
             moon = replace(sun, elevation_deg=self.moon.elevation_deg, azimuth_deg=azimuth)
-            self.by_moon._look(block, moon, self.moon.azimuth_deg, _standpoint(sun))
+            self.by_moon._evaluate(block, moon, self.moon.azimuth_deg, _standpoint(sun))
         self.from_disk &= block.from_disk
         for _, column in block.columns:
             self.facts.update(column.field.facts)
@@ -230,13 +175,15 @@ class _SunResult:
                         self.convergence[key] = max(self.convergence.get(key, here), here)
         self.seconds += time.perf_counter() - begin
 
-    def _look(self, block: Block, sun: SceneSun, away_deg: float = 0.0, standpoint: Standpoint | None = None) -> None:
-        """What a block shows under a light, away_deg from the azimuth from which directions and standpoint count."""
+    def _evaluate(
+        self, block: Block, sun: SceneSun, away_deg: float = 0.0, standpoint: Standpoint | None = None
+    ) -> None:
+        """Evaluate a block under a light, away_deg from the azimuth from which directions and standpoint count."""
         config = block.scene.configuration
         elevation, azimuth = _grid(block.scene)
         self.texture.append(block.texture(sun.elevation_deg, elevation, np.mod(azimuth - away_deg, 360.0)))
         if block.scene.observer.view is not None:
-            seen = see(block, block.scene.observer.view, sun.elevation_deg, away_deg)
+            seen = view_radiance(block, block.scene.observer.view, sun.elevation_deg, away_deg)
             if config.terrain is None:
                 self.view.append(seen)
             else:
@@ -270,14 +217,14 @@ def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> F
     }
 
     def sky(answers: list[Answer], by_moon: list[Answer], grid: tuple[np.ndarray, np.ndarray]) -> Sky:
-        night = _night(scene, sun, *grid) if grid[0][0] >= 0.0 else _night_above(scene, sun, *grid)
+        night = _night(scene, sun, *grid)
         if moon is not None and by_moon:
-            moonlight = join_wavelengths(by_moon).radiance * moon.irradiance
+            moonlight = join(by_moon).radiance * moon.irradiance
             night = moonlight if night is None else night + moonlight
         return make_sky(
             scene.medium,
             grid,
-            join_wavelengths(answers),
+            join(answers),
             direct,
             sun.elevation_deg,
             scene.altitude_km,
@@ -289,8 +236,8 @@ def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> F
     by_moon = found.by_moon or _SunResult(None)
     panorama = None if width is None else sky(found.panorama, by_moon.panorama, latlong_grid(width, sun.azimuth_deg))
     night = _night_of_view(scene, sun)
-    moonlit = None if moon is None or not by_moon.view else (together(by_moon.view, None), moon)
-    view: ViewSource | None = replace(together(found.view, direct), night=night, moon=moonlit) if found.view else None
+    moonlit = None if moon is None or not by_moon.view else (join_views(by_moon.view, None), moon)
+    view: ViewSource | None = replace(join_views(found.view, direct), night=night, moon=moonlit) if found.view else None
     if found.landscape:
         seen = _whole(found.landscape)
         seen = seen if night is None else with_night(seen, night)
@@ -307,14 +254,6 @@ def _whole(parts: list[ViewPixels]) -> ViewPixels:
 
 def _grid(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return texture_rows(scene), texture_centres(scene.configuration.texture.shape)[1]
-
-
-def _night_above(scene: Scene, sun: SceneSun, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
-    """The night of rows that go below the horizontal: as at 0 deg down to the horizon, nothing below it."""
-    above = _night(scene, sun, np.maximum(elevation_deg, 0.0), azimuth_deg)
-    if above is not None:
-        above[elevation_deg < -horizon_dip_deg(scene.medium, scene.altitude_km)] = 0.0
-    return above
 
 
 def _provenance(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> dict[str, Any]:
@@ -341,20 +280,24 @@ def _provenance(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float)
 
 
 def _night(scene: Scene, sun: SceneSun, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
-    """Radiance of the night sky (E, A, W) where the configuration asks for it."""
+    """Radiance of the night sky (E, A, W) where the configuration asks for it.
+
+    Rows below the horizontal are as at 0 deg down to the horizon, and dark below it.
+    """
     night = scene.configuration.night
     if night is None:
         return None
+    rows = np.maximum(elevation_deg, 0.0)
     where: dict[str, Any] = {
         "sun_elevation_deg": sun.elevation_deg,
         "sun_azimuth_deg": sun.azimuth_deg,
         "place": place_of(sun),
         "observer_altitude_km": scene.altitude_km,
     }
-    return mean_of(
-        scene.columns,
-        lambda one: night_radiance(one.medium, elevation_deg, azimuth_deg, levels_of(night), **where),
-    )
+    found = mean_of(scene.columns, lambda one: night_radiance(one.medium, rows, azimuth_deg, levels_of(night), **where))
+    if elevation_deg[0] < 0.0:
+        found[elevation_deg < -horizon_dip_deg(scene.medium, scene.altitude_km)] = 0.0
+    return found
 
 
 def _night_of_view(scene: Scene, sun: SceneSun) -> NightLight | None:

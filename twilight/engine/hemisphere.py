@@ -4,50 +4,57 @@ ground."""
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twilight.sky.disc import SOLAR_RADIUS_DEG
-from twilight.transport.beam import beam_at
+from twilight.transport.beam import Beam, beam_at
 
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
     from twilight.engine.field_light import FieldLight
 
 DISC_STRIPS = 12
-"""Horizontal strips of the sun's disc, at the nodes of Gauss and Chebyshev's second kind."""
+"""Horizontal strips of the sun's disc."""
 ROWS = 12
 """Nodes of `whole_hemisphere` below the sun's elevation, and as many above it (uniform skies: test_light.py)."""
 COLUMNS = 20
-"""Nodes over the azimuths of either half of it."""
+"""Nodes over the azimuths of either half of `whole_hemisphere`."""
 LOWEST_NODE_DEG = 6.0
 """Least elevation of the sun [deg] that parts the hemisphere's nodes in two: for lower suns the nodes stand still."""
 HIGHEST_NODE_DEG = 84.0
-"""Highest elevation of the sun [deg] that does."""
+"""Greatest elevation of the sun [deg] that parts them: for higher suns they stand still too."""
 
 
 def disc_irradiance(
-    beam: Any, medium: Medium, sun_elevation_deg: float, altitude_km: float | None = None
+    beam: Beam, medium: Medium, sun_elevation_deg: float, altitude_km: float | None = None
 ) -> np.ndarray:
     """Irradiance of a level surface by the sun's disc over F0, (W,): uniform disc in horizontal strips, each refracted.
 
     altitude_km: of the surface; None: the ground.
     """
-    # Gauss-Chebyshev nodes of the second kind: strips of a disc weigh by their chord
-    k = np.arange(1, DISC_STRIPS + 1) * np.pi / (DISC_STRIPS + 1)
     total, out = np.zeros(medium.n_wavelengths), np.zeros(medium.n_wavelengths)
-    for offset, fraction in zip(np.cos(k), 2.0 / (DISC_STRIPS + 1) * np.sin(k) ** 2, strict=True):
+    for offset, fraction in zip(*_disc_strips(), strict=True):
         true = np.radians(sun_elevation_deg + SOLAR_RADIUS_DEG * offset)
         bending = beam_at(beam, medium.bottom_km if altitude_km is None else altitude_km, np.sin(true), out)
         total += fraction * max(0.0, float(np.sin(true + bending))) * out
     return total
 
 
+def _disc_strips() -> tuple[np.ndarray, np.ndarray]:
+    """Heights of strips above the disc's centre, over its radius, and fractions of its area.
+
+    Nodes of Gauss and Chebyshev's second kind: strips of a disc weigh by their chord.
+    """
+    k = np.arange(1, DISC_STRIPS + 1) * np.pi / (DISC_STRIPS + 1)
+    return np.cos(k), 2.0 / (DISC_STRIPS + 1) * np.sin(k) ** 2
+
+
 def disc_beams(
     solved: FieldLight, sun_elevation_deg: float, observer_altitude_km: float | None = None
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Apparent elevations [deg] (S,) of the disc's strips and what each of them sends across itself, over F0 (S, W).
+    """Apparent elevations [deg] (S,) of the disc's strips and their irradiances at normal incidence over F0 (S, W).
 
     observer_altitude_km: None for the scene's.  None where the sun is down.
     """
@@ -55,22 +62,23 @@ def disc_beams(
     altitude_km = max(altitude_km, solved.medium.bottom_km)
     if not all(block.sunbeam.reaches(sun_elevation_deg + SOLAR_RADIUS_DEG, altitude_km) for block in solved.blocks):
         return None
-    k = np.arange(1, DISC_STRIPS + 1) * np.pi / (DISC_STRIPS + 1)
-    share = 2.0 / (DISC_STRIPS + 1) * np.sin(k) ** 2
+    offsets, fractions = _disc_strips()
     elevation, parts = np.zeros(DISC_STRIPS), []
     for block in solved.blocks:
         found = []
         for fraction, one in block.columns:
             out = np.zeros((DISC_STRIPS, one.sunbeam.medium.n_wavelengths))
-            for s, offset in enumerate(np.cos(k)):
+            for s, offset in enumerate(offsets):
                 true = np.radians(sun_elevation_deg + SOLAR_RADIUS_DEG * offset)
                 elevation[s] = np.degrees(true + beam_at(one.sunbeam.beam, altitude_km, np.sin(true), out[s]))
             found.append(fraction * (out if one.bands is None else one.bands.sum_terms(out)))
         parts.append(sum(found))
-    return elevation, share[:, None] * np.concatenate(parts, axis=1)
+    return elevation, fractions[:, None] * np.concatenate(parts, axis=1)
 
 
-def hemisphere(sun_elevation_deg: float, rows: int = 24, columns: int = 20):
+def hemisphere(
+    sun_elevation_deg: float, rows: int = 24, columns: int = 20
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Directions (elevation, azimuth) [deg] and weights whose sum over radiance is horizontal irradiance, each (D,).
 
     Gauss-Legendre in sin^2 of the elevation, with the sun's elevation as an edge, and in the root of the azimuth: dense

@@ -5,8 +5,8 @@ is the integral over the upper hemisphere of all radiances, the beams, and what 
 
     E = sum_d w_d g(d) L_d + sum_b g(b) B_b + G A E_level / pi
 
-with g the surface's view of a direction and G that of the ground.  A new source is a class with the two methods of
-`Source`, and a line in `SOURCES`.
+with g the surface's projection towards a direction and G that of the ground.  A new source is a subclass of `Source`
+with one of its two methods or both, and a line in `SOURCES`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,12 +31,16 @@ from twilight.sky.ephemeris import sun_position
 from twilight.sky.moon import Moon, moon_over
 from twilight.sky.night import NightLevels, Place, night_radiance
 from twilight.sky.night.pollution import pollution_radiance
+from twilight.sky.quantities.measure import Spectra
 
 NIGHT_ROWS_DEG = np.concatenate([np.arange(0.0, 30.0, 5.0), np.arange(30.0, 91.0, 10.0)])
 """Elevations at which the night is computed [deg]; linear between them, as between azimuths and times."""
 NIGHT_COLUMN_DEG = 15.0
+"""Distance of the azimuths at which the night is computed [deg]."""
 NIGHT_STEP = timedelta(minutes=15)
-"""Times at which the night is computed are whole multiples of it: stars then move by 4 deg."""
+"""Times at which the night is computed are whole multiples of this: stars then move by 4 deg."""
+MOMENTS_AT_ONCE = 64
+"""Moments whose light on surfaces is computed together, which bounds the memory."""
 _EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
 
 
@@ -69,34 +73,40 @@ def moments_at(
     return Moments(places, elevation, azimuth, distance)
 
 
-class Beam(NamedTuple):
-    """Light without width at N moments: elevation_deg and azimuth_deg from north (N,), irradiance across it (N, W)."""
+class CollimatedLight(NamedTuple):
+    """Light from one direction at N moments: elevation_deg and azimuth_deg from north (N,), irradiance at normal
+    incidence (N, W)."""
 
     elevation_deg: np.ndarray
     azimuth_deg: np.ndarray
     irradiance: np.ndarray
 
+    def view(self, surface: Surface, moments: Moments) -> np.ndarray:
+        """Projection of a surface towards the light, (N, 1); 0 where the light is below the horizontal."""
+        elevation_deg = self.elevation_deg[:, None]
+        seen = surface.view(elevation_deg, self.azimuth_deg[:, None], moments.sun_azimuth_deg)
+        return np.where(elevation_deg > 0.0, seen, 0.0)
 
-class Source(Protocol):
+
+class Source:
     """A term of the light [W m^-2 nm^-1 (sr^-1)], means over the wavelengths' bins."""
-
-    def radiance(self, moments: Moments, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
-        """Radiance (N, D, W) of directions (N, D), 0 to 90 deg high, azimuths from north; None: it has none."""
-
-    def beams(self, moments: Moments) -> list[Beam]:
-        """What reaches a surface without width."""
-
-
-class Sun:
-    """The sun's own disc in horizontal strips, each refracted; no direction sees it."""
 
     def __init__(self, field: LightField):
         self._field = field
 
-    def radiance(self, moments: Moments, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> None:
+    def radiance(self, moments: Moments, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
+        """Radiance (N, D, W) of directions (N, D), 0 to 90 deg high, azimuths from north; None: the source has none."""
         return None
 
-    def beams(self, moments: Moments) -> list[Beam]:
+    def beams(self, moments: Moments) -> list[CollimatedLight]:
+        """Direct light of the source."""
+        return []
+
+
+class Sun(Source):
+    """The sun's own disc in horizontal strips, each refracted; no direction sees the disc."""
+
+    def beams(self, moments: Moments) -> list[CollimatedLight]:
         field = self._field
         made = [disc_beams(field.solved, float(sun)) for sun in moments.sun_elevation_deg]
         if not any(one is not None for one in made):
@@ -106,25 +116,20 @@ class Sun:
         elevation = np.stack([(one or zero)[0] for one in made])
         irradiance = np.stack([(one or zero)[1] for one in made])
         scale = field.solar_irradiance / moments.distance_au[:, None] ** 2
-        return [Beam(elevation[:, s], moments.sun_azimuth_deg, irradiance[:, s] * scale) for s in range(strips)]
+        azimuth = moments.sun_azimuth_deg
+        return [CollimatedLight(elevation[:, s], azimuth, irradiance[:, s] * scale) for s in range(strips)]
 
 
-class ScatteredSunlight:
+class ScatteredSunlight(Source):
     """The sky that the sun makes."""
-
-    def __init__(self, field: LightField):
-        self._field = field
 
     def radiance(self, moments: Moments, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         from_sun = azimuth_deg - moments.sun_azimuth_deg[:, None]
         factor = self._field.sky(moments.sun_elevation_deg, elevation_deg, from_sun)
         return factor * (self._field.solar_irradiance / moments.distance_au[:, None, None] ** 2)
 
-    def beams(self, moments: Moments) -> list[Beam]:
-        return []
 
-
-class Moonlight:
+class Moonlight(Source):
     """The moon of the place and time: its beam, and its sky, which is the sun's in its place (`sky.moon`).
 
     No direction sees its disc.
@@ -134,7 +139,7 @@ class Moonlight:
         section = field.solved.scene.configuration.moon
         if section is not None and section.elevation_deg is not None:
             raise TwilightError("moon.elevation_deg: light takes the moon from place and time, not from there")
-        self._field = field
+        super().__init__(field)
         self._made: dict[Place, Moon] = {}
 
     def _moons(self, moments: Moments) -> list[Moon]:
@@ -161,21 +166,23 @@ class Moonlight:
         factor = self._field.sky(height, elevation_deg, from_moon)
         return factor * self._irradiance(moons)[:, None, :]
 
-    def beams(self, moments: Moments) -> list[Beam]:
+    def beams(self, moments: Moments) -> list[CollimatedLight]:
         moons = self._moons(moments)
         direct = [self._field.solved.direct(moon.elevation_deg) for moon in moons]
         height = np.array([m.elevation_deg + d.bending_deg for m, d in zip(moons, direct, strict=True)])
         passed = np.stack([d.irradiance for d in direct])
         if not passed.any():
             return []
-        return [Beam(height, np.array([m.azimuth_deg for m in moons]), passed * self._irradiance(moons))]
+        azimuth = np.array([m.azimuth_deg for m in moons])
+        return [CollimatedLight(height, azimuth, passed * self._irradiance(moons))]
 
 
-class NightPart:
+class NightPart(Source):
     """One part of the night sky, of `NightLevels`."""
 
     def __init__(self, field: LightField, part: str):
-        self._field, self._part = field, part
+        super().__init__(field)
+        self._part = part
         self._made: dict[tuple, np.ndarray] = {}
 
     def radiance(self, moments: Moments, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
@@ -188,7 +195,7 @@ class NightPart:
             steps = (place.time - _EPOCH) / NIGHT_STEP
             whole = int(np.floor(steps))
             ends = [(whole, 1.0 - (steps - whole)), (whole + 1, steps - whole)]
-            grid = sum(share * self._grid(place, step) for step, share in ends if share > 0.0)
+            grid = sum(weight * self._grid(place, step) for step, weight in ends if weight > 0.0)
             out[n] = level * _bilinear(np.asarray(grid), elevation_deg[n], azimuth_deg[n])
         return out
 
@@ -209,20 +216,13 @@ class NightPart:
             }
             rows = NIGHT_ROWS_DEG, columns - float(sun.azimuth_deg)
             self._made[key] = mean_of(
-                self._field.solved.scene.columns,
-                lambda scene: night_radiance(scene.medium, *rows, alone, **where),
+                self._field.solved.scene.columns, lambda scene: night_radiance(scene.medium, *rows, alone, **where)
             )
         return self._made[key]
 
-    def beams(self, moments: Moments) -> list[Beam]:
-        return []
 
-
-class LightPollution:
+class ArtificialSkyglow(Source):
     """The lamps' light in the air, a level that is given."""
-
-    def __init__(self, field: LightField):
-        self._field = field
 
     def radiance(self, moments: Moments, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
         levels = self._field.levels
@@ -231,9 +231,6 @@ class LightPollution:
             return None
         made = pollution_radiance(self._field.wavelength_nm, elevation_deg.ravel(), zenith)
         return made.reshape(*elevation_deg.shape, -1)
-
-    def beams(self, moments: Moments) -> list[Beam]:
-        return []
 
 
 def _bilinear(grid: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
@@ -253,10 +250,11 @@ SOURCES: dict[str, Callable[[LightField], Source]] = {
     "airglow": lambda field: NightPart(field, "airglow"),
     "stars": lambda field: NightPart(field, "starlight"),
     "zodiacal_light": lambda field: NightPart(field, "zodiacal_light"),
-    "light_pollution": LightPollution,
+    "light_pollution": ArtificialSkyglow,
 }
-"""The terms of the light, by name; `ground`, which all of them light, is none of them."""
+"""The terms of the light, by name."""
 SOURCE_NAMES = (*SOURCES, "ground")
+"""What `sources` may name: the terms, and the ground, which reflects all of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,11 +304,7 @@ class LightField:
         return [self._sources[name] for name in chosen]
 
     def directions(
-        self,
-        moments: Moments,
-        elevation_deg: np.ndarray,
-        azimuth_deg: np.ndarray,
-        sources: Sequence[str] | None = None,
+        self, moments: Moments, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, sources: Sequence[str] | None = None
     ) -> np.ndarray:
         """Radiance [W m^-2 sr^-1 nm^-1] of directions (N, D), 0 to 90 deg high, azimuths from north: (N, D, W)."""
         out = np.zeros((*elevation_deg.shape, self.wavelength_nm.size))
@@ -329,8 +323,8 @@ class LightField:
         """
         count = len(moments.places)
         out = np.zeros((count, len(surfaces), self.wavelength_nm.size))
-        for start in range(0, count, 64):
-            part = slice(start, start + 64)
+        for start in range(0, count, MOMENTS_AT_ONCE):
+            part = slice(start, start + MOMENTS_AT_ONCE)
             out[part] = self._surfaces(moments.part(part), surfaces, sources)
         return out
 
@@ -341,16 +335,14 @@ class LightField:
         solid = np.stack([grid[2] for grid in grids])
         radiance = self.directions(moments, elevation, azimuth, sources)
         beams = [beam for term in self.terms(sources) for beam in term.beams(moments)]
-        level = Surface.horizontal()
         with_ground = sources is None or "ground" in sources
         out = np.zeros((len(moments.places), len(surfaces), self.wavelength_nm.size))
 
         def falling(surface: Surface) -> np.ndarray:
-            view = surface.view(elevation, azimuth, moments.sun_azimuth_deg) * solid
-            total = np.einsum("nd,ndw->nw", view, radiance)
+            weight = surface.view(elevation, azimuth, moments.sun_azimuth_deg) * solid
+            total = np.einsum("nd,ndw->nw", weight, radiance)
             for beam in beams:
-                seen = surface.view(beam.elevation_deg[:, None], beam.azimuth_deg[:, None], moments.sun_azimuth_deg)
-                total += np.where(beam.elevation_deg[:, None] > 0.0, seen, 0.0) * beam.irradiance
+                total += beam.view(surface, moments) * beam.irradiance
             return total
 
         ground = None
@@ -358,19 +350,11 @@ class LightField:
             out[:, s] = falling(surface)
             if with_ground and surface.ground_view > 0.0:
                 if ground is None:
-                    ground = self.solved.medium.ground_albedo / np.pi * falling(level)
+                    ground = self.solved.medium.ground_albedo / np.pi * falling(Surface.horizontal())
                 out[:, s] += surface.ground_view * ground
         return out
 
-    def factor(self, light: np.ndarray) -> np.ndarray:
-        """Light [W m^-2 nm^-1 (sr^-1)] over the sun's at 1 au, as `Spectra` takes it."""
-        return light / self.solar_irradiance
-
-
-def spectra_arguments(field: LightField) -> dict[str, Any]:
-    """What `Spectra` is told of a field besides the factor."""
-    return {
-        "wavelength_nm": field.wavelength_nm,
-        "solar_spectrum": field.solved.solar_spectrum,
-        "where": "the field",
-    }
+    def spectra(self, light: np.ndarray) -> Spectra:
+        """Light [W m^-2 nm^-1 (sr^-1)], (..., W), for quantities of it."""
+        factor = light / self.solar_irradiance
+        return Spectra(factor, self.wavelength_nm, self.solved.solar_spectrum, where="the field")

@@ -16,13 +16,14 @@ from twilight.sky.night import NightLevels
 from twilight.sky.quantities.catalogue import Quantity
 from twilight.sky.quantities.measure import check_covered, samples_for
 
-KEPT_FIELDS = 4
-"""Fields that are held for further questions."""
-_kept: dict[str, LightField] = {}
+MOST_FIELDS = 4
+"""Fields that are held in memory for further questions."""
+_fields: dict[str, LightField] = {}
+"""Fields by their configuration as JSON, the oldest first."""
 
 
 def field_for(config: Config, quantities: Sequence[Quantity], progress: Progress | None = None) -> LightField:
-    """The solved field of a configuration, kept for the next question; one that says its wavelengths keeps them.
+    """The solved field of a configuration, cached for the next question; its wavelengths, if not given, are chosen.
 
     Without a `night` of its own it has the usual one.
     Errors: TwilightError for a quantity that the wavelengths do not cover.
@@ -32,12 +33,12 @@ def field_for(config: Config, quantities: Sequence[Quantity], progress: Progress
         chosen = list(samples_for(responses))
         config = load(config.model_dump(mode="json", exclude_unset=True), {"wavelengths": {"list_nm": chosen}})
     document = json.dumps(config.model_dump(mode="json", exclude_unset=True), sort_keys=True)
-    if document not in _kept:
-        while len(_kept) >= KEPT_FIELDS:
-            del _kept[next(iter(_kept))]
+    if document not in _fields:
+        while len(_fields) >= MOST_FIELDS:
+            del _fields[next(iter(_fields))]
         field = LightField.of(solve(resolve(config, mixed=True), progress=progress))
-        _kept[document] = field if field.levels is not None else replace(field, levels=NightLevels())
-    field = _kept[document]
+        _fields[document] = field if field.levels is not None else replace(field, levels=NightLevels())
+    field = _fields[document]
     for one in responses:
         check_covered(one, field.wavelength_nm, "the field")
     return field

@@ -20,12 +20,10 @@ from twilight.sky.colour import TONE_MAPPINGS
 
 ARRAYS_AT_ONCE = 4
 """Copies of a sky's radiance that a render holds at the same time: blocks, the whole, physical units, the file's."""
-
 NIGHT_ARRAYS = 3
 """Copies more where the night sky is added: of its parts, the whole, and the sum with the sun's sky."""
 BYTES_BY_ROWS = 24
 """Memory of a pixel of a view that is made by rows [bytes]: four channels of the EXR, or the 8 bit picture twice."""
-
 BYTES_WHOLE = 200
 """Memory of a pixel beyond BYTES_BY_ROWS where the whole view is held [bytes]: its rays, the tone's channels."""
 PROGRAM_BYTES = 2.5e8
@@ -54,11 +52,11 @@ FILES_S = 1.0
 class SceneCost:
     """What a scene costs.
 
-    blocks: in which its wavelengths are solved, one after the other, of at most `at_once`
+    blocks: in which its wavelengths are solved, one after the other, of at most `max_wavelengths`
     solved: of these wavelengths, or terms of exponential sums, those at which light scattered more than once is solved
         and from which that of the rest is interpolated; 0: nothing is interpolated
     sky_bytes: of the arrays of one sky and its pictures at the same time; view_bytes: of the picture of a view.
-    field_bytes: of the field of one block, while it is solved; total_bytes: the most that all take together, with the
+    field_bytes: of the field of one block, while it is solved; total_bytes: the most that all need together, with the
         program; cpu_s: processor time on a quiet core of some 3 GHz, machine code being there.  None for solvers that
         do not say.
     """
@@ -90,23 +88,21 @@ def full_cost(scene: Scene) -> SceneCost:
     found = problem.cost
     if found is None:
         return sizes
-    term_counts = np.ones(scene.medium.n_wavelengths, int) if scene.bands is None else scene.bands.term_counts
-    of_blocks = [int(term_counts[part].sum()) for part in problem.slices]
-    in_band = [scene.bands is not None and bool((term_counts[part] > 1).any()) for part in problem.slices]
+    of_blocks = [int(problem.term_counts[part].sum()) for part in problem.slices]
+    in_band = [bool((problem.term_counts[part] > 1).any()) for part in problem.slices]
     field = max(found.n_bytes(n, band) for n, band in zip(of_blocks, in_band, strict=True))
     rows, columns = config.texture.shape
     directions = rows * (columns // 2 + 1)
     width = config.texture.latlong_width
     if width is not None:
         directions += width // 4 * (width // 2 + 1)
-    polarised = scene.capabilities.stokes and scene.settings.polarisation
-    values, pixels = min(VALUES_AT_ONCE, directions * max(of_blocks)), 0
+    pixels = 0
     if config.observer.view is not None:
-        of_view = most_nodes(config.observer.view, scene.altitude_km - scene.medium.bottom_km)
-        directions += of_view
-        values = min(VALUES_AT_ONCE, directions * max(of_blocks))
+        directions += most_nodes(config.observer.view, scene.altitude_km - scene.medium.bottom_km)
         pixels = int(np.prod(config.observer.view.shape))
-    look = BYTES_PER_DIRECTION * (POLARISED_FACTOR if polarised else 1.0) * values
+    polarised = scene.capabilities.stokes and scene.settings.polarisation
+    values = min(VALUES_AT_ONCE, directions * max(of_blocks))
+    evaluation = BYTES_PER_DIRECTION * (POLARISED_FACTOR if polarised else 1.0) * values
     seconds = START_S + len(suns) * (SUN_S + FILES_S + PIXEL_S * pixels)
     if config.terrain is not None:
         seconds += len(suns) * (TERRAIN_S + TERRAIN_PIXEL_S * pixels * scene.medium.n_wavelengths)
@@ -119,9 +115,9 @@ def full_cost(scene: Scene) -> SceneCost:
         seconds += times * found.cpu_s_per_direction * len(suns) * directions * n
     nodes = interpolated_from(problem)
     seconds += found.cpu_s_per_wavelength * (nodes[False] + found.band_cpu_factor * nodes[True])
-    # one copy of a sky grows while its blocks are solved and asked; all are there while the last field still is
-    held = sizes.sky_bytes / ARRAYS_AT_ONCE
-    most = max(field + held, FIELD_FRACTION_HELD * field + look + held, FIELD_FRACTION_HELD * field + sizes.sky_bytes)
+    # one copy of a sky grows while its blocks are solved and evaluated; all are there while the last field still is
+    copy, held = sizes.sky_bytes / ARRAYS_AT_ONCE, FIELD_FRACTION_HELD * field
+    most = max(field + copy, held + evaluation + copy, held + sizes.sky_bytes)
     return replace(
         sizes,
         field_bytes=field,
@@ -155,7 +151,7 @@ def interpolated_from(problem: Problem) -> dict[bool, int]:
 
 
 def cost(config: Config) -> SceneCost:
-    """What a configuration's skies take, without their field; a table's wavelengths, which are in its file, count as
+    """What a configuration's skies cost, without their field; a table's wavelengths, which are in its file, count as
     one."""
     rows, columns = config.texture.shape
     width, spectral_width = config.texture.latlong_width or config.output.width, config.output.spectral_width
@@ -181,28 +177,26 @@ def cost(config: Config) -> SceneCost:
 
 
 def check_size(config: Config) -> None:
-    """Refuse a configuration whose sky and pictures alone would not fit into this machine's memory.
+    """TwilightError for a configuration whose sky and pictures alone would not fit into this machine's memory.
 
-    Parameters
-    ----------
-    config
-        Any configuration.
-
-    Raises
-    ------
-    TwilightError
-        Says how much memory the sky and its pictures need, and what makes them smaller.
+    The error says how much memory they need, and what makes them smaller.
     """
-    rows, columns = config.texture.shape
-    sizes = cost(config)
-    n_wavelengths, needed = sizes.wavelengths, sizes.sky_bytes
-    memory = memory_bytes()
-    if config.observer.view is not None:
-        _check_view(config, sizes.view_bytes, memory)
-    if needed > memory:
+    sizes, memory = cost(config), memory_bytes()
+    available = f"and this machine has {memory / 1e9:.3g} GB: take"
+    if sizes.view_bytes > memory:
+        assert config.observer.view is not None
+        height, width = config.observer.view.shape
+        whole = sizes.view_bytes > BYTES_BY_ROWS * height * width
+        why = ", for terrain and the tones eye and camera need all of it at once" if whole else ""
         raise TwilightError(
-            f"{config.title}: texture ({rows} x {columns} directions), {n_wavelengths} wavelengths and the pictures "
-            f"need {needed / 1e9:.3g} GB, and this machine has {memory / 1e9:.3g} GB: take a larger "
+            f"{config.title}: a picture of {width} x {height} pixels takes {sizes.view_bytes / 1e9:.3g} GB{why}, "
+            f"{available} a smaller observer.view.width (--size)"
+        )
+    if sizes.sky_bytes > memory:
+        rows, columns = config.texture.shape
+        raise TwilightError(
+            f"{config.title}: texture ({rows} x {columns} directions), {sizes.wavelengths} wavelengths and the "
+            f"pictures need {sizes.sky_bytes / 1e9:.3g} GB, {available} a larger "
             f"texture.resolution_deg, fewer wavelengths or a smaller texture.latlong_width or output.spectral_width"
         )
 
@@ -218,17 +212,3 @@ def _view_bytes(config: Config, n_wavelengths: int) -> int:
     if config.terrain is not None:
         each += BYTES_WHOLE + 12 * n_wavelengths
     return each * height * width
-
-
-def _check_view(config: Config, needed: int, memory: float) -> None:
-    view = config.observer.view
-    assert view is not None
-    height, width = view.shape
-    if needed > memory:
-        why = ""
-        if needed > BYTES_BY_ROWS * height * width:
-            why = ", for terrain and the tones eye and camera need all of it at once"
-        raise TwilightError(
-            f"{config.title}: a picture of {width} x {height} pixels takes {needed / 1e9:.3g} GB{why}, "
-            f"and this machine has {memory / 1e9:.3g} GB: take a smaller observer.view.width (--size)"
-        )

@@ -23,9 +23,11 @@ if TYPE_CHECKING:
     from twilight.scene.scene import Scene
 
 PIECE_DEG = 0.02
-"""Largest distance of the directions by which a pixel's share of the disc is found [deg]."""
+"""Largest distance of the directions of a pixel whose mean is the disc's light in the pixel [deg]."""
 MOST_PIECES = 24
 """Most of these directions across a pixel."""
+PIXELS_AT_ONCE = 2048
+"""Pixels whose directions are held at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +81,9 @@ def _with_disc(seen: ViewPixels, light: MoonLight) -> ViewPixels:
     lower, upper = disc.edges_deg()
     middle = direction(moon.azimuth_deg, 0.5 * (lower + upper))
     rays = seen.rays.astype(float)
-    reach = np.radians(upper - lower + 3.0 * seen.pitch_deg)
-    off = np.linalg.norm(np.nan_to_num(rays) - middle, axis=-1)
-    near = (off < 2.0 * np.sin(min(0.5 * reach, 0.5 * np.pi))) & np.isfinite(rays).all(axis=-1)
+    largest_angle = np.radians(upper - lower + 3.0 * seen.pitch_deg)
+    chord = np.linalg.norm(np.nan_to_num(rays) - middle, axis=-1)
+    near = (chord < 2.0 * np.sin(min(0.5 * largest_angle, 0.5 * np.pi))) & np.isfinite(rays).all(axis=-1)
     where = np.nonzero(near if seen.hidden is None else near & ~seen.hidden)
     if not where[0].size:
         return seen
@@ -94,14 +96,11 @@ def _with_disc(seen: ViewPixels, light: MoonLight) -> ViewPixels:
     radiance = seen.radiance.copy()
     covered = np.zeros(seen.shape) if seen.sun is None else seen.sun.copy()
     over_sun = light.over_sun / moon.irradiance_factor(disc.wavelength_nm)  # for the disc counts from the sun at 1 au
-    for k in range(0, len(ray), 2048):
-        here = where[0][k : k + 2048], where[1][k : k + 2048]
-        part = np.s_[k : k + 2048]
-        pieces = (
-            ray[part][:, None, None]
-            + right[part][:, None, None] * step[:, None]
-            + (up[part][:, None, None] * step[:, None, None])
-        )
+    for k in range(0, len(ray), PIXELS_AT_ONCE):
+        part = np.s_[k : k + PIXELS_AT_ONCE]
+        here = where[0][part], where[1][part]
+        r, x, y = (v[part][:, None, None] for v in (ray, right, up))
+        pieces = r + x * step[:, None] + y * step[:, None, None]
         azimuth, elevation = azimuth_elevation(pieces)
         shown = disc.radiance(elevation, np.mod(azimuth - moon.azimuth_deg + 180.0, 360.0) - 180.0)
         radiance[here] += (shown.mean(axis=(1, 2)) * over_sun).astype(radiance.dtype)

@@ -33,7 +33,7 @@ class NightLight:
     """elevation_deg (E,) from the horizon to 90; azimuth_deg (A,) from 0 to 360, both; radiance (E, A, K) and that of
     the ground (K,), in one unit.  Azimuths as those that are asked for, from the sun.
 
-    stars: the brighter ones, of whom `radiance` then has no light; sun_azimuth_deg: from north, from which those count.
+    stars: the brighter ones, whose light `radiance` then lacks; sun_azimuth_deg: from north, the zero of the azimuths.
     """
 
     elevation_deg: np.ndarray
@@ -131,7 +131,7 @@ def night_light(
     azimuth = np.arange(0.0, 360.0 + COLUMN_DEG, COLUMN_DEG)
     where: dict[str, Any] = {"sun_elevation_deg": sun_elevation_deg, "sun_azimuth_deg": sun_azimuth_deg, "place": place}
 
-    def radiance(rows, columns, observer_km):
+    def radiance(rows: np.ndarray, columns: np.ndarray, observer_km: float) -> np.ndarray:
         return night_radiance(medium, rows, columns, levels, **where, observer_altitude_km=observer_km)
 
     half = radiance(np.maximum(elevation, 0.0), azimuth[:-1], altitude_km)

@@ -1,10 +1,9 @@
-"""A field's sky for many suns and directions: looked up in tables of whole skies that are computed when they are
-needed.
+"""A field's sky for many suns and directions: read from tables of whole skies that are computed when they are needed.
 
 A table holds ln(L / P) over elevation and azimuth from the sun, L the sun-normalised radiance and P the phase
 function of all that scatters in the column: the ratio has no aureole, so that it may be interpolated although the
 aureole moves with the sun.  Between tables of neighbouring suns, and in either angle, a local cubic.  Tables are
-kept, in memory and in the user's cache.
+cached, in memory and in the user's folder.
 """
 
 from __future__ import annotations
@@ -25,9 +24,11 @@ if TYPE_CHECKING:
     from twilight.engine.solve import Solved
 
 ROW_POWER = 1.8
+"""Power of the row's number with which elevations rise: rows stand closer together at the horizon."""
 ROWS_DEG = 90.0 * np.linspace(0.0, 1.0, 31) ** ROW_POWER
 """Elevations of a table [deg], from 0.2 deg apart at the horizon to 5 deg at the zenith."""
 COLUMN_POWER = 1.5
+"""Power of the column's number with which azimuths rise: columns stand closer together at the sun."""
 COLUMNS_DEG = 180.0 * np.linspace(0.0, 1.0, 31) ** COLUMN_POWER
 """Azimuths from the sun of a table [deg], from 1 deg apart to 9 deg."""
 SUNS_DEG = np.concatenate(
@@ -37,10 +38,10 @@ SUNS_DEG = np.concatenate(
 """True elevations of the sun [deg] whose tables are interpolated; below the first there is no sunlight."""
 ANGLES_RAD = np.concatenate([np.linspace(0.0, 0.2, 201), np.linspace(0.2, np.pi, 361)[1:]])
 """Scattering angles at which P is tabulated [rad]."""
-FEW = 0.2
+FEW_FRACTION = 0.2
 """Lines of sight are computed one by one up to this fraction of those of the tables that would serve them."""
-LEAST = 1e-30
-"""What stands for no light at all, so that there is a logarithm [sr^-1]."""
+DARK = 1e-30
+"""Radiance [sr^-1] that stands for none where logarithms are interpolated."""
 
 
 class SkyTable:
@@ -52,7 +53,7 @@ class SkyTable:
     def __init__(self, solved: Solved):
         self.solved = solved
         if not solved.scene.capabilities.every_sun:
-            name = solved.scene.solver.__name__.rsplit(".", 1)[-1]
+            name = solved.scene.solver_name
             raise TwilightError(f"light: needs a solver whose field serves every sun, as zones, not {name}")
         self._log_phase = _log_phase(solved.medium)
         self._made: dict[int, np.ndarray] = {}
@@ -61,7 +62,7 @@ class SkyTable:
     def radiance(self, sun_elevation_deg: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Sun-normalised radiance [sr^-1], (N, D, W), of N suns (N,) and D directions of each (N, D), 0 to 90 deg high.
 
-        Where few lines of sight are asked for (FEW), each is computed.
+        Where few lines of sight are asked for (FEW_FRACTION), each is computed.
         """
         suns = np.asarray(sun_elevation_deg, float)
         elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
@@ -72,20 +73,20 @@ class SkyTable:
         nodes, weights = hermite_weights(SUNS_DEG, suns[lit])
         missing = [k for k in np.unique(nodes[weights != 0.0]) if k not in self._made and self._stored(k) is None]
         rows = sum(np.unique(elevation[n]).size for n in lit)
-        if rows <= FEW * len(missing) * ROWS_DEG.size:
+        if rows <= FEW_FRACTION * len(missing) * ROWS_DEG.size:
             for n in lit:
                 out[n] = self.solved.radiance(float(suns[n]), elevation[n], azimuth[n])
             return out
         for n, four, weight in zip(lit, nodes, weights, strict=True):
             table = sum(w * self._table(int(k)) for k, w in zip(four, weight, strict=True) if w != 0.0)
-            out[n] = self._look_up(np.asarray(table), suns[n], elevation[n], azimuth[n])
+            out[n] = self._interpolate(np.asarray(table), suns[n], elevation[n], azimuth[n])
         return out
 
-    def _look_up(self, table: np.ndarray, sun_deg: float, elevation: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+    def _interpolate(self, table: np.ndarray, sun_deg: float, elevation: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
         """Radiance (D, W) of one sun."""
         from_sun = np.abs((azimuth + 180.0) % 360.0 - 180.0)
-        i, u = hermite_weights(np.arange(ROWS_DEG.size, dtype=float), _row_place_of(elevation))
-        j, v = hermite_weights(np.arange(COLUMNS_DEG.size, dtype=float), _column_place_of(from_sun))
+        i, u = hermite_weights(np.arange(ROWS_DEG.size, dtype=float), _place(elevation, ROWS_DEG, ROW_POWER))
+        j, v = hermite_weights(np.arange(COLUMNS_DEG.size, dtype=float), _place(from_sun, COLUMNS_DEG, COLUMN_POWER))
         weight = (u[:, :, None] * v[:, None, :]).reshape(elevation.size, 16)
         place = (i[:, :, None] * COLUMNS_DEG.size + j[:, None, :]).reshape(elevation.size, 16)
         flat = table.reshape(-1, table.shape[-1])
@@ -110,7 +111,7 @@ class SkyTable:
     def _compute(self, k: int) -> np.ndarray:
         sun = float(SUNS_DEG[k])
         e, a = np.meshgrid(ROWS_DEG, COLUMNS_DEG, indexing="ij")
-        radiance = np.maximum(self.solved.radiance(sun, e, a), LEAST)
+        radiance = np.maximum(self.solved.radiance(sun, e, a), DARK)
         made = (np.log(radiance) - self._log_phase_at(sun, e, a)).astype(np.float32)
         cache.store(cache.SKIES, self._file(k), lambda path: _save(path, made))
         return made
@@ -140,13 +141,10 @@ def _save(path: Path, table: np.ndarray) -> None:
         np.savez(stream, table=table)
 
 
-def _row_place_of(elevation_deg: np.ndarray) -> np.ndarray:
-    """Place between the rows, linear in what they are equidistant in."""
-    return (np.clip(elevation_deg, 0.0, 90.0) / 90.0) ** (1.0 / ROW_POWER) * (ROWS_DEG.size - 1)
-
-
-def _column_place_of(azimuth_deg: np.ndarray) -> np.ndarray:
-    return (np.clip(azimuth_deg, 0.0, 180.0) / 180.0) ** (1.0 / COLUMN_POWER) * (COLUMNS_DEG.size - 1)
+def _place(angle_deg: np.ndarray, nodes_deg: np.ndarray, power: float) -> np.ndarray:
+    """Place among rows or columns, 0 to their number less 1: linear in that in which the nodes are equidistant."""
+    largest_deg = nodes_deg[-1]
+    return (np.clip(angle_deg, 0.0, largest_deg) / largest_deg) ** (1.0 / power) * (nodes_deg.size - 1)
 
 
 def _log_phase(medium: Medium) -> np.ndarray:

@@ -4,12 +4,12 @@ A `Problem` is a scene and how it is to be solved.  Its wavelengths are divided 
 takes at once, so that 1000 need no more memory than one block; a `Block` is one of them, solved.  Two ways lead on:
 
 - `Problem.solve` (or `solve`) solves all blocks and holds them: a `Solved` answers at any time and in any order;
-- `Problem.blocks` gives the blocks one by one and holds none: for a whole sequence at many wavelengths.
+- `Problem.block` solves one block, which the caller drops before the next: for a whole sequence at many wavelengths.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
-from twilight.engine.answer import Answer, join_wavelengths, make_sky
+from twilight.engine.answer import Answer, join, make_sky
 from twilight.engine.block import Block
 from twilight.engine.columns import MixedBlock, disc_of
 from twilight.engine.field_light import FieldLight
@@ -92,21 +92,21 @@ class Problem:
         return self.cost.max_wavelengths(most, FIELD_BYTES, self.scene.bands is not None)
 
     @cached_property
-    def _term_counts(self) -> np.ndarray:
+    def term_counts(self) -> np.ndarray:
         """Terms of each wavelength, (W,); 1 without bands."""
         scene = self.scene
         return np.ones(scene.medium.n_wavelengths, int) if scene.bands is None else scene.bands.term_counts
 
     @cached_property
-    def _groups(self) -> list[Any]:
-        """A key for each wavelength: those of different keys share no block."""
+    def _groups(self) -> list[Hashable]:
+        """A key for each wavelength: those of different keys are in different blocks."""
         scene, able = self.scene, self.scene.capabilities
         count = scene.medium.n_wavelengths
-        keys: list[Any] = [0] * count
+        keys: list[Hashable] = [0] * count
         if count > 1 and not (able.field_file and scene.settings.field_file):
             if able.spectral_groups is not None:
                 keys = list(able.spectral_groups(scene.medium, scene.settings))
-            keys = [key if self._term_counts[w] == 1 else 1 for w, key in enumerate(keys)]
+            keys = [key if self.term_counts[w] == 1 else 1 for w, key in enumerate(keys)]
         return keys
 
     @cached_property
@@ -128,23 +128,22 @@ class Problem:
         """The blocks of wavelengths, as ranges of indices into those of the medium.
 
         A block holds `wavelengths_at_once` terms of exponential sums at most, at least one wavelength.  Wavelengths of
-        different spectral groups share no block, nor do those in a band with others, whose grids would follow the
-        band's terms, unless a file is to hold them all.  Columns of a mixed sky share blocks, as small as either needs.
+        different spectral groups are in different blocks, and so are those in a band and others, whose grids would
+        follow the band's terms, unless a file is to hold them all.  Columns of a mixed sky have the same blocks, as
+        small as either needs.
         """
         if self.scene.between is not None:
             starts = sorted({part.start for _, column in self.columns for part in column.slices})
-            ends = [*starts[1:], self.scene.medium.n_wavelengths]
-            return [slice(start, stop) for start, stop in zip(starts, ends, strict=True)]
-        step, count = self.wavelengths_at_once, self.scene.medium.n_wavelengths
-        term_counts = self._term_counts
-        keys = self._groups
-        starts, held = [0], int(term_counts[0])
-        for w in range(1, count):
-            held += int(term_counts[w])
-            if held > step or keys[w] != keys[w - 1]:
-                starts.append(w)
-                held = int(term_counts[w])
-        return [slice(start, stop) for start, stop in zip(starts, [*starts[1:], count], strict=True)]
+        else:
+            term_counts, keys = self.term_counts, self._groups
+            starts, held = [0], int(term_counts[0])
+            for w in range(1, len(keys)):
+                held += int(term_counts[w])
+                if held > self.wavelengths_at_once or keys[w] != keys[w - 1]:
+                    starts.append(w)
+                    held = int(term_counts[w])
+        ends = [*starts[1:], self.scene.medium.n_wavelengths]
+        return [slice(start, stop) for start, stop in zip(starts, ends, strict=True)]
 
     def block(self, index: int, progress: Progress | None = None) -> Block:
         """Solve one block."""
@@ -153,19 +152,15 @@ class Problem:
     def _block(self, part: slice, progress: Progress) -> Block:
         scene = self.scene
         if scene.between is not None:
-            count, parts = len(self.columns), []
-            for n, (fraction, column) in enumerate(self.columns):
-                parts.append((fraction, column._block(part, part_of(progress, n / count, 1.0 / count))))
-            return MixedBlock(parts)
+            count = len(self.columns)
+            steps = [part_of(progress, n / count, 1.0 / count) for n in range(count)]
+            return MixedBlock(
+                [(c, column._block(part, step)) for (c, column), step in zip(self.columns, steps, strict=True)]
+            )
         medium = scene.medium if part == slice(0, scene.medium.n_wavelengths) else scene.medium.select(part)
         bands = None if scene.bands is None else scene.bands.select(part)
         bands = bands if bands is not None and bands.absorption_per_km.any() else None
         return Block.solve(self, part, medium, bands, progress)
-
-    def blocks(self, progress: Progress | None = None) -> Iterator[Block]:
-        """Solve the blocks one by one; whoever takes one deletes it before the next, so that one alone is held."""
-        for index in range(len(self.slices)):
-            yield self.block(index, progress)
 
     def solve(self, progress: Progress | None = None) -> Solved:
         """Solve all blocks and hold them."""
@@ -231,7 +226,7 @@ class Solved(FieldLight):
     ) -> Answer:
         """Radiance, and its standard error from a solver that estimates it."""
         question = (sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
-        return join_wavelengths([block.answer(*question) for block in self.blocks])
+        return join([block.answer(*question) for block in self.blocks])
 
     def stokes(
         self,
@@ -245,7 +240,7 @@ class Solved(FieldLight):
         Errors: TwilightError for a field without polarisation.
         """
         question = (sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
-        found = join_wavelengths([block.answer(*question, polarisation=True) for block in self.blocks])
+        found = join([block.answer(*question, polarisation=True) for block in self.blocks])
         if found.polarisation is None:
             raise TwilightError("this field has no Stokes parameters: its solver.polarisation is not true")
         return np.concatenate([found.radiance[..., None, :], found.polarisation], axis=-2)
@@ -272,9 +267,7 @@ class Solved(FieldLight):
     ) -> Sky:
         """The sky on a grid of rows (E,) and columns (A,) [deg]; `facts` are further fields of `Sky`."""
         altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
-        answer = join_wavelengths(
-            [b.texture(sun_elevation_deg, elevation_deg, azimuth_deg, altitude) for b in self.blocks]
-        )
+        answer = join([b.texture(sun_elevation_deg, elevation_deg, azimuth_deg, altitude) for b in self.blocks])
         direct = self.direct(sun_elevation_deg, altitude)
         return make_sky(self.medium, (elevation_deg, azimuth_deg), answer, direct, sun_elevation_deg, altitude, **facts)
 
@@ -374,24 +367,8 @@ class Solved(FieldLight):
 def solve(scene: Scene, sun_elevations_deg: Sequence[float] | None = None, progress: Progress | None = None) -> Solved:
     """Solve a scene with the user's cache, and hold it.
 
-    Parameters
-    ----------
-    scene
-        A scene that was resolved from a configuration.
-    sun_elevations_deg
-        True elevations of all the suns that will be asked for [deg]; None: any.
-    progress
-        Called as progress(doing, fraction) now and then.
-
-    Returns
-    -------
-    Solved
-        Answers radiance for directions, suns and, with most solvers, observers.
-
-    Raises
-    ------
-    TwilightError
-        For what the solver cannot do.
+    sun_elevations_deg: true elevations of all the suns that will be asked for [deg], None: any; progress: called as
+    progress(doing, fraction) now and then.  Errors: TwilightError for what the solver cannot do.
     """
     known = None if sun_elevations_deg is None else tuple(sun_elevations_deg)
     return Problem(scene, known, cached=True).solve(progress)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -23,16 +24,15 @@ class Direct(NamedTuple):
 class Sunbeam:
     """Direct sunlight in a medium; its tables are made for the first sun that can reach an observer.
 
-    plain: on the ground it is found by quadrature in numpy, without tables and without compiled code.
+    numpy_only: sunlight on the ground is found by quadrature in numpy, without tables and without compiled code.
     """
 
     DARK_BELOW_HORIZON_DEG = 2.0
-    """Refraction lifts the sun by 1.2 deg at most at the horizon, down and up again (Haber 2005 sec. 4.4: below 2)."""
+    """Depth of the sun below the horizon beyond which no direct light arrives: refraction lifts the sun by 1.2 deg at
+    most, down and up again (Haber 2005 sec. 4.4: below 2)."""
 
     def __init__(self, medium: Medium, numpy_only: bool = False):
         self.medium, self._numpy_only = medium, numpy_only
-        self._made: Beam | None = None
-        self._ground: GroundSun | None = None
 
     def at(self, sun_elevation_deg: float, altitude_km: float) -> Direct:
         """The direct light of a sun at true elevation, for an observer at an altitude."""
@@ -41,12 +41,8 @@ class Sunbeam:
         if not self.reaches(sun_elevation_deg, altitude_km):
             return Direct(out, 0.0)
         if self._numpy_only and altitude_km <= ground_km:
-            if self._ground is None:
-                self._ground = GroundSun(self.medium)
             return Direct(*self._ground.at(sun_elevation_deg))
-        if self._made is None:
-            self._made = prepare_beam(self.medium)
-        bending = beam_at(self._made, float(altitude_km), np.sin(np.radians(sun_elevation_deg)), out)
+        bending = beam_at(self.beam, float(altitude_km), np.sin(np.radians(sun_elevation_deg)), out)
         return Direct(out, float(np.degrees(bending)) if out.any() else 0.0)
 
     def reaches(self, sun_elevation_deg: float, altitude_km: float) -> bool:
@@ -55,9 +51,11 @@ class Sunbeam:
         dip_deg = float(np.degrees(np.arccos((radius + ground_km) / (radius + max(altitude_km, ground_km)))))
         return sun_elevation_deg >= -dip_deg - self.DARK_BELOW_HORIZON_DEG
 
-    @property
+    @cached_property
     def beam(self) -> Beam:
         """The tables themselves."""
-        if self._made is None:
-            self._made = prepare_beam(self.medium)
-        return self._made
+        return prepare_beam(self.medium)
+
+    @cached_property
+    def _ground(self) -> GroundSun:
+        return GroundSun(self.medium)

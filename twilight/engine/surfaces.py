@@ -1,4 +1,4 @@
-"""Surfaces that light falls on: planes of any tilt, spheres, upright cylinders; how much of a direction each sees."""
+"""Surfaces that light falls on: planes of any tilt, spheres, vertical cylinders; their projections by direction."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class Surface:
     """A surface.
 
     kind: plane; sphere, whose light is the fluence (actinic flux), the integral of the radiance over all directions;
-    cylinder: the mean of all upright planes.
-    tilt_deg: of a plane, 0 level and facing up, 90 upright, 180 facing down; azimuth_deg: that it faces, from north, or
-    from the sun where from_sun is true.
+    cylinder: the mean of all vertical planes.
+    tilt_deg: of a plane, 0 level and facing up, 90 vertical, 180 facing down; azimuth_deg: of the plane's normal, from
+    north, or from the sun where from_sun is true.
     """
 
     kind: Literal["plane", "sphere", "cylinder"] = "plane"
@@ -37,9 +37,9 @@ class Surface:
         return Surface()
 
     def view(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, sun_azimuth_deg: np.ndarray) -> np.ndarray:
-        """What it takes of light from directions (N, D), azimuths from north: its projection, (N, D).
+        """Irradiance over the radiance and solid angle of directions (N, D), azimuths from north, (N, D).
 
-        plane max(0, cos of the angle to its normal), sphere 1, cylinder cos(elevation) / pi.
+        plane: max(0, cosine of the angle to its normal); sphere: 1; cylinder: cos(elevation) / pi.
         """
         e = np.radians(elevation_deg)
         if self.kind == "sphere":
@@ -47,8 +47,8 @@ class Surface:
         if self.kind == "cylinder":
             return np.cos(e) / np.pi
         tilt = np.radians(self.tilt_deg)
-        faces = self.azimuth_deg + (sun_azimuth_deg[:, None] if self.from_sun else 0.0)
-        cosine = np.sin(e) * np.cos(tilt) + np.cos(e) * np.sin(tilt) * np.cos(np.radians(azimuth_deg - faces))
+        normal = self.azimuth_deg + (sun_azimuth_deg[:, None] if self.from_sun else 0.0)
+        cosine = np.sin(e) * np.cos(tilt) + np.cos(e) * np.sin(tilt) * np.cos(np.radians(azimuth_deg - normal))
         return np.maximum(cosine, 0.0)
 
     @property

@@ -13,7 +13,8 @@ GRAMMAR = (
     "plane:TILT/AZIMUTH, sphere or cylinder"
 )
 """What may be asked for, for errors and help."""
-_ANGLES = re.compile(r"(?P<first>[-+]?\d+(?:\.\d+)?)/(?P<sun>sun)?(?P<second>[-+]?\d+(?:\.\d+)?)?", re.IGNORECASE)
+_ANGLES = re.compile(r"(?P<height>[-+]?\d+(?:\.\d+)?)/(?P<sun>sun)?(?P<azimuth>[-+]?\d+(?:\.\d+)?)?")
+"""Elevation of a direction or tilt of a plane, and azimuth; in lower case."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +38,10 @@ def towards(text: str) -> Direction | Surface:
     if word == "horizontal":
         return Surface.horizontal()
     if word in ("sphere", "cylinder"):
-        return Surface("sphere" if word == "sphere" else "cylinder")
+        return Surface(word)  # type: ignore[arg-type]
     kind, colon, angles = word.partition(":")
     found = _ANGLES.fullmatch(angles if colon and kind == "plane" else word)
-    if found is None or not (found["sun"] or found["second"]):
+    if found is None or not (found["sun"] or found["azimuth"]):
         raise TwilightError(f"towards: '{text}' is none of {GRAMMAR}")
-    first, second, sun = float(found["first"]), float(found["second"] or 0.0), bool(found["sun"])
-    if colon:
-        return Surface("plane", first, second, sun)
-    return Direction(first, second, sun)
+    angles_of = float(found["height"]), float(found["azimuth"] or 0.0), bool(found["sun"])
+    return Surface("plane", *angles_of) if colon else Direction(*angles_of)

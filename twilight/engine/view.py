@@ -17,11 +17,11 @@ from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.base.errors import TwilightError
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
+from twilight.engine.answer import join
 from twilight.engine.block import Block
 from twilight.engine.columns import mean_of
 from twilight.engine.moon import MoonLight, with_moon
 from twilight.engine.night import NightLight
-from twilight.engine.solve import Solved
 from twilight.engine.sunbeam import Direct
 from twilight.io.rendered import ViewPixels
 from twilight.numerics.orientation import azimuth_elevation, direction
@@ -53,7 +53,9 @@ PITCH_ROWS = 64
 """Rows of a picture in which the angle between its pixels is measured."""
 
 
-def grown(centre: float, finest: float, low: float, high: float, largest: float = LARGEST_STEP_DEG) -> np.ndarray:
+def graded_nodes(
+    centre: float, finest: float, low: float, high: float, largest: float = LARGEST_STEP_DEG
+) -> np.ndarray:
     """Places from low to high, `finest` apart at the centre and farther apart away from it."""
     offsets = [0.0]
     while offsets[-1] < max(high - centre, centre - low):
@@ -71,27 +73,27 @@ def elevation_nodes(
     below, above = HORIZON_BAND_DEG
     parts = [
         np.array([low, high]),
-        grown(-dip + below, pitch, low, -dip + below),
+        graded_nodes(-dip + below, pitch, low, -dip + below),
         np.arange(-dip + below, -dip + above, pitch),
-        grown(-dip + above, pitch, -dip + above, high),
+        graded_nodes(-dip + above, pitch, -dip + above, high),
     ]
     if low < sun_elevation_deg < high:
-        parts.append(grown(sun_elevation_deg, max(pitch, AUREOLE_STEP_DEG), low, high))
+        parts.append(graded_nodes(sun_elevation_deg, max(pitch, AUREOLE_STEP_DEG), low, high))
     psi = np.radians(np.arange(0.0, dip, GROUND_STEP_DEG))
     parts.append(np.degrees(np.arctan2(r * np.cos(psi) - (r + altitude_km), r * np.sin(psi))))
     nodes = np.unique(np.concatenate(parts))
     nodes = nodes[(nodes >= low) & (nodes <= high)]
-    kept = [nodes[0]]
+    apart = [nodes[0]]
     for node in nodes[1:]:
-        if node - kept[-1] > 0.3 * pitch:
-            kept.append(node)
-    return np.array([*kept, high]) if kept[-1] < high else np.array(kept)
+        if node - apart[-1] > 0.3 * pitch:
+            apart.append(node)
+    return np.array([*apart, high]) if apart[-1] < high else np.array(apart)
 
 
 def azimuth_nodes(low: float, high: float, pitch: float, altitude_km: float) -> np.ndarray:
     """Azimuths (A,) [deg] from the sun, within 0..180; finer for observers who see far along the ground."""
     largest = 2.0 if altitude_km < 100.0 else 1.0
-    inner = grown(0.0, max(pitch, AUREOLE_STEP_DEG), low, high, largest)
+    inner = graded_nodes(0.0, max(pitch, AUREOLE_STEP_DEG), low, high, largest)
     return np.unique(np.concatenate([[low], inner, [high]])) if high > low else np.array([low])
 
 
@@ -158,8 +160,8 @@ class ViewRadiance:
         if self.night is not None:
             seen = with_night(seen, self.night)
         if self.moon is not None:
-            look, light = self.moon
-            seen = with_moon(seen, look.rows(first, stop).radiance, light)
+            by_moon, light = self.moon
+            seen = with_moon(seen, by_moon.rows(first, stop).radiance, light)
         return seen if self.direct is None else with_sun(seen, self.direct, self.sun_elevation_deg)
 
     def whole(self) -> ViewPixels:
@@ -176,7 +178,7 @@ def check_view(view: View, able: Capabilities, title: str) -> None:
         )
 
 
-def see(block: Block, view: View, sun_elevation_deg: float, light_azimuth_deg: float = 0.0) -> ViewRadiance:
+def view_radiance(block: Block, view: View, sun_elevation_deg: float, light_azimuth_deg: float = 0.0) -> ViewRadiance:
     """What a block of wavelengths shows in a view, without the sun's disc.
 
     light_azimuth_deg: from the sun, of a second light that stands at `sun_elevation_deg` in its place.
@@ -192,21 +194,15 @@ def see(block: Block, view: View, sun_elevation_deg: float, light_azimuth_deg: f
     a = azimuth_nodes(left, right, pitch, above_ground)
     rows = e.size if block.capabilities.standard_error else block.rows_at_once(a.size)
     parts = [
-        block.answer(sun_elevation_deg, *np.meshgrid(e[k : k + rows], a, indexing="ij")).radiance
-        for k in range(0, e.size, rows)
+        block.answer(sun_elevation_deg, *np.meshgrid(e[k : k + rows], a, indexing="ij")) for k in range(0, e.size, rows)
     ]
-    whole = parts[0] if len(parts) == 1 else np.concatenate(parts)
-    return ViewRadiance(view, e, a, whole, pitch, sun_elevation_deg, light_azimuth_deg=light_azimuth_deg)
+    radiance = join(parts, axis=0).radiance
+    return ViewRadiance(view, e, a, radiance, pitch, sun_elevation_deg, light_azimuth_deg=light_azimuth_deg)
 
 
-def look(solved: Solved, view: View, sun_elevation_deg: float) -> ViewRadiance:
-    """What a solved field shows in a view, with the sun's disc: `twilight.io.view.picture` paints it."""
-    return together([see(block, view, sun_elevation_deg) for block in solved.blocks], solved.direct(sun_elevation_deg))
-
-
-def together(looks: Sequence[ViewRadiance], direct: Direct | None) -> ViewRadiance:
+def join_views(views: Sequence[ViewRadiance], direct: Direct | None) -> ViewRadiance:
     """The same view at the wavelengths of all blocks, and the sun's disc in it."""
-    return replace(looks[0], radiance=np.concatenate([one.radiance for one in looks], axis=-1), direct=direct)
+    return replace(views[0], radiance=np.concatenate([one.radiance for one in views], axis=-1), direct=direct)
 
 
 def _extent(view: View) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -224,13 +220,6 @@ def _extent(view: View) -> tuple[tuple[float, float], tuple[float, float]]:
     return (float(low.min()), float(high.max())), (float(left.min()), float(right.max()))
 
 
-def check_terrain(block: Block) -> None:
-    """TwilightError unless the solver can put terrain before its sky."""
-    able = block.capabilities
-    if not (able.finite_segments and able.every_observer and able.below_horizon):
-        raise TwilightError("terrain: needs a solver with finite segments and every observer: zones or tables")
-
-
 def landscape(
     block: Block,
     seen: ViewPixels,
@@ -242,9 +231,12 @@ def landscape(
     """What a block of wavelengths shows of a view with terrain in it.
 
     standpoint: of an observer whose place and sun are known, by which terrain with coordinates is laid.
-    light_azimuth_deg: as in `see`.
+    light_azimuth_deg: as in `view_radiance`.
+    Errors: TwilightError for a solver that cannot put terrain before its sky.
     """
-    check_terrain(block)
+    able = block.capabilities
+    if not (able.finite_segments and able.every_observer and able.below_horizon):
+        raise TwilightError("terrain: needs a solver with finite segments and every observer: zones or tables")
     if len(block.columns) > 1:
         where = sun_elevation_deg, standpoint, light_azimuth_deg
         found = [(c, landscape(one, seen, terrain, *where)) for c, one in block.columns]
@@ -294,6 +286,7 @@ def with_sun(seen: ViewPixels, direct: Direct, sun_elevation_deg: float) -> View
     if seen.hidden is not None:
         fraction = np.where(seen.hidden, 0.0, fraction)
     solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(SOLAR_RADIUS_DEG)))
-    disc = np.nan_to_num(fraction)[..., None] * (direct.irradiance / solid_angle)
-    covered = np.nan_to_num(fraction) if seen.sun is None else np.maximum(seen.sun, np.nan_to_num(fraction))
+    covered = np.nan_to_num(fraction)
+    disc = covered[..., None] * (direct.irradiance / solid_angle)
+    covered = covered if seen.sun is None else np.maximum(seen.sun, covered)
     return replace(seen, radiance=(seen.radiance + disc).astype(np.float32), sun=covered)

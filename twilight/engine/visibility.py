@@ -14,16 +14,15 @@ from functools import cached_property
 import numpy as np
 
 from twilight.engine.columns import mean_of
-from twilight.engine.light import SOURCES, LightField, Moments, moments_at, spectra_arguments
+from twilight.engine.light import SOURCES, LightField, Moments, moments_at
 from twilight.numerics import spectrum
 from twilight.sky.eye_limit import MAGNITUDE_0_LUX, TYPICAL_FIELD_FACTOR, limiting_magnitude, magnitudes_above
 from twilight.sky.moon.disc import lit_parts
 from twilight.sky.objects import Track
-from twilight.sky.quantities.measure import Spectra
 from twilight.transport.apparent_rays import ApparentRays, horizon_dip_deg
 
 HIGHEST_SUN_OF_NIGHT_DEG = -5.0
-"""Elevation of the sun below which the night's own light counts: at it the sky is 1000 times as luminous."""
+"""Elevation of the sun [deg] below which the night's own light counts: there the sky is 1000 times as luminous."""
 ROWS = 120
 """Apparent elevations between which refraction and extinction are linear."""
 GAZES = 13
@@ -31,7 +30,7 @@ GAZES = 13
 
 
 @dataclass(frozen=True, eq=False)
-class Eye:
+class NakedEye:
     """A naked eye in the light of a field.
 
     field: covers V(lambda); field_factor: as of `twilight.sky.eye_limit`.
@@ -56,16 +55,16 @@ class Eye:
         medium = self.field.solved.medium
         low = -horizon_dip_deg(medium, self.altitude_km) + 1e-3
         apparent = low + (90.0 - low) * np.linspace(0.0, 1.0, ROWS) ** 2
-        ways = [
+        rays = [
             (fraction, ApparentRays(one.medium).follow(self.altitude_km, apparent, np.arange(medium.n_wavelengths)))
             for fraction, one in self.field.solved.columns
         ]
-        true, passed = ways[0][1][0], mean_of(ways, lambda way: way[1])
+        true, passed = rays[0][1][0], mean_of(rays, lambda ray: ray[1])
         weight = spectrum.solar_at_visible(self.field.solved.solar_spectrum)
         weight = weight * spectrum.colour_matching_functions("cie1931_2deg")[:, 1]
-        share = spectrum.integrate(passed, medium.wavelength_nm, weight) / weight.sum()
+        transmittance = spectrum.integrate(passed, medium.wavelength_nm, weight) / weight.sum()
         with np.errstate(divide="ignore"):
-            return apparent, np.maximum.accumulate(true[:, medium.n_wavelengths // 2]), -2.5 * np.log10(share)
+            return apparent, np.maximum.accumulate(true[:, medium.n_wavelengths // 2]), -2.5 * np.log10(transmittance)
 
     def seen_at(self, true_elevation_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Apparent elevation [deg] and extinction along the refracted ray [mag]; NaN and infinite below the horizon."""
@@ -86,7 +85,7 @@ class Eye:
             if which.any():
                 names = tuple(name for name in names if moonlight or name != "moon")
                 light = self.field.directions(moments.part(np.flatnonzero(which)), e[which], a[which], names)
-                out[which] = Spectra(self.field.factor(light), **spectra_arguments(self.field)).photopic()
+                out[which] = self.field.spectra(light).photopic()
         return out
 
     def limit(
@@ -126,8 +125,8 @@ class Eye:
         if track.moons is None:
             return float(limiting_magnitude(background, self.field_factor)) - at_eye
         moon = track.moons[k]
-        x, y, share = lit_parts(moon.phase_angle_deg)
+        x, y, fraction = lit_parts(moon.phase_angle_deg)
         gaze = np.linspace(0.0, 1.0, GAZES)[:, None]
-        lux = MAGNITUDE_0_LUX * 10.0 ** (-0.4 * at_eye) * share
+        lux = MAGNITUDE_0_LUX * 10.0 ** (-0.4 * at_eye) * fraction
         apart = np.radians(moon.radius_deg) * np.hypot(x - gaze, y)
         return magnitudes_above(lux, apart, background, self.field_factor)

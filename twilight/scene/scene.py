@@ -65,12 +65,13 @@ class Scene:
 
     def __post_init__(self) -> None:
         if self.medium.has_water and not self.capabilities.water:
-            name = self.solver.__name__.rsplit(".", 1)[-1]
-            raise TwilightError(f"ground.kind: water cannot be seen by the solver {name}; zones and montecarlo can")
-        if self.medium.screen is not None and not self.capabilities.screen:
-            name = self.solver.__name__.rsplit(".", 1)[-1]
             raise TwilightError(
-                f"horizon.screen: the solver {name} knows nothing beyond the horizon; zones, montecarlo and tables do"
+                f"ground.kind: water cannot be seen by the solver {self.solver_name}; zones and montecarlo can"
+            )
+        if self.medium.screen is not None and not self.capabilities.screen:
+            raise TwilightError(
+                f"horizon.screen: the solver {self.solver_name} knows nothing beyond the horizon; zones, montecarlo "
+                "and tables do"
             )
         around = self.medium.screen is not None and self.medium.screen.around
         if around and self.capabilities.standard_error and self.observer.view is not None:
@@ -87,6 +88,11 @@ class Scene:
         # what was replaced in this scene is replaced in both
         between = replace(self.between, observer=self.observer)
         return (self.cover, replace(self, cover=1.0, between=None)), (1.0 - self.cover, between)
+
+    @property
+    def solver_name(self) -> str:
+        """The solver's name."""
+        return self.solver.__name__.rpartition(".")[2]
 
     @property
     def capabilities(self) -> Capabilities:
@@ -122,24 +128,10 @@ def resolve(
 ) -> Scene:
     """The scene of a configuration: its climate without what its plan omits, its solver, its suns and its observer.
 
-    Parameters
-    ----------
-    config
-        A validated configuration.
-    wavelength_nm
-        Wavelengths [nm], (W,), in place of the configuration's own.
-    solver
-        A solver's module and its settings in place of the configuration's.
-    for_plan
-        Whether the scene is only asked what it costs: its air is then about right, and there at once
-        (`planning_medium`).
-    mixed
-        Whether the caller knows what to do with a sky that is covered in part; else one is an error.
-
-    Raises
-    ------
-    TwilightError
-        For whatever in the configuration cannot be computed.
+    wavelength_nm (W,) [nm], solver (a module and its settings): in place of the configuration's own; for_plan: whether
+    only the cost of the scene is wanted: its air is then about right, and there at once (`planning_medium`); mixed:
+    whether the caller can use a sky that is covered in part; else such a sky is an error.
+    Errors: TwilightError for whatever in the configuration cannot be computed.
     """
     if solver is None:
         name, _, settings = config.chosen_solver
@@ -152,11 +144,7 @@ def resolve(
 
 
 def _of_one_air(
-    config: Config,
-    climate: Climate,
-    wavelength_nm: np.ndarray | None,
-    solver: tuple[Solver, Any],
-    for_plan: bool,
+    config: Config, climate: Climate, wavelength_nm: np.ndarray | None, solver: tuple[Solver, Any], for_plan: bool
 ) -> Scene:
     """The scene of a configuration with a climate in place of its own; arguments as of `resolve`."""
     plan = make_plan(config.model_copy(update={"climate": climate}), wavelength_nm)

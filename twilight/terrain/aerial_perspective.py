@@ -1,7 +1,7 @@
 """Light that the air adds before terrain, and its transmittance, on nodes of elevation, azimuth and distance.
 
-Between nodes logarithms per length of the line are linear.  Light scattered once is kept apart, by species and without
-its phase function: that one has a peak at the sun, narrower than the nodes stand.
+Between nodes logarithms per length of the line are linear.  Light scattered once is separate, by species and without
+its phase function, whose peak at the sun is narrower than the distance of the nodes.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ ELEVATIONS = 25
 DISTANCES = 12
 """Nodes of distance, in a geometric series."""
 NEAREST = 1e-3
-"""The nearest of them, over the length of the line."""
+"""The nearest node of distance, over the length of the line."""
 STEPS = 96
 """Parts of a line in which sunlight is summed at the nodes."""
 ABOUT_HORIZON_DEG = (-1.0, -0.3, 0.0, 0.3, 1.0)
 """Elevations of nodes about the horizontal [deg]."""
 BELOW_HORIZON = (1e-5, 1e-3, 4e-3, 0.01, 0.02, 0.04, 0.07, 0.11, 0.17, 0.25, 0.4, 0.6, 0.85, 1.2, 1.7, 2.4, 3.4, 4.8)
-"""Elevations of nodes below the horizon, in dips of it: lines there are 1.00, 0.96, 0.91 ... times as long as to it,
+"""Elevations of nodes below the horizon, over its dip: lines there are 1.00, 0.96, 0.91 ... times as long as to it,
 and from each node to the next at most 1.4 times as short."""
 BESIDE_SUN_DEG = 5.0
 """Angle from the sun [deg] within which light scattered more than once is taken from outside of it."""
@@ -72,7 +72,7 @@ class AerialPerspective:
         first, last = float(folded.min()), max(float(folded.max()), 1.5 * BESIDE_SUN_DEG)
         around = np.array(AZIMUTHS_DEG, dtype=float)
         self.a = np.unique(np.concatenate([[first, last], around[(around > first) & (around < last)]]))
-        self.reach_km = max(1.0, float(far_km[np.isfinite(far_km)].max(initial=100.0)))
+        self.farthest_km = max(1.0, float(far_km[np.isfinite(far_km)].max(initial=100.0)))
         self.fraction = np.geomspace(NEAREST, 1.0, DISTANCES)
         e, a, fraction = np.meshgrid(self.e, self.a, self.fraction, indexing="ij")
         d = fraction * self._length_km(e)
@@ -121,7 +121,7 @@ class AerialPerspective:
         below = self.height_km * (2.0 * self.radius_km - self.height_km)
         root = np.sqrt(np.maximum(down**2 - below, 0.0))
         ground = np.where((down > 0.0) & (down**2 > below), below / np.maximum(down + root, 1e-9), np.inf)
-        return np.clip(ground, 1e-3, self.reach_km)
+        return np.clip(ground, 1e-3, self.farthest_km)
 
     def at(
         self, e: np.ndarray, a: np.ndarray, distance_km: np.ndarray, phase: np.ndarray, lit: np.ndarray | None = None

@@ -14,6 +14,7 @@ from twilight.base.reading import check_npy
 from twilight.config.terrain import Terrain
 
 MOST_POINTS = 4096
+"""Most altitudes along a side of a file."""
 SHIPPED = {"jacksboro": (30.1, 31.8)}
 """Extents (x, y) [km] of the fields of heights in `data/terrain`."""
 
@@ -35,7 +36,7 @@ class Heights(NamedTuple):
     highest_km: float
 
     def facing(self, azimuth_deg: float) -> Heights:
-        """The same heights for x and y from another azimuth, clockwise from the one that they are counted from."""
+        """The same heights for x and y from another azimuth, clockwise from the present one."""
         turn = np.arctan2(self.sin_turn, self.cos_turn) - np.radians(azimuth_deg)
         return self._replace(cos_turn=float(np.cos(turn)), sin_turn=float(np.sin(turn)))
 

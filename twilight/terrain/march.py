@@ -29,9 +29,13 @@ from twilight.jit.kernels import njit
 from twilight.transport.beam import beam_at
 
 SHADOW_STEP = 0.5
-"""Steps towards the sun in cells of the field near a place; they grow with the distance."""
+"""Steps towards the sun near a place, over a cell of the field; they grow with the distance."""
 SHADOW_GROWTH = 0.002
 """Length of a step towards the sun over the distance from the place."""
+NOTHING_KM = -1e9
+"""Altitude that stands for no ground and no shadow [km]."""
+BEYOND_KM = -1e8
+"""Lower altitudes than this are beyond the field [km]."""
 
 
 @njit(cache=True, inline="always")
@@ -39,7 +43,7 @@ def bilinear(z, u, v):
     """z (rows, columns) at the place (u, v), column u and row v; far below beyond its edges."""
     rows, columns = z.shape
     if not (0.0 <= u <= columns - 1.0 and 0.0 <= v <= rows - 1.0):
-        return -1e9
+        return NOTHING_KM
     i, j = min(int(v), rows - 2), min(int(u), columns - 2)
     f, g = v - i, u - j
     return (1 - f) * ((1 - g) * z[i, j] + g * z[i, j + 1]) + f * ((1 - g) * z[i + 1, j] + g * z[i + 1, j + 1])
@@ -67,16 +71,14 @@ def place_on(start_km, radius_km, sine, cosine, s):
 
 @njit(cache=True, nogil=True)
 def first_hits(field, radius_km, bottom_km, start_km, elevation, azimuth, far_km, out, begin, end):
-    """Distance [km] of the ground along lines (D,) [rad], azimuth from the sun to the right; inf: there is none.
+    """Distance [km] of the ground along lines, into out (D,); inf: there is none.
 
-    field: `Heights`; radius_km: the Earth's; bottom_km: altitude of the ground beyond the field; start_km: of the
-    observer; elevation, azimuth (D,) of the lines, as far as far_km; out (D,) [km], filled from begin to end.  far_km:
-    the lines' length at most; begin, end: of the lines.
+    bottom_km: altitude of the ground beyond the field; far_km: the lines' greatest length.
     """
     finest = 0.5 * min(field.step_x_km, field.step_y_km)
     for d in range(begin, end):
         sine, cosine = math.sin(elevation[d]), math.cos(elevation[d])
-        right, ahead = math.sin(azimuth[d]), math.cos(azimuth[d])
+        sine_azimuth, cosine_azimuth = math.sin(azimuth[d]), math.cos(azimuth[d])
         out[d] = np.inf
         s, before = 0.0, 0.0
         while s < far_km:
@@ -84,12 +86,12 @@ def first_hits(field, radius_km, bottom_km, start_km, elevation, azimuth, far_km
             z, along = place_on(start_km, radius_km, sine, cosine, s)
             if z > field.highest_km and sine >= 0.0:
                 break
-            if max(bottom_km, height_at(field, along * right, along * ahead)) > z:
+            if max(bottom_km, height_at(field, along * sine_azimuth, along * cosine_azimuth)) > z:
                 low, high = before, s
                 for _ in range(24):
                     middle = 0.5 * (low + high)
                     z, along = place_on(start_km, radius_km, sine, cosine, middle)
-                    if max(bottom_km, height_at(field, along * right, along * ahead)) > z:
+                    if max(bottom_km, height_at(field, along * sine_azimuth, along * cosine_azimuth)) > z:
                         high = middle
                     else:
                         low = middle
@@ -103,20 +105,20 @@ def shadow_over(field, radius_km, x, y, sun):
     """Altitude [km] below which the air over a place does not see the sun; sun: apparent elevation at the origin."""
     slope = math.tan(sun + y / radius_km)
     finest = SHADOW_STEP * min(field.step_x_km, field.step_y_km)
-    highest = -1e9
+    highest = NOTHING_KM
     rows, columns = field.altitude_km.shape
     across, up = field.step_x_km * (columns - 1), field.step_y_km * (rows - 1)
     # the field's circle around its middle, in the axes of the sun
-    reach = 0.5 * math.sqrt(across * across + up * up)
+    circle_km = 0.5 * math.sqrt(across * across + up * up)
     u, v = field.low_x_km + 0.5 * across, field.low_y_km + 0.5 * up
     middle_x, middle_y = field.cos_turn * u + field.sin_turn * v, -field.sin_turn * u + field.cos_turn * v
-    if abs(x - middle_x) > reach:
+    if abs(x - middle_x) > circle_km:
         return highest
-    t = max(finest, middle_y - reach - y)
-    last = middle_y + reach - y
+    t = max(finest, middle_y - circle_km - y)
+    last = middle_y + circle_km - y
     while t < last:
         z = height_at(field, x, y + t)
-        if z > -1e8:
+        if z > BEYOND_KM:
             highest = max(highest, z - t * slope - t * t / (2.0 * radius_km))
         t += max(finest, SHADOW_GROWTH * t)
     return highest
@@ -130,17 +132,20 @@ def shadow_field(field, radius_km, sun, x, y, out, begin, end):
             out[i, j] = shadow_over(field, radius_km, x[j], y[i], sun)
 
 
+@njit(cache=True, inline="always")
+def neighbour(field, x, y, here):
+    """Altitude [km] of the ground at a place [km]; beyond the field `here`, that of the place beside it."""
+    z = height_at(field, x, y)
+    return here if z < BEYOND_KM else z
+
+
 @njit(inner=True, cache=True, nogil=True)
 def slopes(field, x, y, step_km):
     """Rise of the ground per km to the right and towards the sun at a place; step_km: between the places compared."""
     here = height_at(field, x, y)
-    right, ahead = height_at(field, x + step_km, y), height_at(field, x, y + step_km)
-    left, back = height_at(field, x - step_km, y), height_at(field, x, y - step_km)
-    a = here if right < -1e8 else right
-    b = here if left < -1e8 else left
-    c = here if ahead < -1e8 else ahead
-    d = here if back < -1e8 else back
-    return (a - b) / (2.0 * step_km), (c - d) / (2.0 * step_km)
+    rise_x = neighbour(field, x + step_km, y, here) - neighbour(field, x - step_km, y, here)
+    rise_y = neighbour(field, x, y + step_km, here) - neighbour(field, x, y - step_km, here)
+    return rise_x / (2.0 * step_km), rise_y / (2.0 * step_km)
 
 
 class TerrainAir(NamedTuple):
@@ -173,18 +178,18 @@ def shadow_at(shadow, x, y):
 
 
 @njit(inner=True, cache=True, nogil=True)
-def dark_fractions(shadow, radius_km, start_km, sine, cosine, right, ahead, ds, fraction):
+def dark_fractions(shadow, radius_km, start_km, sine, cosine, sine_azimuth, cosine_azimuth, ds, fraction):
     """The fraction of every step of a line that lies in shadow, into fraction (N,); returns the dark length [km].
 
     The edge of the shadow is found by linear interpolation within a step of ds [km].  shadow: `ShadowGrid`; sine,
-    cosine: of the line's elevation; right, ahead: sine and cosine of its azimuth.
+    cosine: of the line's elevation; sine_azimuth, cosine_azimuth: of its azimuth from the sun.
     """
     z, along = place_on(start_km, radius_km, sine, cosine, 0.0)
     above = z - shadow_at(shadow, 0.0, 0.0)
     length = 0.0
     for n in range(fraction.size):
         z, along = place_on(start_km, radius_km, sine, cosine, (n + 1) * ds)
-        after = z - shadow_at(shadow, along * right, along * ahead)
+        after = z - shadow_at(shadow, along * sine_azimuth, along * cosine_azimuth)
         fraction[n] = 0.0
         if above < 0.0 and after < 0.0:
             fraction[n] = 1.0
@@ -207,18 +212,19 @@ def sunlight_on_lines(
         whole = sum over steps of ds sigma_s E exp(-depth),      dark: the same over the parts that lie in shadow.
 
     whole, dark (D, S, W) [1]: filled for lines with a shadow on them, for all where `every` is set; length (D,) [km]:
-    of the dark parts; shadow: `ShadowGrid`; air: `TerrainAir`; beam: `Beam`; radius_km: the Earth's; start_km: altitude
-    of the observer; to_sun (2,): sine and cosine of the sun's true elevation at the observer; elevation, azimuth [rad],
-    end_km [km]: of the lines; steps: parts of each line; begin, end: of the lines.
+    of the dark parts; shadow: `ShadowGrid`; air: `TerrainAir`; beam: `Beam`; to_sun (2,): sine and cosine of the sun's
+    true elevation at the observer; end_km: length of the lines; steps: parts of each line.
     """
     n_w = whole.shape[2]
     light, depth = np.empty(n_w), np.empty(n_w)
     fraction = np.empty(steps)
     for d in range(begin, end):
         sine, cosine = math.sin(elevation[d]), math.cos(elevation[d])
-        right, ahead = math.sin(azimuth[d]), math.cos(azimuth[d])
+        sine_azimuth, cosine_azimuth = math.sin(azimuth[d]), math.cos(azimuth[d])
         ds = end_km[d] / steps
-        length[d] = dark_fractions(shadow, radius_km, start_km, sine, cosine, right, ahead, ds, fraction)
+        length[d] = dark_fractions(
+            shadow, radius_km, start_km, sine, cosine, sine_azimuth, cosine_azimuth, ds, fraction
+        )
         if length[d] == 0.0 and not every:
             continue
         depth[:] = 0.0
@@ -228,7 +234,7 @@ def sunlight_on_lines(
             k = min(max(int(u), 0), air.extinction.shape[0] - 2)
             f = min(1.0, max(0.0, u - k))
             psi = along / radius_km
-            beam_at(beam, z, math.cos(psi) * to_sun[0] + math.sin(psi) * to_sun[1] * ahead, light)
+            beam_at(beam, z, math.cos(psi) * to_sun[0] + math.sin(psi) * to_sun[1] * cosine_azimuth, light)
             for w in range(n_w):
                 here = ds * ((1 - f) * air.extinction[k, w] + f * air.extinction[k + 1, w])
                 arriving = ds * light[w] * math.exp(-depth[w] - 0.5 * here)
@@ -255,7 +261,7 @@ def lit_ground(field, beam, radius_km, start_km, sun, true_sun, elevation, azimu
         rise_x, rise_y = slopes(field, x, y, step)
         about[d, 0] = 1.0 / math.sqrt(1.0 + rise_x * rise_x + rise_y * rise_y)
         about[d, 1] = y
-        about[d, 2] = height_at(field, x, y) > -1e8
+        about[d, 2] = height_at(field, x, y) > BEYOND_KM
         local = sun + y / radius_km
         incidence = (math.sin(local) - rise_y * math.cos(local)) * about[d, 0]
         # a cell is no sharper than its size: its own slope does not shade it

@@ -1,8 +1,8 @@
 """A view with terrain in it: what is seen of the ground, through the air, and the shadows that it casts in the air.
 
 The ground is lit by the sun, where no other ground hides it, and by the sky, whose irradiance is that of the open
-horizontal plane times the fraction of the sky that a slope faces.  Between it and the eye the air adds light and takes
-some (`field.inscatter`, forward peaks counted as passed).  The added light is kept in two parts,
+horizontal plane times the fraction of the sky over a slope.  Between the ground and the eye the air adds light and
+takes some (`field.inscatter`, forward peaks counted as passed).  The added light has two parts,
 
     L = M + sum over species s of p_s(angle to the sun) G_s,
 
@@ -40,7 +40,7 @@ LINES_AT_ONCE = 1 << 16
 
 
 class Viewpoint(NamedTuple):
-    """Where one looks from: altitude [km], true elevation of the sun [deg] and how far it is lifted [deg]."""
+    """The observer's altitude [km], the sun's true elevation there [deg] and its lift by refraction [deg]."""
 
     altitude_km: float
     sun_elevation_deg: float
@@ -85,11 +85,11 @@ def add_terrain(
         e.size,
     )
     sun = float(np.radians(place.sun_elevation_deg + place.bending_deg))
-    scene = _Lines(heights, field, medium, beam, place, albedo, shadows, sun, e, a, far)
+    lines = _Lines(heights, field, medium, beam, place, albedo, shadows, sun, e, a, far)
     light = np.array(sky[inside], dtype=np.float32)
     for start in range(0, e.size, LINES_AT_ONCE):
         part = slice(start, start + LINES_AT_ONCE)
-        light[part] = scene.see(part, light[part].astype(float))
+        light[part] = lines.radiance(part, light[part].astype(float))
     whole = np.array(sky, dtype=np.float32)
     whole[inside] = light
     distance = np.full(inside.shape, np.nan)
@@ -107,17 +107,17 @@ class _Lines:
         self.radius = medium.earth_radius_km
         self.true_sun = float(np.radians(place.sun_elevation_deg))
         self.air, self.forward_fraction = sunlit_air(field, medium)
-        self.bridge = AerialPerspective(
+        self.aerial = AerialPerspective(
             field, medium, beam, self.air, self.forward_fraction, place, sun, np.degrees(e), np.degrees(a), far
         )
         self.shadow = None if shadows == "none" else _shadow(heights, self.radius, sun)
         hit = np.isfinite(far)
-        ahead_km, altitude_km = _ends(self.radius, place.altitude_km, e[hit], a[hit], far[hit])
+        sunward_km, altitude_km = _ends(self.radius, place.altitude_km, e[hit], a[hit], far[hit])
         self.sky = None
         if hit.any():
-            self.sky = _SkyIrradiance(field, place, self.radius, medium.bottom_km, ahead_km, altitude_km)
+            self.sky = _SkyIrradiance(field, place, self.radius, medium.bottom_km, sunward_km, altitude_km)
 
-    def see(self, part: slice, light: np.ndarray) -> np.ndarray:
+    def radiance(self, part: slice, light: np.ndarray) -> np.ndarray:
         """Radiance (D, W) of some lines; light (D, W): of the sky behind."""
         e, a, far = self.e[part], self.a[part], self.far[part]
         hit = np.isfinite(far)
@@ -128,17 +128,17 @@ class _Lines:
             lit, taken, dark = self._shaded(e, a, far, phase)
         exact = self.shadows == "exact"
         if hit.any():
-            air, passed = self.bridge.at(e[hit], a[hit], far[hit], phase[hit], lit[hit] if exact else None)
+            air, passed = self.aerial.at(e[hit], a[hit], far[hit], phase[hit], lit[hit] if exact else None)
             if self.shadows == "segments":
                 near = np.maximum(far[hit] - dark[hit], 0.0)
-                air = np.maximum(self.bridge.at(e[hit], a[hit], near, phase[hit])[0], 0.0)
+                air = np.maximum(self.aerial.at(e[hit], a[hit], near, phase[hit])[0], 0.0)
             light[hit] = air + passed * self._ground(e[hit], a[hit], far[hit])
         if exact:
             light[~hit] = np.maximum(light[~hit] - taken[~hit], 0.0)
         elif self.shadows == "segments":
             some = ~hit & (dark > 0.0)
             if some.any():
-                light[some] -= self.bridge.at(e[some], a[some], dark[some], phase[some])[0]
+                light[some] -= self.aerial.at(e[some], a[some], dark[some], phase[some])[0]
                 light[some] = np.maximum(light[some], 0.0)
         return light
 
@@ -190,9 +190,9 @@ def _ends(radius_km: float, altitude_km: float, e, a, far) -> tuple[np.ndarray, 
 class _SkyIrradiance:
     """Irradiance of the sky on a horizontal plane over F0, at places so far towards the sun and so high."""
 
-    def __init__(self, field: Any, place: Viewpoint, radius_km: float, bottom_km: float, ahead_km, altitude_km):
+    def __init__(self, field: Any, place: Viewpoint, radius_km: float, bottom_km: float, sunward_km, altitude_km):
         self.sun_deg, self.radius_km, self.bottom_km = place.sun_elevation_deg, radius_km, bottom_km
-        turn = np.degrees(ahead_km / radius_km)
+        turn = np.degrees(sunward_km / radius_km)
         self.suns = np.unique(np.clip(self.sun_deg + np.linspace(turn.min(), turn.max(), 3), -90.0, 90.0))
         low, high = max(altitude_km.min(), bottom_km), max(altitude_km.max(), bottom_km)
         self.levels = np.linspace(low, high, 3) if high - low > 1e-3 else np.array([high])
@@ -205,9 +205,9 @@ class _SkyIrradiance:
             seen = [field.radiance(float(s), *grid, observer_altitude_km=float(level)).mean(axis=1) for s in self.suns]
             self.logs.append(np.log(np.maximum(np.pi * (0.5 * weight) @ np.array(seen), 1e-30)))
 
-    def at(self, ahead_km: np.ndarray, altitude_km: np.ndarray) -> np.ndarray:
+    def at(self, sunward_km: np.ndarray, altitude_km: np.ndarray) -> np.ndarray:
         """(D, W)."""
-        where, levels = self.sun_deg + np.degrees(ahead_km / self.radius_km), self.levels
+        where, levels = self.sun_deg + np.degrees(sunward_km / self.radius_km), self.levels
         by_level = [np.stack([np.interp(where, self.suns, c) for c in log.T], axis=-1) for log in self.logs]
         if levels.size == 1:
             return np.exp(by_level[0])

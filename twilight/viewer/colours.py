@@ -19,10 +19,7 @@ class Channels:
     """
 
     def __init__(
-        self,
-        wavelength_nm: np.ndarray,
-        solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM,
-        tone: Tone | None = None,
+        self, wavelength_nm: np.ndarray, solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM, tone: Tone | None = None
     ):
         self.wavelength_nm = np.asarray(wavelength_nm, float)
         self.solar_irradiance = spectrum.solar_irradiance(self.wavelength_nm, solar_spectrum)

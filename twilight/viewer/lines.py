@@ -1,4 +1,4 @@
-"""What the page needs along one axis: the sun's beam and the night's light by elevation, the zodiacal light."""
+"""Tables of the page over one axis: the sun's beam and the night's light by elevation; and the zodiacal light."""
 
 from __future__ import annotations
 
@@ -31,15 +31,12 @@ def sunbeam(
     normal incidence, X, Y, Z and scotopic [lx], (N, 4).
     """
     horizon_deg = float(nodes_deg[0])
-    true = np.concatenate(
-        [np.arange(horizon_deg - 1.5, horizon_deg + 2.0, 0.01), np.arange(horizon_deg + 2.0, 90.0, 0.1)]
-    )
-    true = np.append(true, 90.0)
-    found = [solved.direct(float(e), altitude_km) for e in true]
-    seen = np.array([one.irradiance.any() for one in found])
-    true = true[seen]
-    apparent = true + np.array([one.bending_deg for one, there in zip(found, seen, strict=True) if there])
-    factor = np.stack([one.irradiance for one, there in zip(found, seen, strict=True) if there])
+    steps = np.arange(horizon_deg - 1.5, horizon_deg + 2.0, 0.01), np.arange(horizon_deg + 2.0, 90.0, 0.1)
+    suns = [(e, solved.direct(float(e), altitude_km)) for e in (*steps[0], *steps[1], 90.0)]
+    seen = [(e, one) for e, one in suns if one.irradiance.any()]
+    true = np.array([e for e, _ in seen])
+    apparent = true + np.array([one.bending_deg for _, one in seen])
+    factor = np.stack([one.irradiance for _, one in seen])
     refraction_deg = np.interp(nodes_deg, apparent, apparent - true)
     logs = np.log(np.maximum(channels.of(factor), 1e-30))
     light = np.stack([np.interp(nodes_deg, apparent, column) for column in logs.T], axis=-1)
@@ -47,7 +44,7 @@ def sunbeam(
 
 
 def night(medium: Medium, altitude_km: float, nodes_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The night's light at usual brightness, as `night.night_radiance` has it, taken apart.
+    """The parts of the night's light at usual brightness, as `night.night_radiance` has it.
 
     By elevation (N,) [deg] and for the ground, (5, N, W) and (3, W) [W m^-2 nm^-1 sr^-1]: airglow; starlight of 1 S10
     that comes through, and what is scattered of a mean of 1 S10; the same of zodiacal light that is

@@ -21,9 +21,9 @@ from twilight.viewer.colours import Channels
 PHASES_DEG = np.array([PHASE_RANGE_DEG[0], 15.0, 40.0, PHASE_RANGE_DEG[1]])
 """Phase angles at which C is found; linear in between, for the moon reddens evenly with its phase."""
 LEVEL_NM = np.array([550.0])
+"""Wavelength at which the moon's irradiance over the sun's is a factor of its own [nm]."""
 DARK = 1e-25
 """Spectra are left out whose light is less than this [sr^-1]."""
-
 
 LEVEL_PHASES_DEG = np.concatenate([[0.0, 1.55, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20], np.arange(25.0, 181.0, 5.0)])
 """Phase angles at which a page has the moon's light; its logarithm is linear in between."""
@@ -37,13 +37,8 @@ def reddening(wavelength_nm: np.ndarray, phase_angle_deg: float) -> np.ndarray:
 
 def page_header() -> dict[str, Any]:
     """What `web/moon.js` needs of every moon: ln f(550 nm) at mean distances, phase unknown, waxing and waning."""
-    rows = [
-        [
-            float(np.log(Moon(0.0, 0.0, float(g), waxing=waxing).irradiance_factor(LEVEL_NM)[0]))
-            for g in LEVEL_PHASES_DEG
-        ]
-        for waxing in (None, True, False)
-    ]
+    moons = [[Moon(0.0, 0.0, float(g), waxing=w) for g in LEVEL_PHASES_DEG] for w in (None, True, False)]
+    rows = [[float(np.log(moon.irradiance_factor(LEVEL_NM)[0])) for moon in row] for row in moons]
     return {"phase_deg": LEVEL_PHASES_DEG.tolist(), "log_level": rows, "colours_at_deg": PHASES_DEG.tolist()}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass
 from functools import lru_cache
 from html import escape
@@ -13,24 +14,8 @@ from twilight.base.whole_files import whole_file
 from twilight.viewer import tones
 from twilight.viewer.pack import Pack
 
-SCRIPTS = (
-    "state.js",
-    "vector.js",
-    "sun.js",
-    "moon.js",
-    "tables.js",
-    "space.js",
-    "night.js",
-    "projection.js",
-    "gpu.js",
-    "exposure.js",
-    "overlay.js",
-    "probe.js",
-    "command.js",
-    "controls.js",
-    "main.js",
-)
-"""In the order in which they are read; they share one scope."""
+SCRIPTS = "state vector sun moon tables space night projection gpu exposure overlay probe command controls main".split()
+"""In the order in which they are read; all of them have one scope."""
 SHADERS = ("whole.vert", "sky.frag", "stars.vert", "stars.frag", "linear.frag", "blur.frag", "tone.frag")
 
 
@@ -43,7 +28,7 @@ def _program() -> dict[str, str]:
 
     shaders = {name: text(name) for name in (*SHADERS, "projection.glsl", "space.glsl", "tone.glsl")}
     shaders["tone.glsl"] = shaders["tone.glsl"].replace("//#include constants.glsl", tones.shader_constants())
-    script = "\n".join(text(name) for name in SCRIPTS)
+    script = "\n".join(text(f"{name}.js") for name in SCRIPTS)
     return {
         "page": text("page.html"),
         "style": text("style.css"),
@@ -63,7 +48,6 @@ class Page:
         """The whole file; it needs WebGL 2 and no network."""
         made = _program()
         head, data = self.pack.text()
-        page = made["page"]
         parts = {
             "TITLE": escape(self.title),
             "STYLE": made["style"],
@@ -71,12 +55,7 @@ class Page:
             "DATA": data,
             "SCRIPT": f'"use strict";\n(() => {{\n{made["script"]}\n}})();',
         }
-        before, *rest = page.split("{{")
-        out = [before]
-        for piece in rest:
-            name, _, after = piece.partition("}}")
-            out += [parts[name], after]
-        return "".join(out)
+        return re.sub(r"{{(.*?)}}", lambda found: parts[found[1]], made["page"])
 
     def save(self, path: str | Path) -> Path:
         """Write the file, whole or not at all.

@@ -40,28 +40,6 @@ GRID_COLUMNS = 180
 """Azimuths of one computed sky: every other degree."""
 
 
-def view_field(solved: Solved, **options: Any) -> Page:
-    """The page of one field.
-
-    Parameters
-    ----------
-    solved
-        The field.
-    options
-        Keywords of `view_fields`.
-
-    Returns
-    -------
-    Page
-
-    Raises
-    ------
-    TwilightError
-        As of `view_fields`.
-    """
-    return view_fields([solved], **options)
-
-
 def view_fields(
     fields: Sequence[Solved],
     *,
@@ -103,7 +81,7 @@ def view_fields(
     Raises
     ------
     TwilightError
-        For a field that cannot show every sun and direction, and an altitude that it does not reach.
+        For a field that cannot show every sun and direction, and an altitude that it does not serve.
     """
     if not 1 <= len(fields) <= MOST_FIELDS:
         raise TwilightError(f"view: shows 1 or {MOST_FIELDS} fields, not {len(fields)}")
@@ -116,13 +94,7 @@ def view_fields(
         "altitude_km": list(altitudes),
         "ground_km": min(solved.medium.bottom_km for solved in fields),
         "highest_km": asked[-1],
-        "texels": {
-            "sun": sizes.suns,
-            "ground": sizes.ground,
-            "haze": sizes.haze,
-            "sky": sizes.sky,
-            "azimuth": sizes.azimuths,
-        },
+        "texels": _texels(sizes.suns, sizes.ground, sizes.haze, sizes.sky, sizes.azimuths),
         "sun_deg": [LOWEST_SUN_DEG, 90.0],
         "sun_axis": [sky_tables.LOWEST_SUN_DEG, sky_tables.SUN_CENTRE_DEG, sky_tables.SUN_WIDTH_DEG],
         "azimuth_power": sky_tables.AZIMUTH_POWER,
@@ -219,18 +191,7 @@ def _add_lines(pack: Pack, channels: Channels, which: str, sun: tuple, night: tu
 
 
 def ground_to_orbit(medium: Medium) -> tuple[float, ...]:
-    """Altitudes of the observer from the ground through the air to an orbit, for `view_fields`.
-
-    Parameters
-    ----------
-    medium
-        The air.
-
-    Returns
-    -------
-    tuple of float
-        Altitudes above sea level [km], increasing.
-    """
+    """Altitudes of the observer above sea level [km], increasing, from the ground through the air to an orbit."""
     inner = (medium.bottom_km + z for z in INNER_KM)
     return (medium.bottom_km, *(z for z in inner if z < 0.9 * medium.top_km), medium.top_km, ORBIT_KM)
 
@@ -246,18 +207,7 @@ def within_air(medium: Medium, altitudes_km: tuple[float, ...]) -> tuple[tuple[f
 def view_sky(sky: Sky, *, name: str = "", start: dict[str, Any] | None = None) -> Page:
     """The page of one computed or measured sky: one sun, and no light but what the sky holds.
 
-    Parameters
-    ----------
-    sky
-        The sky.
-    name
-        What the page calls it; empty: the name of its climate.
-    start
-        The page's first settings, by the names of `web/state.js`.
-
-    Returns
-    -------
-    Page
+    name: what the page calls the sky, empty: the name of its climate; start: as of `view_fields`.
     """
     configuration = sky.provenance.get("configuration") or {}
     name = name or str((configuration.get("climate") or {}).get("name") or "sky")
@@ -271,7 +221,7 @@ def view_sky(sky: Sky, *, name: str = "", start: dict[str, Any] | None = None) -
     pack.header |= {
         "altitude_km": [sky.observer_altitude_km],
         "highest_km": sky.observer_altitude_km,
-        "texels": {"sun": 1, "ground": 0, "haze": 0, "sky": GRID_ROWS, "azimuth": GRID_COLUMNS},
+        "texels": _texels(1, 0, 0, GRID_ROWS, GRID_COLUMNS),
         "sun_deg": [sky.sun_elevation_deg, sky.sun_elevation_deg],
         "sun_azimuth_deg": sky.sun_azimuth_deg,
         "distance_au": sky.distance_au,
@@ -294,34 +244,20 @@ def _about(kind: str, names: Sequence[str], scenes: Sequence[str], start: dict[s
     }
 
 
+def _texels(*counts: int) -> dict[str, int]:
+    """Texels of a page's tables along each of their axes, by the names that its scripts know."""
+    return dict(zip(("sun", "ground", "haze", "sky", "azimuth"), counts, strict=True))
+
+
 def _facts(channels: Channels) -> dict[str, Any]:
-    return {
-        "wavelength_nm": channels.wavelength_nm.tolist(),
-        "solar_irradiance": channels.solar_irradiance.tolist(),
-    }
+    return {"wavelength_nm": channels.wavelength_nm.tolist(), "solar_irradiance": channels.solar_irradiance.tolist()}
 
 
 def check_altitudes(scene: Scene, altitudes_km: Sequence[float] | None, name: str) -> tuple[float, ...]:
-    """The altitudes of the observer that a page will go through.
+    """The altitudes of the observer above sea level [km] that a page will go through.
 
-    Parameters
-    ----------
-    scene
-        What the field was solved for.
-    altitudes_km
-        As of `view_fields`.
-    name
-        What errors call the field.
-
-    Returns
-    -------
-    tuple of float
-        Altitudes above sea level [km].
-
-    Raises
-    ------
-    TwilightError
-        For a solver that cannot show every sun and direction, and an altitude that it does not reach.
+    scene: what the field was solved for; altitudes_km: as of `view_fields`; name: what errors call the field.
+    Errors: TwilightError for a solver that cannot show every sun and direction, and an altitude that it does not serve.
     """
     able, medium = scene.capabilities, scene.medium
     if scene.between is not None:

@@ -1,4 +1,4 @@
-"""The tables of a field above the air, where a line of sight is known by where it passes the Earth.
+"""The tables of a field above the air, where a line of sight is given by its place past the Earth.
 
 An observer above the air sees along a line what any other one on it does.  A line is named by its impact parameter p
 (its least distance from the Earth's centre were the air not there) and by the sun's elevation and azimuth at its foot:
@@ -50,6 +50,7 @@ TOP_EDGE_KM = 4.7
 LINES_TO_KM = 300.0
 """Height above the grazing ray up to which the sun's beam and the night's light are listed: over all airglow."""
 ABOVE_AIRGLOW_KM = 320.0
+"""Height of the observer for whom the night's light above the air is listed: over all airglow."""
 ENTRY_LOWEST_SUN_DEG = -33.0
 """Lowest sun for which the field is evaluated where a line enters the air; splines give the suns of its foot."""
 ENTRY_SUNS = 97
@@ -112,9 +113,9 @@ def at_entry(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The sun's elevation and azimuth from the line [deg] a geocentric angle before the foot."""
     s, a, psi = np.radians(foot_sun_deg), np.radians(foot_azimuth_deg), math.radians(central_angle_deg)
-    ahead, across, up = np.cos(s) * np.cos(a), np.cos(s) * np.sin(a), np.sin(s)
-    elevation = np.arcsin(np.clip(math.cos(psi) * up - math.sin(psi) * ahead, -1.0, 1.0))
-    return np.degrees(elevation), np.degrees(np.arctan2(across, math.cos(psi) * ahead + math.sin(psi) * up))
+    along, across, up = np.cos(s) * np.cos(a), np.cos(s) * np.sin(a), np.sin(s)
+    elevation = np.arcsin(np.clip(math.cos(psi) * up - math.sin(psi) * along, -1.0, 1.0))
+    return np.degrees(elevation), np.degrees(np.arctan2(across, math.cos(psi) * along + math.sin(psi) * up))
 
 
 def fill_space(
@@ -122,7 +123,7 @@ def fill_space(
 ) -> tuple[ViewerTables, Geometry]:
     """The tables of a field above the air, with one altitude, and the lines that they are over.
 
-    `Tables.spectrum` has every second texel; horizon_deg is the one at the top of the air.
+    `ViewerTables.spectrum` has every second texel; horizon_deg is the one at the top of the air.
     """
     geometry = Geometry.of(source)
     top = geometry.top_km

@@ -88,7 +88,7 @@ def fill(
 ) -> ViewerTables:
     """The tables of a field, seen from altitudes above sea level.
 
-    suns_deg: some of `own.sun_nodes(sizes.suns)` alone, in order; None: all.  The spectral table has every second.
+    suns_deg: some of `sky_tables.sun_nodes(sizes.suns)`, in order; None: all.  The spectral table has every second.
     """
     suns = sky_tables.sun_nodes(sizes.suns) if suns_deg is None else suns_deg
     azimuths = sky_tables.azimuth_nodes(sizes.azimuths)

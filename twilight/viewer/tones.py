@@ -16,8 +16,9 @@ from twilight.sky import colour
 from twilight.sky.tone import eye
 
 LOG10_PHOTOPIC = np.linspace(-6.0, 6.0, 241)
+"""Nodes of the eye's tables: logarithms of luminance [cd m^-2]."""
 LOG10_RATIO = np.linspace(-1.0, 1.0, 21)
-"""Nodes of the eye's tables: luminance [cd m^-2], and scotopic over photopic luminance."""
+"""Nodes of the eye's tables: logarithms of scotopic over photopic luminance."""
 
 
 def eye_tables() -> dict[str, np.ndarray]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twilight.base.errors import TwilightError
 from twilight.base.extras import is_installed, missing
@@ -146,6 +147,10 @@ CAMERA_NAMES = ("camera-red", "camera-green", "camera-blue")
 def names() -> list[str]:
     """Names of the responses that come with the program; beside them, those of speclite, e.g. decam2014-g."""
     return [*_bands(), *_receptors(), "scotopic", *CAMERA_NAMES]
+
+
+ResponseLike = Response | str | Path | tuple[ArrayLike, ArrayLike] | list[ArrayLike]
+"""What `response` takes: a name, a file, or wavelengths [nm] and values."""
 
 
 def response(which: Any) -> Response:

@@ -60,7 +60,7 @@ def tangent_elevation_deg(medium: Medium, altitude_km: float, heights_km: np.nda
 def _over(block: Block, sun_elevation_deg: float, altitude_km: float, sky: Hemisphere) -> tuple[np.ndarray, np.ndarray]:
     """Irradiance of a horizontal surface and actinic flux from one hemisphere over F0, of the block's terms (N,)."""
     elevation, azimuth = np.meshgrid(sky.elevation_deg, sky.azimuth_deg, indexing="ij")
-    radiance = block.of_terms(sun_elevation_deg, elevation, azimuth, altitude_km).radiance
+    radiance = block.answer(sun_elevation_deg, elevation, azimuth, altitude_km, by_term=True).radiance
     return np.tensordot(sky.horizontal_weight, radiance, 2), np.tensordot(sky.weight_sr, radiance, 2)
 
 

@@ -8,14 +8,13 @@ from typing import Protocol
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.engine.light import LightField, Moments, spectra_arguments
+from twilight.engine.light import LightField, Moments
 from twilight.engine.surfaces import Surface
 from twilight.engine.towards import Direction, towards
-from twilight.engine.visibility import Eye
+from twilight.engine.visibility import NakedEye
 from twilight.sky.eye_limit import TYPICAL_FIELD_FACTOR
 from twilight.sky.objects import names_of, tracks
 from twilight.sky.quantities.catalogue import Quantity, check_of, quantity, unit_of
-from twilight.sky.quantities.measure import Spectra
 from twilight.studies.timeline.flats import Flats
 
 CONTRAST_DEG = 5.0
@@ -82,7 +81,7 @@ class LightColumn:
             made = field.surfaces(moments, [self.target])
         else:
             made = field.directions(moments, *_angles(self.target, moments))
-        return self.needs.value(Spectra(field.factor(made[:, 0]), **spectra_arguments(field)))
+        return self.needs.value(field.spectra(made[:, 0]))
 
 
 @dataclass(frozen=True)
@@ -116,7 +115,7 @@ class LimitColumn:
         return _variable(LIMIT, self.text)
 
     def values(self, field: LightField, moments: Moments) -> np.ndarray:
-        return Eye(field, self.field_factor).limit(moments, *_angles(self.target, moments))[:, 0]
+        return NakedEye(field, self.field_factor).limit(moments, *_angles(self.target, moments))[:, 0]
 
 
 @dataclass(frozen=True)
@@ -138,7 +137,7 @@ class MarginColumn:
         return f"magnitudes by which {self.name} is brighter than the limit of the naked eye"
 
     def values(self, field: LightField, moments: Moments) -> np.ndarray:
-        eye, place = Eye(field, self.field_factor), moments.places[0]
+        eye, place = NakedEye(field, self.field_factor), moments.places[0]
         times = [one.time for one in moments.places]
         found = tracks([self.name], times, place.latitude_deg, place.longitude_deg, eye.altitude_km)
         return eye.margins(found, moments)[0]

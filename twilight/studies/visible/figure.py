@@ -10,7 +10,7 @@ import numpy as np
 
 from twilight.base.whole_files import whole_file
 from twilight.engine.light import Moments
-from twilight.engine.visibility import Eye
+from twilight.engine.visibility import NakedEye
 from twilight.sky.objects import NAKED_EYE_PLANETS, tracks
 
 ROWS_DEG = np.concatenate([np.arange(1.0, 15.0, 2.0), np.arange(15.0, 91.0, 5.0)])
@@ -23,14 +23,14 @@ DEEPEST_MAG = 6.0
 """Range of the colours below the faintest limit of the map [mag]."""
 
 
-def limits(eye: Eye, moment: Moments) -> np.ndarray:
+def limits(eye: NakedEye, moment: Moments) -> np.ndarray:
     """Limiting magnitude over `ROWS_DEG` and `COLUMNS_DEG`, (rows, columns), at one moment."""
     e, a = np.meshgrid(ROWS_DEG, COLUMNS_DEG[:-1], indexing="ij")
     found = eye.limit(moment, e.reshape(1, -1), a.reshape(1, -1)).reshape(e.shape)
     return np.concatenate([found, found[:, :1]], axis=1)
 
 
-def draw_map(eye: Eye, latitude_deg: float, longitude_deg: float, time: dt.datetime, path: Path) -> np.ndarray:
+def draw_map(eye: NakedEye, latitude_deg: float, longitude_deg: float, time: dt.datetime, path: Path) -> np.ndarray:
     """Draw the limiting magnitude of a moment into a PNG, whole or not at all; returns the values of `limits`."""
     from matplotlib.figure import Figure  # start-up
 

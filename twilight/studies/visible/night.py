@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twilight.engine.visibility import Eye
+from twilight.engine.visibility import NakedEye
 from twilight.sky.objects import Track, tracks
 
 STEP_S = 180.0
@@ -39,7 +39,7 @@ class Outlook(NamedTuple):
 
 
 def sightings(
-    eye: Eye,
+    eye: NakedEye,
     latitude_deg: float,
     longitude_deg: float,
     names: list[str],

@@ -12,8 +12,8 @@ void main() {
   vec4 here = texelFetch(uLinear, at, 0);
   vec3 sum = here.rgb;
   float weights = 1.0;
-  int reach = int(4.0 * uSigma + 0.5);
-  for (int i = 1; i <= reach; i++) {
+  int radius = int(4.0 * uSigma + 0.5);
+  for (int i = 1; i <= radius; i++) {
     float weight = exp(-0.5 * float(i * i) / (uSigma * uSigma));
     sum += weight * (texelFetch(uLinear, clamp(at - i * uStep, ivec2(0), last), 0).rgb + texelFetch(uLinear, clamp(at + i * uStep, ivec2(0), last), 0).rgb);
     weights += 2.0 * weight;

@@ -52,8 +52,8 @@ function exposureNow(aspect, sun, sky, seconds) {
 // tone/eye.py, adapt: at once to more light, to less with the pigments' time, in the sky's seconds.
 function adaptedTo(light, seconds) {
   if (adapted === null || seconds === null || light > adapted) return light;
-  const share = clamp((adapted - Math.log(TONE.night)) / Math.log(TONE.day / TONE.night), 0, 1);
-  const slow = TONE.rods_s * (TONE.cones_s / TONE.rods_s) ** share;
+  const fraction = clamp((adapted - Math.log(TONE.night)) / Math.log(TONE.day / TONE.night), 0, 1);
+  const slow = TONE.rods_s * (TONE.cones_s / TONE.rods_s) ** fraction;
   return adapted + (light - adapted) * (1 - Math.exp(-seconds / slow));
 }
 

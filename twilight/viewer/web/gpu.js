@@ -19,34 +19,33 @@ function program(vertex, fragment) {
   return { made, at: (name) => (places[name] ??= gl.getUniformLocation(made, name)) };
 }
 
-// A texture without filtering in a unit of its own; data of C channels.
-function texture(name, width, height, channels, data) {
+// The texture of a name, without filtering, bound to a unit of its own.
+function bind(name, kind) {
   const slot = (slots[name] ??= { unit: Object.keys(slots).length, made: gl.createTexture() });
   gl.activeTexture(gl.TEXTURE0 + slot.unit);
-  gl.bindTexture(gl.TEXTURE_2D, slot.made);
-  for (const [key, value] of [[gl.TEXTURE_MIN_FILTER, gl.NEAREST], [gl.TEXTURE_MAG_FILTER, gl.NEAREST],
-    [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE]]) gl.texParameteri(gl.TEXTURE_2D, key, value);
+  gl.bindTexture(kind, slot.made);
+  gl.texParameteri(kind, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+  gl.texParameteri(kind, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+  return slot;
+}
+
+// Data of 4 channels or 1 as a texture.
+function texture(name, width, height, channels, data) {
+  bind(name, gl.TEXTURE_2D);
   const [inside, outside] = channels === 4 ? [gl.RGBA32F, gl.RGBA] : [gl.R32F, gl.RED];
   gl.texImage2D(gl.TEXTURE_2D, 0, inside, width, height, 0, outside, gl.FLOAT, data);
 }
 
 // The same in three dimensions, of 4 channels; data null: one texel, so that its sampler has something to read.
 function texture3d(name, width, height, depth, data) {
-  const slot = (slots[name] ??= { unit: Object.keys(slots).length, made: gl.createTexture() });
-  gl.activeTexture(gl.TEXTURE0 + slot.unit);
-  gl.bindTexture(gl.TEXTURE_3D, slot.made);
-  for (const [key, value] of [[gl.TEXTURE_MIN_FILTER, gl.NEAREST], [gl.TEXTURE_MAG_FILTER, gl.NEAREST]]) gl.texParameteri(gl.TEXTURE_3D, key, value);
+  bind(name, gl.TEXTURE_3D);
   gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA32F, width, height, depth, 0, gl.RGBA, gl.FLOAT, data);
 }
 
 function target(name, width, height, half = false) {
   const there = targets[name];
   if (there && there.width === width && there.height === height) return there;
-  const slot = (slots[name] ??= { unit: Object.keys(slots).length, made: gl.createTexture() });
-  gl.activeTexture(gl.TEXTURE0 + slot.unit);
-  gl.bindTexture(gl.TEXTURE_2D, slot.made);
-  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
-  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+  const slot = bind(name, gl.TEXTURE_2D);
   gl.texImage2D(gl.TEXTURE_2D, 0, half ? gl.RGBA16F : gl.RGBA32F, width, height, 0, gl.RGBA, half ? gl.HALF_FLOAT : gl.FLOAT, null);
   const buffer = there?.buffer ?? gl.createFramebuffer();
   gl.bindFramebuffer(gl.FRAMEBUFFER, buffer);
@@ -75,7 +74,7 @@ function startGpu() {
   }
 }
 
-// The tables under this sun, kept until the sun or the altitude is another.
+// The tables under this sun; they serve until the sun or the altitude is another.
 let sliced = "";
 function uploadTables(sun) {
   const moon = theMoon(sun), key = `${sun.shown} ${state.altitude} ${moon?.lights ? moon.shown : ""}`;

@@ -59,8 +59,8 @@ vec4 alongRow(int row, int i, vec4 w) {
 float rowAbove(float x, float low, vec2 haze, float high, float power, int rows) {
   if (x < haze.x) return asin(sqrt(clamp((x - low) / max(haze.x - low, 1e-9), 0.0, 1.0))) / (0.5 * PI) * float(uTexels.y);
   float far = haze.y + NEAR * (high - haze.y);
-  float share = x < far ? NEAR * (x - haze.x) / (far - haze.x) : (x - haze.y) / (high - haze.y);
-  return float(uTexels.y) + pow(clamp(share, 0.0, 1.0), 1.0 / power) * float(rows - 1);
+  float fraction = x < far ? NEAR * (x - haze.x) / (far - haze.x) : (x - haze.y) / (high - haze.y);
+  return float(uTexels.y) + pow(clamp(fraction, 0.0, 1.0), 1.0 / power) * float(rows - 1);
 }
 
 // Rows of a cubic at the place y among those of the ground or of the sky, of which `last` is the last one, and weights.
@@ -142,8 +142,8 @@ vec4 fromSpace(int field, bool up, vec3 d, float angle, vec3 to) {
   float t = -uOrbit * d.z - (up ? 0.0 : sqrt(max(0.0, low * low - p * p)));
   vec3 n = normalize(vec3(0.0, 0.0, uOrbit) + t * d), level = d - dot(d, n) * n;
   float size = length(level), above = clamp(dot(to, n), -1.0, 1.0);
-  float ahead = size > 1e-6 ? dot(to, level) / size : 0.0;
-  float azimuth = atan(sqrt(max(0.0, 1.0 - above * above - ahead * ahead)), ahead);
+  float along = size > 1e-6 ? dot(to, level) / size : 0.0;
+  float azimuth = atan(sqrt(max(0.0, 1.0 - above * above - along * along)), along);
   float y = up ? rowAbove(p, low, uEarth[field].yy, top, 1.5, uLimb)
                : (1.0 - sqrt(1.0 - asin(min(1.0, p / low)) / (0.5 * PI))) * float(uTexels.x - 1);
   float x = pow(azimuth / PI, 1.0 / uAzimuthPower) * float(uTexels.w - 1);

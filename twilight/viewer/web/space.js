@@ -14,12 +14,12 @@ function footOf(d, field, sun) {
   const ground = p < low, t = -r * d[2] - (ground ? Math.sqrt(low * low - p * p) : 0);
   const n = unit(plus([0, 0, r], t, d)), level = plus(d, -dot(d, n), n), size = Math.hypot(...level);
   const f = size > 1e-6 ? level.map((x) => x / size) : [1, 0, 0];
-  const up = clamp(dot(sun.direction, n), -1, 1), ahead = dot(sun.direction, f);
-  const across = Math.sqrt(Math.max(0, 1 - up * up - ahead * ahead));
+  const up = clamp(dot(sun.direction, n), -1, 1), along = dot(sun.direction, f);
+  const across = Math.sqrt(Math.max(0, 1 - up * up - along * along));
   const y = ground ? (1 - Math.sqrt(1 - Math.asin(p / low) / (Math.PI / 2))) * (HEAD.texels.ground - 1)
     : HEAD.texels.ground + rowAbove(p, low, [HEAD.fields[field].haze_km, HEAD.fields[field].haze_km], top, HEAD.space.limb_power, HEAD.texels.haze, HEAD.space.limb);
   const edge = ground ? 1 : Math.sqrt(1 - Math.exp((p - top) / HEAD.space.edge_km));   // space.py
-  return { sun: Math.asin(up) / DEG, azimuth: Math.atan2(across, ahead) / DEG, y, ground, edge };
+  return { sun: Math.asin(up) / DEG, azimuth: Math.atan2(across, along) / DEG, y, ground, edge };
 }
 
 // A line's place among the nodes of the lines above the air, 0 to 1.

@@ -86,8 +86,8 @@ const NEAR = 0.03;
 function rowAbove(x, low, [haze, rowsHaze], high, power, steps, rows) {
   if (x < haze) return Math.asin(Math.sqrt(clamp((x - low) / Math.max(haze - low, 1e-9), 0, 1))) / (Math.PI / 2) * steps;
   const far = rowsHaze + NEAR * (high - rowsHaze);
-  const share = x < far ? NEAR * (x - haze) / (far - haze) : (x - rowsHaze) / (high - rowsHaze);
-  return steps + clamp(share, 0, 1) ** (1 / power) * (rows - 1);
+  const fraction = x < far ? NEAR * (x - haze) / (far - haze) : (x - rowsHaze) / (high - rowsHaze);
+  return steps + clamp(fraction, 0, 1) ** (1 / power) * (rows - 1);
 }
 
 // One array of shape (C, altitude, sun, ...rest) under a sun: (rest, C), channels last.
