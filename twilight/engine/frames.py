@@ -12,7 +12,7 @@ import numpy as np
 
 from twilight import __version__
 from twilight.base.errors import TwilightError, TwilightWarning
-from twilight.base.progress import Progress, silent
+from twilight.base.progress import PhasedProgress, Progress, silent
 from twilight.config.sun import SunAt
 from twilight.engine.answer import Answer, join, make_sky
 from twilight.engine.block import Block
@@ -95,7 +95,7 @@ def frames(
         check_view(scene.observer.view, scene.capabilities, scene.title)
     set_up_s = 0.0
     found = [_SunResult(moon) for moon in moons]
-    meter, steps, several = Meter(tell), 1 + len(suns), len(suns) > 1
+    meter, steps, several = PhasedProgress(tell), 1 + len(suns), len(suns) > 1
     fraction = 1.0 / (len(problem.slices) * steps)
     for b in range(len(problem.slices)):
         begin = time.perf_counter()
