@@ -103,6 +103,7 @@ def test_random_paths_and_the_adjoint_agree(medium, differentiated):
         assert np.all(error < 0.02 * np.abs(slopes))
 
 
+@pytest.mark.slow
 def test_standard_errors_of_random_paths_are_their_scatter(medium):
     field = montecarlo.prepare(medium, montecarlo.MonteCarloSettings(target_stderr=None, samples=64))
     found = []

@@ -154,6 +154,7 @@ def brute_force():
     return bare(left_right_symmetry=False, mirrored_pairs=False, ring_reuse=False)
 
 
+@pytest.mark.slow
 def test_savings_change_nothing(brute_force):
     """The paper's savings would change the light that they are to save."""
     reference, field = brute_force
@@ -233,6 +234,7 @@ def test_single_scattering_is_the_line_integral():
         assert got == pytest.approx(scattered_once(medium, 0.0, elevation, azimuth, 12.0), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_refraction_off_is_refractivity_zero():
     """`refraction: false` would leave some refraction."""
     straight = cells.prepare(air(refractivity=0.0), COARSEST).radiance(-3.0, [5.0, 60.0], [10.0, 90.0])

@@ -153,6 +153,7 @@ def test_splines_meet_their_nodes():
     assert azimuth_splines(AZIMUTH_DEG) == pytest.approx(np.eye(AZIMUTH_DEG.size), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_light_changes_smoothly_with_the_sun_the_air_and_the_observer():
     """A kink would be a jump in films or fits (at 2 km, where this haze ends, light along the horizon does jump)."""
     field = solve(resolve(scene())).blocks[0].field
@@ -230,6 +231,7 @@ def test_a_sky_says_how_wrong_it_is_and_bands_of_gases_have_a_sky():
     assert np.median(off, axis=(0, 1)).max() < 0.08
 
 
+@pytest.mark.slow
 def test_derivatives_follow_the_model_and_zones():
     """`field.jacobian` would be of another sky."""
     keys = {"wavelength_nm": [450.0, 600.0], "sun_elevation_deg": [10.0, -4.0]}

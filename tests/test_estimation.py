@@ -20,7 +20,8 @@ def example(monkeypatch):
     return optimal_estimation
 
 
-@pytest.mark.parametrize("sought", ["ozone", pytest.param("aerosol", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("sought", ["ozone", "aerosol"])
 def test_errors_are_within_their_covariance(example, sought):
     """Derivatives with a wrong sign, unit or layer would end without convergence, or far from the truth."""
     evening = example.Twilight(sought)

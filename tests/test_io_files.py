@@ -166,7 +166,9 @@ def test_an_interrupted_h5_leaves_nothing(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("work", ["write", "read", "series"])
+@pytest.mark.parametrize(
+    "work", ["write", *(pytest.param(work, marks=pytest.mark.slow) for work in ("read", "series"))]
+)
 def test_an_interrupt_within_the_library_says_nothing_of_its_own(tmp_path, monkeypatch, work):
     """At lines of the constructor of h5netcdf's files: a half made one must not print from its `__del__`."""
     code, path = h5netcdf.File.__init__.__code__, tmp_path / "a.h5"

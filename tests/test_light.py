@@ -87,6 +87,7 @@ def test_tables_are_the_field_within_their_stated_error(field):
     assert not table.radiance(np.array([-60.0]), np.array([[45.0]]), np.array([[0.0]])).any()
 
 
+@pytest.mark.slow
 def test_the_zenith_is_that_of_a_rendered_sky():
     made = twilight.light(PLACE, DUSK, "zenith", ["V", "luminance"], AIR)
     sky = twilight.render({**AIR, "night": {}}, at=DUSK, place=PLACE)
@@ -205,6 +206,7 @@ def test_a_planner_takes_the_brightness_of_the_sky_as_a_constraint():
         assert not np.any(SkyBrightnessConstraint(0.0, "V", AIR)(Observer(place), down, times=times))
 
 
+@pytest.mark.slow
 def test_the_moon_lights_the_night_as_in_a_render():
     """A full moon 57 deg up: less than the 0.32 lx that it never exceeds (Kyba, Mohar & Posch 2017); its sky is a
     render's; a new moon adds nothing."""

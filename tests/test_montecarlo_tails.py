@@ -20,6 +20,7 @@ def far():
     return prepare(layered(50.0, 1.0, 1.0), FIXED)
 
 
+@pytest.mark.slow
 def test_errors_of_a_layer_far_away_are_the_scatter_between_seeds(far):
     """Light of a layer that few paths find: fails if rare bright paths make errors look small."""
     runs = [replace(far, settings=replace(FIXED, seed=s)).radiance_with_error(*VIEW) for s in range(10)]

@@ -49,6 +49,7 @@ def test_neighbours_do_not_move_a_wavelength_on_coarse_grids():
     compare("urban", QUICK)
 
 
+@pytest.mark.slow
 def test_neighbours_in_a_band_do_not_move_a_wavelength():
     """Beside 935 nm, where water vapour is twenty times as dark as at 720 nm."""
     compare("continental-average", SCALAR, np.array([720.0, 935.0]), in_bands=True)

@@ -48,23 +48,36 @@ def test_the_documents_shown_are_valid(text, tmp_path):
     assert load_series(path)
 
 
-def test_the_python_shown_runs(monkeypatch, tmp_path):
-    """All of it, one piece after the other as a reader would, in an empty folder; with README's piece first.
+@pytest.fixture
+def run_pieces(monkeypatch, tmp_path):
+    """Runs pieces of Python one after the other as a reader would, in an empty folder; gives what they have named.
 
-    `draft` is coarser here than it is, and fields are kept on disk as they are for a reader: what is computed twice in
-    README and manual is solved once.
+    `draft` is coarser here than it is, and fields are kept on disk as they are for a reader.
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TWILIGHT_CACHE_GB", "1")
     monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setitem(zones.QUALITIES, "draft", SCALAR)
-    namespace: dict = {}
-    pieces = [*blocks("python", README), *blocks("python", MANUAL)]
-    assert "import twilight\n" in pieces[0] and "twilight.render(" in pieces[0]
-    for number, piece in enumerate(pieces):
-        exec(compile(piece, f"python piece {number}", "exec"), namespace)
-        if number == 0:
-            assert namespace["sky"].sun_elevation_deg == -4
+
+    def run(pieces: list[str]) -> dict:
+        namespace: dict = {}
+        for number, piece in enumerate(pieces):
+            exec(compile(piece, f"python piece {number}", "exec"), namespace)
+        return namespace
+
+    return run
+
+
+def test_the_python_of_readme_runs(run_pieces):
+    [piece] = blocks("python", README)
+    assert "import twilight\n" in piece and "twilight.render(" in piece
+    assert run_pieces([piece])["sky"].sun_elevation_deg == -4
+
+
+@pytest.mark.slow
+def test_the_python_of_the_manual_follows_it(run_pieces):
+    """README's piece first; numbers of what the pages name are those of twilight."""
+    namespace = run_pieces([*blocks("python", README), *blocks("python", MANUAL)])
     magnitudes = [sky.magnitude("V", elevation_deg=90) for sky in namespace["skies"]]
     assert len(magnitudes) == 3 and magnitudes == sorted(magnitudes)
     assert [sky.observer_altitude_km for sky in namespace["skies"]] == [0.17] * 3

@@ -58,6 +58,7 @@ def test_zones(quality, allowed):
         np.testing.assert_allclose(found, exact, rtol=bound)
 
 
+@pytest.mark.slow
 def test_montecarlo_from_seed_to_seed():
     """Two seeds at 1 %: chi square of eight values; seldom above 26."""
     chi_square = 0.0

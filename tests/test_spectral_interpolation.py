@@ -67,6 +67,7 @@ def test_between_bands_it_is_as_near_as_stated():
     assert np.percentile(np.abs(new - old)[..., 1:, :] / old[..., :1, :], 95) < STATED_ERROR
 
 
+@pytest.mark.slow
 def test_in_bands_it_is_as_near_as_stated(tmp_path):
     """Among them is 937 nm, where the clearest term is darker than the grid of the range is made for."""
     nm = (688.0, 694.0, 720.0, 730.0, 762.0, 768.0, 820.0, 824.0, 900.0, 930.0, 937.0, 940.0, 970.0, 980.0, 990.0)

@@ -141,6 +141,7 @@ class Hazy(BareField):
         return 1e3 * np.exp(-2.0 * np.sqrt(below))[..., None] * np.ones(NM.size)
 
 
+@pytest.mark.slow
 def test_the_top_of_the_haze_is_as_sharp_as_in_the_field(tmp_path):
     """At an altitude of the tables, between two of them and above the air, 4 deg across."""
     hazy = problem_of_field(Hazy(MEDIUM)).solve()

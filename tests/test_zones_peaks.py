@@ -50,6 +50,7 @@ def test_the_glow_does_not_depend_on_how_much_of_the_peak_is_scaled_away(desert)
     assert without > 2.0 * with_it
 
 
+@pytest.mark.slow
 def test_red_light_beside_a_sun_on_the_horizon_needs_a_higher_degree_in_dust(desert):
     """What the peak moves into the dark horizon from the sky above it is lost where too much of it is scaled away.
 

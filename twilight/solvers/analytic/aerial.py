@@ -18,6 +18,7 @@ The paper prints K = -b / (a cos theta) beside exp(-K (H - u)): transmittance is
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -167,17 +168,13 @@ def _integral(column_km, depth, other_depth, slope_start, slope_end) -> np.ndarr
 def _moments(depth) -> list[np.ndarray]:
     """Integrals of t^n exp(-depth t) over 0 to 1, n = 0 to 3."""
     thin = np.minimum(depth, 2.0)
-    series = [sum((-thin) ** k / (_factorial(k) * (n + k + 1)) for k in range(24)) for n in range(4)]
+    series = [sum((-thin) ** k / (math.factorial(k) * (n + k + 1)) for k in range(24)) for n in range(4)]
     thick = np.maximum(depth, 2.0)
     rest = np.exp(-thick)
     closed = [(1.0 - rest) / thick]
     for n in range(1, 4):
         closed.append((n * closed[-1] - rest) / thick)
     return [np.where(depth < 2.0, a, b) for a, b in zip(series, closed, strict=True)]
-
-
-def _factorial(k: int) -> float:
-    return float(np.prod(np.arange(1, k + 1)))
 
 
 def aerial_perspective(
