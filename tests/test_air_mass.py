@@ -20,7 +20,7 @@ from twilight.config.load import load_axes
 from twilight.config.scene import Config
 from twilight.scene import shifted as shifted_air
 from twilight.solvers import montecarlo, zones
-from twilight.solvers.montecarlo.path_lengths import Layers, add_sunbeam
+from twilight.solvers.montecarlo.path_lengths import BoxLayers, add_sunbeam
 from twilight.solvers.zones.adjoint import NodeLight, next_light
 from twilight.solvers.zones.derivatives import differentiate, perturbed_grids
 from twilight.solvers.zones.field import Field
@@ -67,7 +67,7 @@ def test_the_straight_sunbeam_has_the_lengths_of_a_chord(medium, sun_deg):
     beam, profile = prepare_beam(straight, refraction=False), ray_profile(straight, refraction=False)
     z, cosine = 50.0, np.sin(np.radians(sun_deg))
     found = np.zeros(EDGES_KM.size - 1)
-    add_sunbeam(Layers(EDGES_KM, profile), beam, 0, z, cosine, 1.0, found)
+    add_sunbeam(BoxLayers(EDGES_KM, profile), beam, 0, z, cosine, 1.0, found)
     s = np.linspace(0.0, 3000.0, 3_000_001)
     r = straight.earth_radius_km + z
     altitude = np.sqrt(r * r + s * s + 2.0 * r * s * cosine) - straight.earth_radius_km

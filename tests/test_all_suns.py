@@ -61,7 +61,7 @@ def from_all_suns(evaluate, medium, altitude_km, elevation_deg, points=(4, 4)):
         variance += (spread * weight**2).sum(axis=1)
     sine = np.sin(np.radians(elevation_deg))
     for w in range(medium.n_wavelengths):
-        exact = ExactSunbeam(medium, refraction=False, wavelength=w)
+        exact = ExactSunbeam(medium, wavelength=w)
         total[:, w] += np.exp(-exact.straight_depth(np.full(sine.size, altitude_km), sine))
     return total, variance
 

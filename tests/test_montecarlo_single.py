@@ -134,7 +134,7 @@ def compare(medium, refraction, beam):
 def test_single_scattering_straight():
     """Along straight lines: fails if the quadrature of the line of sight misses an edge of light or air."""
     medium = hazy_earth(refractivity=0.0)
-    exact = ExactSunbeam(medium, refraction=False)
+    exact = ExactSunbeam(medium)
     compare(medium, False, lambda field: lambda z, c: straight_beam(exact, z, c))
 
 

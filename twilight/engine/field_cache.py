@@ -9,22 +9,20 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, fields, is_dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twilight.base.digest import code_digest
 
 if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
     from twilight.atmosphere.medium import Medium
     from twilight.solvers.base import Interpolation
 
 
 def field_key(
     solver: str,
-    settings: DataclassInstance,
+    settings: Any,
     medium: Medium,
     suns_deg: Sequence[float] | None,
     altitude_km: float,

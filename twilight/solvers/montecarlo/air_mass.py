@@ -29,7 +29,7 @@ from twilight.solvers.montecarlo.length_walk import (
     run_length_chunks,
     single_scattering,
 )
-from twilight.solvers.montecarlo.path_lengths import Layers
+from twilight.solvers.montecarlo.path_lengths import BoxLayers
 from twilight.transport.ray_profile import ray_profile
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ class _LengthRun:
         settings, medium = field.settings, field.medium
         bent = settings.refraction and medium.has_refraction
         profile = ray_profile(with_joined_refractivity(medium) if bent else medium, refraction=bent)
-        self.layers = Layers(edges_km, profile)
+        self.layers = BoxLayers(edges_km, profile)
         self.walk = settings.walk(medium.has_refraction)
         n_pixels, n_layers = pixels.key.size, edges_km.size - 1
         self.single = np.zeros((n_pixels, medium.n_wavelengths))

@@ -2,7 +2,7 @@
 
 The nodes are those of :mod:`twilight.solvers.montecarlo.line_of_sight`.
 
-Arguments that kernels share: `kernel`.  Here also layers: `path_lengths.Layers`, J of them; lengths (J,): added to;
+Arguments that kernels share: `kernel`.  Here also layers: `path_lengths.BoxLayers`, J of them; lengths (J,): added to;
 factor: that lengths count with.
 """
 

@@ -7,7 +7,7 @@ that part, and its path length stands for those of all: unbiased, and one sunbea
 
 The control variate of the walk has the mean 0: it is summed apart, and `air_mass` takes as much of it as helps.
 
-Arguments that kernels share: `kernel`.  Here also layers: `path_lengths.Layers`, J of them; lengths (J,): added to.
+Arguments that kernels share: `kernel`.  Here also layers: `path_lengths.BoxLayers`, J of them; lengths (J,): added to.
 """
 
 from __future__ import annotations

@@ -3,8 +3,9 @@
 Absorption that is added evenly to a layer, k [km^-1], lets exp(-k l) of the light pass whose path is l [km] long in
 that layer, whatever the rest of the path: so d ln(light of a path) / dk = -l, exactly, for every path by itself.
 
-Arguments that kernels share: `kernel`.  Here also layers: `Layers`; edges (J + 1,): altitudes [km] that bound J layers,
-ascending; lengths (J,) [km]: added to; factor: that lengths count with; profile: `transport.ray_profile.RayProfile`.
+Arguments that kernels share: `kernel`.  Here also layers: `BoxLayers`; edges (J + 1,): altitudes [km] that bound J
+layers, ascending; lengths (J,) [km]: added to; factor: that lengths count with; profile:
+`transport.ray_profile.RayProfile`.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ STEPS = 6
 """Most steps of that search."""
 
 
-class Layers(NamedTuple):
+class BoxLayers(NamedTuple):
     """J layers between edges_km (J + 1,) [km], ascending, and the air in which sunbeams through them are followed."""
 
     edges_km: np.ndarray
