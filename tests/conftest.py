@@ -1,4 +1,4 @@
-"""Fixtures of several files, the order of files, sixths of the long tests; no test finds a field left on disk."""
+"""Fixtures of several files, the order of files, thirds of the long tests; no test finds a field left on disk."""
 
 import csv
 import functools
@@ -54,17 +54,17 @@ LONG = (
 """Files that take longest, of short tests or of long ones.  They go first, so that no process has one left when the
 others are done; the first two compile different solvers, so that two processes do not compile the same one at once."""
 
-PARTS = 6
+PARTS = 3
 COSTS = Path(__file__).parents[1] / "benchmarks" / "slow_tests.csv"
 """Processor time [s] of each file's long tests, written by `python benchmarks/reliability.py tests`."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
-        "--sixth",
+        "--third",
         type=int,
         choices=range(PARTS),
-        help="of the long tests only this sixth: files, spread by their recorded processor time; others one by one",
+        help="of the long tests only this third: files, spread by their recorded processor time; others one by one",
     )
 
 
@@ -83,7 +83,7 @@ def parts() -> dict[str, int]:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     places = {name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: places.get(item.path.stem, len(LONG)))
-    wanted = config.getoption("--sixth")
+    wanted = config.getoption("--third")
     if wanted is None:
         return
     known = parts()
