@@ -15,6 +15,8 @@ from typer.testing import CliRunner
 
 from twilight import solvers
 from twilight.cli.app import app
+from twilight.cli.options import settings_of
+from twilight.config import load
 
 
 def test_null_is_a_value_of_set(plain):
@@ -22,6 +24,18 @@ def test_null_is_a_value_of_set(plain):
     assert result.exit_code == 0 and "the climate has none" in result.stdout
     result = call("render", "urban", "--plan", "--set", "sun.elevation_deg=null")
     assert result.exit_code == 2 and "got null" in result.stderr
+
+
+def test_an_option_counts_within_a_section_that_set_replaces():
+    """`--disc` beside `--set sun={...}` would be forgotten without a word."""
+    given = {
+        "sun.disc": (True, "--disc"),
+        "output.disc": (None, "--disc"),
+        "texture.resolution_deg": (3.0, "--resolution"),
+    }
+    chosen, names = settings_of(["sun={elevation_deg: 2}", "texture.resolution_deg=5"], given)
+    assert load("pure-air", chosen).sun.disc and load("pure-air", chosen).sun.elevation_deg == 2
+    assert chosen["texture.resolution_deg"] == 5 and names["sun.disc"] == "--disc"
 
 
 def test_time_left_is_at_the_mean_speed():

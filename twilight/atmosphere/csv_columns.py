@@ -27,11 +27,13 @@ def numbered_lines(file: Path) -> list[tuple[int, str]]:
     Errors: TwilightError, with the file, for one that cannot be read, is no text or larger than MAX_BYTES.
     """
     try:
-        if file.stat().st_size > MAX_BYTES:
+        with file.open("rb") as table:
+            content = table.read(MAX_BYTES + 1)  # a device could go on for ever
+        if len(content) > MAX_BYTES:
             raise TwilightError(
                 f"{file}: the table is larger than {MAX_BYTES // 1_000_000} MB, which is the most allowed"
             )
-        text = file.read_text(encoding="utf-8-sig")
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise TwilightError(f"{file}: not a text file in UTF-8, a CSV table is expected") from error
     except (OSError, ValueError) as error:

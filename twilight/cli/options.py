@@ -89,7 +89,7 @@ Given = Mapping[str, tuple[Any, str]]
 def settings_of(texts: Iterable[str] | None, given: Given | None = None) -> tuple[dict[str, Any], dict[str, str]]:
     """The values of `--set KEY=VALUE` by dotted key, and what to call each in errors.
 
-    given: options that --set may override.
+    given: options that --set may override; where it replaces a whole section, they set their keys in the new one.
     Errors: TwilightError for a text that is not KEY=VALUE.
     """
     from twilight.config.load import parse_setting
@@ -99,6 +99,8 @@ def settings_of(texts: Iterable[str] | None, given: Given | None = None) -> tupl
     put_options(chosen, names, given or {})
     for key, value in map(parse_setting, texts or ()):
         chosen[key], names[key] = value, f"--set {key}"
+        for later in [option for option in given or () if option in chosen and option.startswith(f"{key}.")]:
+            chosen[later] = chosen.pop(later)
     return chosen, names
 
 

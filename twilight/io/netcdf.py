@@ -19,7 +19,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.reading import check_expansion, first_line
-from twilight.base.whole_files import whole_content
+from twilight.base.whole_files import whole_content, whole_file
 from twilight.io.facts import coordinates_of, fields_from
 from twilight.io.hdf5_heaps import check_heaps
 from twilight.io.labels import attributes
@@ -81,6 +81,16 @@ def interruptible_h5netcdf() -> Any:
 
     h5netcdf.File.__del__ = close
     return h5netcdf
+
+
+def write_netcdf(dataset: xarray.Dataset, path: str | Path, encoding: dict[str, Any] | None = None) -> None:
+    """Write a NetCDF file, whole or not at all; encoding: as of `xarray.Dataset.to_netcdf`.
+
+    Errors: TwilightError where it cannot be written.
+    """
+    interruptible_h5netcdf()
+    with whole_file(path) as temporary:
+        dataset.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
 
 
 def _contents(sky: Sky) -> _Contents:

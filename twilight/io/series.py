@@ -13,10 +13,10 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.reading import MEMORY_FRACTION, memory_bytes
-from twilight.base.whole_files import whole_file, write_csv
+from twilight.base.whole_files import write_csv
 from twilight.io.folder import NUMBERED, numbered_files
 from twilight.io.labels import attributes
-from twilight.io.netcdf import interruptible_h5netcdf, read_sky, sky_to_dataset
+from twilight.io.netcdf import read_sky, sky_to_dataset, write_netcdf
 from twilight.sky.sky import Sky
 
 if TYPE_CHECKING:
@@ -147,9 +147,7 @@ def _write_netcdf(made: xarray.Dataset, path: Path) -> None:
     }
     if "time" in made.variables:
         encoding["time"] = {"units": attributes("time")["units"], "calendar": "standard", "dtype": "float64"}
-    interruptible_h5netcdf()
-    with whole_file(path) as temporary:
-        made.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+    write_netcdf(made, path, encoding)
 
 
 def series_to_dataset(skies: Iterable[Sky]) -> xarray.Dataset:

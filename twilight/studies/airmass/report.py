@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twilight.base.whole_files import whole_file, write_csv
-from twilight.io.netcdf import interruptible_h5netcdf
+from twilight.io.netcdf import write_netcdf
 from twilight.studies.airmass.factors import layer_edges_of
 
 if TYPE_CHECKING:
@@ -67,9 +67,7 @@ def write_tables(found: Dataset, folder: Path) -> None:
                     boxes.append([*line, f"{air['standard_error'].values[k, j, w]:.2g}"] if known else line)
     head = ["sun_zenith_deg", "wavelength_nm", "bottom_km", "top_km", "layer_column_per_cm2", "box_air_mass_factor"]
     write_csv(folder / "boxes.csv", [*airs(found)[0][0], *head, *(["standard_error"] if known else [])], boxes)
-    interruptible_h5netcdf()
-    with whole_file(folder / "airmass.nc") as part:
-        found.to_netcdf(part, engine="h5netcdf")
+    write_netcdf(found, folder / "airmass.nc")
 
 
 def draw(found: Dataset, path: Path, title: str) -> None:

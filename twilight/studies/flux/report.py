@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twilight.base.whole_files import whole_file, write_csv
+from twilight.io.netcdf import write_netcdf
 
 if TYPE_CHECKING:
     import xarray
@@ -40,8 +41,7 @@ def write(dataset: xarray.Dataset, folder: Path) -> list[str]:
 
     Errors: TwilightError where a file cannot be written.
     """
-    with whole_file(folder / "fluxes.nc") as temporary:
-        dataset.to_netcdf(temporary, engine="h5netcdf")
+    write_netcdf(dataset, folder / "fluxes.nc")
     columns, rows = table(dataset)
     write_csv(folder / "fluxes.csv", columns, [[f"{value:.6g}" for value in row] for row in rows])
     draw(dataset, folder / "fluxes.png")

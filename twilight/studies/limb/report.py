@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twilight.base.whole_files import whole_file, write_csv
-from twilight.io.netcdf import interruptible_h5netcdf
+from twilight.io.netcdf import write_netcdf
 from twilight.studies.airmass.factors import layer_edges_of
 from twilight.studies.airmass.report import evenly_spread
 from twilight.studies.limb.limb import TANGENT
@@ -57,9 +57,7 @@ def write(found: Dataset, folder: Path, stem: str) -> list[str]:
         head = ["apparent_tangent_altitude_km", "wavelength_nm", "bottom_km", "top_km", "box_air_mass_factor"]
         write_csv(folder / "boxes.csv", head, boxes)
         files.insert(1, "boxes.csv")
-    interruptible_h5netcdf()
-    with whole_file(folder / f"{stem}.nc") as part:
-        found.to_netcdf(part, engine="h5netcdf")
+    write_netcdf(found, folder / f"{stem}.nc")
     draw(found, folder / f"{stem}.png")
     return files
 

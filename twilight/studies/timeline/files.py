@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twilight.base.whole_files import whole_file, write_csv
-from twilight.io.netcdf import interruptible_h5netcdf
+from twilight.io.netcdf import write_netcdf
 from twilight.sky.twilight_times import SUNRISE_DEG
 
 if TYPE_CHECKING:
@@ -46,11 +46,7 @@ def write_dataset(made: TimeSeries, path: Path, attributes: dict[str, Any]) -> N
     }
     sun = ("time", made.sun_elevation_deg, {"units": "degree", "standard_name": "solar_elevation_angle"})
     coords = {"time": time.astype("datetime64[ns]"), "solar_elevation_angle": sun}
-    interruptible_h5netcdf()
-    with whole_file(path) as temporary:
-        xarray.Dataset(variables, coords, {"Conventions": "CF-1.10", **attributes}).to_netcdf(
-            temporary, engine="h5netcdf"
-        )
+    write_netcdf(xarray.Dataset(variables, coords, {"Conventions": "CF-1.10", **attributes}), path)
 
 
 def draw(made: TimeSeries, path: Path, title: str) -> None:

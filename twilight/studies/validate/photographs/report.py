@@ -10,6 +10,7 @@ import numpy as np
 import xarray
 
 from twilight.base.whole_files import whole_file, write_csv
+from twilight.io.netcdf import write_netcdf
 from twilight.sky import colour
 from twilight.studies.validate.photographs.photo import Comparison
 
@@ -67,8 +68,7 @@ def write_dataset(path: str | Path, comparison: Comparison, facts: dict[str, Any
     }
     attributes = {"title": "Photograph and computed sky", "facts": json.dumps(_plain(facts))}
     encoding = {name: {"zlib": True, "complevel": 4, "dtype": "float32"} for name in variables}
-    with whole_file(path) as temporary:
-        xarray.Dataset(variables, coordinates, attributes).to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+    write_netcdf(xarray.Dataset(variables, coordinates, attributes), path, encoding)
 
 
 def write_suns(path: str | Path, rows: list[tuple[str, float, float, dict[str, Any]]]) -> None:
