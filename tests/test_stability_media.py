@@ -269,7 +269,7 @@ def test_extremes_converge_under_refinement(extremes_apart):
     medium, zones, suns = extremes().select(slice(0, len(some))), solvers.load("zones"), (30.0, 0.0, -6.0)
     assert some == list(EXTREMES)[: len(some)]
     finer = replace(QUICK, altitude_density=0.6, zenith_density=0.7)
-    finest = replace(finer, altitude_density=0.9, zenith_density=1.05, step_density=0.6)
+    finest = replace(finer, altitude_density=1.2, zenith_density=1.4, step_density=0.8)
     fields = [Problem(Scene(medium, None, zones, settings), suns).solve() for settings in (finer, finest)]
     coarse, middle, fine = (
         np.array([solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG)[..., : len(some)] for sun in suns])
