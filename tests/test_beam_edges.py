@@ -177,5 +177,5 @@ def test_the_ray_that_grazes_haze_from_above(altitude):
         found = field.radiance(sun, elevation, 40.0, observer_altitude_km=altitude)[:, 0]
         expected = [scattered_once(medium, altitude, e, 40.0, sun) for e in elevation]
         np.testing.assert_allclose(found, expected, rtol=ASKED)
-        # the edge is there to be seen
-        assert np.abs(np.diff(np.log(expected))).max() > 0.03
+        # the edge is there to be seen: 3.5 % from 10 km, 1.4 % from 400
+        assert np.abs(np.diff(np.log(expected))).max() > 0.01

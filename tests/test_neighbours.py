@@ -91,7 +91,7 @@ def test_neighbours_do_not_move_a_wavelength_of_few_orders(climate):
 @pytest.mark.slow
 def test_neighbours_do_not_move_a_wavelength_below_a_volcanic_cloud():
     """380 nm alone was 3.5 % off, sun at -18 deg: its lines ended behind 25 optical depths, but not beside 550 nm."""
-    compare("volcanic-extreme", QUICK, np.array([380.0, 550.0, 700.0]), suns_deg=(0.0, -9.0, -15.0, -18.0))
+    compare("volcanic-extreme", QUICK, np.array([380.0, 550.0]), suns_deg=(-9.0, -18.0))
 
 
 @pytest.mark.parametrize("climate", ["urban", "desert", "maritime-tropical", "volcanic-extreme"])
