@@ -116,7 +116,7 @@ def check(text: str, plan: bool) -> list[str]:
                 more = "--plan" if words[0] in PLANNED else "--help" if words[0] in HELPED else ""
                 smaller = () if plan else SMALLER.get(words[0], ())
                 words += [more] if plan and more and more not in words else []
-                failed += _call(line, [*words, *(smaller if not {*smaller} & {*words} else ())])
+                failed += _call(line, [*words, *(smaller if smaller and smaller[0] not in words else ())])
         elif language == "python" and not plan:
             try:
                 exec(compile(code, "block", "exec"), names)
