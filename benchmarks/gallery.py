@@ -73,7 +73,7 @@ SKIES = (
         "camera",
         "The same as a camera takes it: ISO 1600, f/2.8",
         "continental-average --sun-elevation -11 --tone camera --set output.camera.iso=1600 "
-        "--set output.camera.f_number=2.8",
+        "--set output.camera.f_number=2.8 --output camera",
     ),
     ("haber2005", "The air of Haber, Magnor and Seidel 2005", "haber2005 --sun-elevation -3"),
 )

@@ -27,8 +27,6 @@ PAGES = ("first-sky", "jobs/observatory", "jobs/data-set", "jobs/two-codes")
 FENCE = re.compile(r"^```(sh|yaml|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NOT_RUN = re.compile(r"^```sh no-run\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INDENTED = re.compile(r"^    (twilight .*(?:\\\n.*)*)$", re.MULTILINE)
-SMALLER = {"view": ("--altitudes-km", "0"), "animate": ("--speed", "3000")}
-"""Options that commands run to their end are given where the page has not, so that they take seconds."""
 MARK = "--- end of block ---"
 LONGEST_S = 600
 PLANNED = ("render", "sweep", "dataset")
@@ -114,9 +112,7 @@ def check(text: str, plan: bool) -> list[str]:
                     failed.append(f"{line}: works in the source folder alone")
                 words = shlex.split(line)[1:]
                 more = "--plan" if words[0] in PLANNED else "--help" if words[0] in HELPED else ""
-                smaller = () if plan else SMALLER.get(words[0], ())
-                words += [more] if plan and more and more not in words else []
-                failed += _call(line, [*words, *(smaller if smaller and smaller[0] not in words else ())])
+                failed += _call(line, [*words, more] if plan and more and more not in words else words)
         elif language == "python" and not plan:
             try:
                 exec(compile(code, "block", "exec"), names)
