@@ -27,7 +27,11 @@ SKIES = (
         "pure-air --sun-elevation 0.3 --disc",
     ),
     ("hazy-sunset", "The same sun in continental haze", "continental-average --sun-elevation 0.3 --disc"),
-    ("disc", "Its disc: flattened, redder below, a green rim above", "pure-air --sun-elevation 0.3 --disc --only disc --output disc"),
+    (
+        "disc",
+        "Its disc: flattened, redder below, a green rim above",
+        "pure-air --sun-elevation 0.3 --disc --only disc --output disc",
+    ),
     ("civil-twilight", "Civil twilight", "continental-average --sun-elevation -4"),
     ("nautical-twilight", "Nautical twilight, the arch over the sun", "continental-average --sun-elevation -9"),
     ("blue-hour", "Clean air in the blue hour: ozone makes it blue", "continental-clean --sun-elevation -6"),
