@@ -79,5 +79,5 @@ def test_gaps_are_named_before_anything_is_computed(tmp_path):
     made = read_added(table(tmp_path, "5,10,30,450,.1\n5,10,30,550,.1\n5,80,20,450,.1\n"))
     with pytest.raises(TwilightError, match="no radiance for sun 5, elevation 80, azimuth 20 deg and 550 nm"):
         scene_of(load(SCENE), made)
-    with pytest.raises(TwilightError, match="cannot be read"):
+    with pytest.raises(TwilightError, match="cannot read the table"):
         read_added(str(tmp_path / "none.csv"))

@@ -29,7 +29,8 @@ WAVELENGTH_NM = np.array([550.0])
 STANDARD = zones.QUALITIES["standard"]
 SCALAR = replace(QUICK, polarisation=False)
 COARSE = replace(SCALAR, zenith_density=0.5, polar_directions=6, degree=8, azimuth_directions=7)
-ELEVATION_DEG, AZIMUTH_DEG = np.array([1.0, 6.0, 27.0, 90.0, 45.0, 10.0]), np.array([0.0, 0.0, 0.0, 0.0, 90.0, 180.0])
+ELEVATION_DEG = np.array([1.0, 6.0, 27.0, 90.0, 45.0, 10.0])
+AZIMUTH_DEG = np.array([0.0, 0.0, 0.0, 0.0, 90.0, 180.0])
 
 
 def nodes_of(climate, density=1.0):

@@ -327,7 +327,7 @@ class _Places(NamedTuple):
         if several and isinstance(place, tuple) and len(place) == 2 and all(np.ndim(p) == 1 for p in place):
             place = list(zip(*(numbers(p, "place") for p in place), strict=True))
         found = [place_of(one, time_zone=time_zone) for one in (place if several else [place])]
-        if not found:
+        if not found or any(one.latitude_deg is None for one in found):
             raise TwilightError("place: none is given")
         angles = np.array([(one.latitude_deg, one.longitude_deg) for one in found])
         for latitude, longitude in angles:

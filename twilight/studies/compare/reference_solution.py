@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from twilight import solvers
+from twilight.atmosphere.csv_columns import numbered_lines
 from twilight.base.errors import TwilightError
 from twilight.base.progress import PhasedProgress, Progress
 from twilight.base.whole_files import write_csv
@@ -36,8 +37,6 @@ LIMITS = {
 }
 """Columns of a stored table, and the finite numbers that they may hold."""
 COLUMNS = tuple(LIMITS)
-MAX_BYTES = 200_000_000
-"""Largest file that is read."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +63,9 @@ def read_lines(path: Path) -> tuple[int, list[str], list[tuple[int, dict[str, st
     Errors: TwilightError that names the file, and the line of a row with other cells than the header.
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise TwilightError(f"{path}: has more than {MAX_BYTES / 1e6:g} MB, which is more than any table holds")
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-        numbered = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
-        found = [(i, next(csv.reader([line]))) for i, line in numbered]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise TwilightError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        found = [(i, next(csv.reader([line]))) for i, line in numbered_lines(path)]
+    except csv.Error as error:
+        raise TwilightError(f"{path}: cannot be read: {error}") from None
     if not found:
         raise TwilightError(f"{path}: holds no radiances")
     header = [cell.strip() for cell in found[0][1]]
