@@ -7,6 +7,7 @@ same as the world's for a level camera that looks north.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 def direction(azimuth_deg: np.ndarray | float, elevation_deg: np.ndarray | float) -> np.ndarray:
@@ -52,3 +53,17 @@ def orientation_angles(axes: np.ndarray) -> tuple[float, float, float]:
     azimuth = np.mod(np.degrees(np.arctan2(forward[0], forward[1])), 360.0)
     roll = np.degrees(np.arctan2(-right[2], up[2]))
     return float(azimuth % 360.0), float(elevation), float(roll)
+
+
+PHASE_COUNT = 1024
+"""Angles at which the phase function of a column is tabulated: pi u^2 with u = 0 to 1, closest at the sun."""
+
+PHASE_ANGLE_RAD = np.pi * np.linspace(0.0, 1.0, PHASE_COUNT) ** 2
+"""Scattering angles at which the phase function of a column is tabulated [rad]."""
+
+
+def scattering_angle_rad(sun_deg: ArrayLike, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> np.ndarray:
+    """Angle between directions and a sun in azimuth 0 [rad]; all broadcast.  Precise at small angles (haversine)."""
+    e, s, a = (np.radians(np.asarray(x, float)) for x in (elevation_deg, sun_deg, azimuth_deg))
+    chord = np.sin((e - s) / 2) ** 2 + np.cos(e) * np.cos(s) * np.sin(a / 2) ** 2
+    return 2.0 * np.arcsin(np.sqrt(np.clip(chord, 0.0, 1.0)))

@@ -139,8 +139,9 @@ def hermite_weights(x: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.n
     """Four nodes (T, 4, int) and their weights (T, 4) of a local cubic interpolation from nodes x (N,) to target (T,).
 
     Cubic Hermite between increasing nodes; the slope at a node is that of the parabola through three neighbours, at the
-    ends of the outermost pair.  Exact for straight lines, reproduces the nodes.  Targets beyond the nodes take the
-    outermost value.  One node means a constant.
+    ends of the outermost pair.  A node that stands twice is such an end on both its sides; a target on it takes the
+    upper one.  Exact for straight lines, reproduces the nodes.  Targets beyond the nodes take the outermost value.  One
+    node means a constant.
     """
     x, t = np.asarray(x, dtype=float), np.clip(np.asarray(target, dtype=float), x[0], x[-1])
     n = x.size
@@ -149,8 +150,9 @@ def hermite_weights(x: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.n
     j = np.clip(np.searchsorted(x, t, side="right") - 1, 0, n - 2)
     nodes = np.clip(j[:, None] + np.arange(-1, 3), 0, n - 1)
     h = x[j + 1] - x[j]
-    before = np.where(j > 0, x[j] - x[nodes[:, 0]], np.inf)
-    after = np.where(j < n - 2, x[nodes[:, 3]] - x[j + 1], np.inf)
+    before, after = x[j] - x[nodes[:, 0]], x[nodes[:, 3]] - x[j + 1]
+    before = np.where(before > 0.0, before, np.inf)
+    after = np.where(after > 0.0, after, np.inf)
     # Weight of the inner secant in the slope at either end; the rest belongs to the neighbouring secant.
     left, right = 1.0 / (1.0 + h / before), 1.0 / (1.0 + h / after)
     u = (t - x[j]) / h

@@ -1,0 +1,350 @@
+"""`SkyTable`: the light of a sky at nodes, and the one rule by which it is read in any direction.
+
+    L(sun, e, a) = exp(S) + P(theta) exp(A)
+
+S, A: local cubics (:func:`twilight.numerics.spectrum.hermite_weights`) through the nodes of the table, in the sun's
+true elevation, the elevation e of the line of sight and its azimuth a from the sun; theta: angle between the line of
+sight and the apparent sun; P: the phase function of the column's aerosol, whose logarithm is linear in sqrt(theta).
+The second term holds what aerosol scattered once, so that neither S nor A has an aureole; it is absent in air without
+aerosol.  An elevation that stands twice among the rows is a break: no cubic goes through it, and at it the upper row
+counts.  Light below `DARKEST` of the brightest counts as none.
+
+Everything that shows, stores or measures a sky reads it by this rule: :meth:`SkyTable.light` here, and the shaders that
+`export shader` and the page carry, which read the same arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twilight.numerics.orientation import PHASE_COUNT, scattering_angle_rad
+from twilight.numerics.spectrum import hermite_matrix, hermite_weights
+
+DARKEST = 1e-9
+"""Light, of the brightest in the table at a wavelength and a sun, that stands for none in logarithms."""
+
+DIRECTIONS_AT_ONCE = 40_000
+"""Directions that are read at once, which bounds the memory."""
+
+ROWS_AT_ONCE = 64
+"""Rows of a grid that are read at once, which bounds the memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class SkyTable:
+    """The light of a sky at S suns, R rows of elevation and C columns of azimuth, in W wavelengths or channels.
+
+    sun_elevation_deg (S,): true, increasing; apparent_sun_deg (S,): where refraction shows its centre, or would
+    elevation_deg (R,): not decreasing; one that stands twice is a break
+    azimuth_deg (C,): from the sun; of a `mirrored` sky from 0 to 180, else increasing within a circle
+    smooth, aureole (S, R, C, W) float32: S and A; aureole None in air without aerosol
+    log_phase (PHASE_COUNT, W): ln P at PHASE_ANGLE_RAD [sr^-1], or None
+    stokes (S, R, C, 2, W): Q / L and U / L (signs: `twilight.base.conventions`), or None
+    mirrored: whether the other half of the sky is the mirror image about the sun's vertical, where U changes its sign
+    error, worst: relative error at 95 % of directions that no node stands in, and the largest of them; nan: not known
+    """
+
+    sun_elevation_deg: np.ndarray
+    apparent_sun_deg: np.ndarray
+    elevation_deg: np.ndarray
+    azimuth_deg: np.ndarray
+    smooth: np.ndarray
+    aureole: np.ndarray | None = None
+    log_phase: np.ndarray | None = None
+    stokes: np.ndarray | None = None
+    mirrored: bool = True
+    error: float = float("nan")
+    worst: float = float("nan")
+
+    # Reading ----------------------------------------------------------------------------------------------------
+
+    def under(self, sun_elevation_deg: float) -> SkyTable:
+        """The table of one sun, from those of its neighbours; of suns beyond the first or the last as under these."""
+        matrix = hermite_matrix(self.sun_elevation_deg, np.array([sun_elevation_deg]))[0]
+        used = np.flatnonzero(matrix)
+
+        def mixed(values: np.ndarray | None) -> np.ndarray | None:
+            if values is None:
+                return None
+            if used.size == 1:
+                return values[used]
+            return np.tensordot(matrix[used].astype(values.dtype), values[used], axes=1)[None]
+
+        return replace(
+            self,
+            sun_elevation_deg=np.array([float(sun_elevation_deg)]),
+            apparent_sun_deg=np.array(
+                [sun_elevation_deg + float(matrix @ (self.apparent_sun_deg - self.sun_elevation_deg))]
+            ),
+            smooth=mixed(self.smooth),
+            aureole=mixed(self.aureole),
+            stokes=mixed(self.stokes),
+        )
+
+    def light(self, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> np.ndarray:
+        """Light in directions (...) under the table's one sun, (..., W); elevations beyond the rows as at the last."""
+        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+        flat_e, flat_a = elevation.ravel(), azimuth.ravel()
+        out = np.empty((flat_e.size, self.smooth.shape[-1]), np.float32)
+        for k in range(0, flat_e.size, DIRECTIONS_AT_ONCE):
+            part = slice(k, k + DIRECTIONS_AT_ONCE)
+            place, weight = self._stencil(flat_e[part], flat_a[part])
+            angle = scattering_angle_rad(self.apparent_sun_deg[0], flat_e[part], flat_a[part])
+            out[part] = self._sum(*(self._gathered(layer, place, weight) for layer in self._layers), angle)
+        return out.reshape(*elevation.shape, -1)
+
+    def on_grid(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+        """Light on rows (E,) and columns (A,) under the table's one sun, (E, A, W): `light`, faster."""
+        rows = hermite_matrix(self.elevation_deg, elevation_deg).astype(np.float32)
+        columns, values = self._columns
+        across = hermite_matrix(columns, self._folded(azimuth_deg)).astype(np.float32)
+        out = np.empty((rows.shape[0], across.shape[0], self.smooth.shape[-1]), np.float32)
+        layers = [values(layer[0]) for layer in self._layers]
+        for k in range(0, rows.shape[0], ROWS_AT_ONCE):
+            part = slice(k, k + ROWS_AT_ONCE)
+            parts = []
+            for layer in layers:
+                along = np.tensordot(rows[part], layer, axes=1)
+                parts.append(np.matmul(across, along))
+            angle = scattering_angle_rad(self.apparent_sun_deg[0], elevation_deg[part][:, None], azimuth_deg)
+            out[part] = self._sum(*parts, angle)
+        return out
+
+    def fractional_stokes(self, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> np.ndarray:
+        """Q / L and U / L in directions (...) under the table's one sun, (..., 2, W); the table must have them."""
+        assert self.stokes is not None
+        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+        flat_e, flat_a = elevation.ravel(), azimuth.ravel()
+        out = np.empty((flat_e.size, 2, self.stokes.shape[-1]), np.float32)
+        for k in range(0, flat_e.size, DIRECTIONS_AT_ONCE):
+            part = slice(k, k + DIRECTIONS_AT_ONCE)
+            place, weight = self._stencil(flat_e[part], flat_a[part])
+            out[part] = self._gathered(
+                self.stokes[0].reshape(*self.stokes.shape[1:3], -1)[None], place, weight
+            ).reshape(-1, 2, self.stokes.shape[-1])
+        if self.mirrored:
+            out[np.mod(flat_a, 360.0) > 180.0, 1] *= -1.0
+        return out.reshape(*elevation.shape, 2, -1)
+
+    @property
+    def _layers(self) -> list[np.ndarray]:
+        return [self.smooth] if self.aureole is None else [self.smooth, self.aureole]
+
+    @property
+    def _columns(self):
+        """Columns with neighbours beyond either end, and a function that gives values (R, C, ...) the same neighbours."""
+        a, n = self.azimuth_deg, self.azimuth_deg.size
+        if n == 1:
+            return a, lambda values: values
+        if self.mirrored:
+            index = np.concatenate([[1], np.arange(n), [n - 2]])
+            places = np.concatenate([[2 * a[0] - a[1]], a, [2 * a[-1] - a[-2]]])
+        else:
+            index = np.concatenate([[n - 2, n - 1], np.arange(n), [0, 1]])
+            places = np.concatenate([a[-2:] - 360.0, a, a[:2] + 360.0])
+        return places, lambda values: values[:, index]
+
+    def _folded(self, azimuth_deg: np.ndarray) -> np.ndarray:
+        """Azimuths as the columns count them."""
+        azimuth = np.mod(azimuth_deg, 360.0)
+        if self.mirrored:
+            return np.minimum(azimuth, 360.0 - azimuth)
+        return (
+            np.where(azimuth < self.azimuth_deg[0], azimuth + 360.0, azimuth) if self.azimuth_deg.size > 1 else azimuth
+        )
+
+    def _stencil(self, elevation: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places (D, 16) in a layer of rows times columns, and their weights."""
+        i, u = hermite_weights(self.elevation_deg, elevation)
+        columns, values = self._columns
+        number = values(np.arange(self.azimuth_deg.size)[None])[0]
+        j, v = hermite_weights(columns, self._folded(azimuth))
+        place = i[:, :, None] * self.azimuth_deg.size + number[j][:, None, :]
+        weight = (u[:, :, None] * v[:, None, :]).astype(np.float32)
+        return place.reshape(-1, 16), weight.reshape(-1, 16)
+
+    def _gathered(self, layer: np.ndarray, place: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        flat = layer[0].reshape(-1, layer.shape[-1])
+        return np.einsum("dk,dkw->dw", weight, flat[place])
+
+    def _sum(self, smooth: np.ndarray, *rest: np.ndarray) -> np.ndarray:
+        """exp(S) + P exp(A) from logarithms (..., W) and scattering angles (...)."""
+        *aureole, angle = rest
+        out = np.exp(smooth, out=smooth)
+        if aureole:
+            [log] = aureole
+            log += self._log_phase_at(angle)
+            out += np.exp(log, out=log)
+        out[out <= 2.0 * self._darkest] = 0.0
+        return out
+
+    @property
+    def _darkest(self) -> np.ndarray:
+        """Least light that is held, (W,)."""
+        return DARKEST * np.exp(self.smooth[0].max(axis=(0, 1)))
+
+    def _log_phase_at(self, angle: np.ndarray) -> np.ndarray:
+        """ln P at angles (...), (..., W)."""
+        assert self.log_phase is not None
+        u = np.sqrt(angle / np.pi) * (PHASE_COUNT - 1)
+        k = np.minimum(u.astype(int), PHASE_COUNT - 2)
+        f = (u - k)[..., None].astype(np.float32)
+        table = self.log_phase.astype(np.float32, copy=False)
+        return (1.0 - f) * table[k] + f * table[k + 1]
+
+    # Other tables of the same sky -------------------------------------------------------------------------------
+
+    def in_channels(self, weight: np.ndarray, log: bool = False) -> SkyTable:
+        """The table of sums over wavelengths, channels (K,) by weights (W, K) of the light, not negative."""
+        light = np.exp(self.smooth.astype(float)) @ weight
+        if self.aureole is None or self.log_phase is None:
+            return replace(self, smooth=_log(light), stokes=None)
+        flat = np.exp(self.log_phase.astype(float))
+        total = flat @ weight
+        e, a = self.elevation_deg[:, None], self.azimuth_deg
+        once = np.empty_like(light)
+        log_phase = np.log(np.maximum(total, 1e-30))
+        channels = replace(self, log_phase=log_phase)
+        for s, sun in enumerate(self.apparent_sun_deg):
+            angle = scattering_angle_rad(sun, e, a)
+            part = np.exp(self.aureole[s].astype(float) + self._log_phase_at(angle)) @ weight
+            once[s] = part / np.exp(channels._log_phase_at(angle))
+        return replace(self, smooth=_log(light), aureole=_log(once), log_phase=log_phase, stokes=None)
+
+    def at_nodes(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> SkyTable:
+        """The same light at other rows and columns (within those of the table), by its own rule."""
+        rows, (columns, values) = hermite_matrix(self.elevation_deg, elevation_deg), self._columns
+        # the lower one of two equal rows belongs to what is below the break
+        for n in np.flatnonzero(np.diff(elevation_deg) == 0.0):
+            twice = np.flatnonzero(self.elevation_deg == elevation_deg[n])
+            rows[n] = 0.0
+            rows[n, twice[0] if twice.size else np.argmin(np.abs(self.elevation_deg - elevation_deg[n]))] = 1.0
+        across = hermite_matrix(columns, azimuth_deg)
+
+        def read(layer: np.ndarray | None) -> np.ndarray | None:
+            if layer is None:
+                return None
+            flat = layer.reshape(*layer.shape[:3], -1)
+            made = np.stack([np.matmul(across, np.tensordot(rows, values(one), axes=1)) for one in flat])
+            return made.reshape(layer.shape[0], rows.shape[0], across.shape[0], *layer.shape[3:]).astype(np.float32)
+
+        return replace(
+            self,
+            elevation_deg=elevation_deg,
+            azimuth_deg=azimuth_deg,
+            smooth=read(self.smooth),
+            aureole=read(self.aureole),
+            stokes=read(self.stokes),
+        )
+
+
+def join(tables: Sequence[SkyTable]) -> SkyTable:
+    """One table of the wavelengths of several, of the same suns: on all their rows and columns."""
+    if len(tables) == 1:
+        return tables[0]
+    rows = np.unique(np.concatenate([t.elevation_deg for t in tables]))
+    breaks = np.unique(np.concatenate([t.elevation_deg[1:][np.diff(t.elevation_deg) == 0.0] for t in tables]))
+    rows = np.sort(np.concatenate([rows, breaks]))
+    columns = np.unique(np.concatenate([t.azimuth_deg for t in tables]))
+    parts = [t.at_nodes(rows, columns) for t in tables]
+
+    def all_of(name: str) -> np.ndarray | None:
+        values = [getattr(part, name) for part in parts]
+        return None if any(value is None for value in values) else np.concatenate(values, axis=-1)
+
+    return replace(
+        parts[0],
+        smooth=all_of("smooth"),
+        aureole=all_of("aureole"),
+        log_phase=all_of("log_phase"),
+        stokes=all_of("stokes"),
+        error=max(t.error for t in tables),
+        worst=max(t.worst for t in tables),
+    )
+
+
+def _log(light: np.ndarray) -> np.ndarray:
+    """ln of light (S, R, C, W), float32, not below DARKEST of its largest."""
+    least = np.maximum(DARKEST * light.max(axis=(1, 2), keepdims=True), 1e-38)
+    return np.log(np.maximum(light, least)).astype(np.float32)
+
+
+def split(
+    light: np.ndarray,
+    once: np.ndarray | None,
+    angle_rad: np.ndarray,
+    log_phase: np.ndarray | None,
+    largest_fraction: float = 0.98,
+    rest: float = 0.01,
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """S and A (S, R, C, W) of light and what aerosol scattered once of it, about.
+
+    angle_rad (S, R, C): scattering angles.  A holds at most `largest_fraction` of the light, so that something is left
+    for S, and the fraction `rest` of all else, so that its logarithm does not fall without end in the shadow.
+    """
+    light = np.maximum(light, np.maximum(DARKEST * light.max(axis=(1, 2), keepdims=True), 1e-38)).astype(float)
+    if once is None or log_phase is None:
+        return np.log(light).astype(np.float32), None
+    part = np.minimum(once, largest_fraction * light)
+    part = part + rest * (light - part)
+    u = np.sqrt(angle_rad / np.pi) * (PHASE_COUNT - 1)
+    k = np.minimum(u.astype(int), PHASE_COUNT - 2)
+    f = (u - k)[..., None]
+    phase = (1.0 - f) * log_phase[k] + f * log_phase[k + 1]
+    return np.log(light - part).astype(np.float32), (np.log(part) - phase).astype(np.float32)
+
+
+PLAIN_ERROR = 0.003
+"""Relative error, at 95 % of a row or a column, of light between two neighbours of `plain_grid` on a straight line."""
+
+LARGEST_PLAIN_ERROR = 0.012
+"""The same of the largest error."""
+
+CLOSEST_PLAIN_DEG = 0.08
+"""Rows and columns of `plain_grid` closer than this are not halved [deg]."""
+
+FAINT = 1e-3
+"""Light, of the brightest at a wavelength, whose errors count as if it were so bright."""
+
+BESIDE_BREAK_DEG = 1e-3
+"""How far on either side of a break the rows of `plain_grid` stand [deg]."""
+
+
+def plain_grid(table: SkyTable) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (E,) and columns (A,) over the whole circle [deg], between which straight lines do for the light of one sun.
+
+    They are those of the table and others between them: close at the horizon and the sun.
+    """
+    rows = table.elevation_deg.copy()
+    twice = np.flatnonzero(np.diff(rows) == 0.0)
+    rows[twice] -= BESIDE_BREAK_DEG
+    rows[twice + 1] += BESIDE_BREAK_DEG
+    columns = table.azimuth_deg
+    rows = _halved(rows, lambda more: table.on_grid(more, columns), 0)
+    columns = _halved(columns, lambda more: table.on_grid(rows, more), 1)
+    if table.mirrored:
+        columns = np.concatenate([columns, 360.0 - columns[-2:0:-1]])
+    return rows, columns
+
+
+def _halved(nodes: np.ndarray, light: Callable[[np.ndarray], np.ndarray], axis: int) -> np.ndarray:
+    """Nodes with more between them, until the light of `light` (E, A, W) is straight along an axis."""
+    values = np.moveaxis(light(nodes), axis, 0)
+    least = FAINT * values.max(axis=(0, 1))
+    pending = np.flatnonzero(np.diff(nodes) > 2.0 * CLOSEST_PLAIN_DEG)
+    while pending.size:
+        between = 0.5 * (nodes[pending] + nodes[pending + 1])
+        found = np.moveaxis(light(between), axis, 0)
+        error = np.abs(0.5 * (values[pending] + values[pending + 1]) - found) / np.maximum(found, least)
+        each = error.reshape(between.size, -1)
+        missed = (np.percentile(each, 95, axis=1) > PLAIN_ERROR) | (each.max(axis=1) > LARGEST_PLAIN_ERROR)
+        place = pending[missed]
+        nodes = np.insert(nodes, place + 1, between[missed])
+        values = np.insert(values, place + 1, found[missed], axis=0)
+        again = (place + np.arange(place.size))[:, None] + np.arange(2)
+        pending = again.ravel()[np.diff(nodes)[again.ravel()] > 2.0 * CLOSEST_PLAIN_DEG]
+    return nodes
