@@ -165,7 +165,6 @@ BENCHMARKS = {
         "visibility.py dawn", "visibility_dawn.csv", "contrast of a desert's dawn beside the eye's threshold"
     ),
     "circular": Benchmark("circular.py", "circular.csv", "how large circular polarisation is"),
-    "limb": Benchmark("limb.py", "limb.csv", "the limb by light scattered once and by all light, beside sasktran2"),
     "stars": Benchmark(
         "stars.py ../shared/data/photos/dikhololo_night_1k.hdr",
         "stars*.csv, stars_photograph.png",

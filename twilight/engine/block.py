@@ -138,14 +138,12 @@ class Block:
         *,
         polarisation: bool = False,
         checkpoint: Path | None = None,
-        by_term: bool = False,
     ) -> Answer:
         """Radiance in directions [deg] (azimuth from the sun), seen from an altitude; None: the problem's.
 
         polarisation: also Q and U, where the field has them.  checkpoint: where a solver with standard errors saves
-        what it has begun.  by_term: of each term of the exponential sums in place of each wavelength.  A solver whose
-        field belongs to one observer solves anew for another one.  Standard errors of a wavelength's terms are added,
-        for their noise may be correlated.
+        what it has begun.  A solver whose field belongs to one observer solves anew for another one.  Standard errors
+        of a wavelength's terms are added, for their noise may be correlated.
         Errors: TwilightError for what the solver cannot do, and where it gave radiance that cannot be.
         """
         directions = (sun_elevation_deg, elevation_deg, azimuth_deg)
@@ -168,7 +166,7 @@ class Block:
             raise TwilightError("the solver gave radiance that is negative or not a number")
         if found.polarisation is not None and not np.isfinite(found.polarisation).all():
             raise TwilightError("the solver gave a Stokes parameter that is not a number")
-        return found if self.bands is None or by_term else sum_terms(found, self.bands)
+        return found if self.bands is None else sum_terms(found, self.bands)
 
     def _seen_from(self, altitude_km: float | None) -> tuple[Any, dict[str, Any]]:
         """The field that serves an observer, and further arguments of its methods."""

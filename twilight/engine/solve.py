@@ -325,10 +325,6 @@ class Solved(FieldLight):
     if TYPE_CHECKING:  # the viewer and the studies stand above this room: `twilight.api.calls` attaches it
 
         def view(self, **options: Any) -> BrowserPage: ...
-        def fluxes(
-            self, sun_elevation_deg: ArrayLike, altitude_km: ArrayLike = 0.0, *, rates: bool = True
-        ) -> xarray.Dataset: ...
-
         def airmass(
             self,
             sun_elevation_deg: ArrayLike,
@@ -348,19 +344,6 @@ class Solved(FieldLight):
             by: str | Sequence[str] = ...,
             edges_km: ArrayLike | None = None,
             observer_altitude_km: float | None = None,
-        ) -> xarray.Dataset: ...
-
-        def limb(
-            self,
-            tangent_km: ArrayLike,
-            sun_elevation_deg: float,
-            azimuth_deg: float = 90.0,
-            *,
-            observer_altitude_km: float = 600.0,
-            field_of_view_km: float | None = None,
-            field_of_view_shape: str = "box",
-            air_mass: bool = False,
-            edges_km: ArrayLike | None = None,
         ) -> xarray.Dataset: ...
 
 
