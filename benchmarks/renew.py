@@ -105,7 +105,6 @@ BENCHMARKS = {
         "compare.py", "compare.csv, ../docs/error-against-time.png", "error against run time of every solver"
     ),
     "prague_sky": Benchmark("prague_sky.py", "prague_sky.csv", "thirty values of the Prague sky model beside `zones`"),
-    "air_mass": Benchmark("air_mass.py", "air_mass.csv", "air-mass factors of `zones` beside `montecarlo`, ten airs"),
     "wavelengths": Benchmark("wavelengths.py", "wavelengths.csv", "how few wavelengths do"),
     "hyperspectral": Benchmark(
         "hyperspectral.py", "hyperspectral.csv", "error and time of light interpolated over the spectrum"

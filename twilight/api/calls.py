@@ -27,7 +27,6 @@ from twilight.engine.night import check_stars
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
 from twilight.solvers.base import Solver
-from twilight.studies.airmass.factors import box_factors, jacobian
 from twilight.viewer.page import Page
 
 
@@ -162,8 +161,8 @@ def solve(
     Solved
         `radiance(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)` is sun-normalised [sr^-1], shape
         of the directions plus (W,); `stokes` gives I, Q and U, `inscatter` the air before an object, `direct` the sun's
-        own light, `sky` a whole `Sky` and `airmass` and
-        `jacobian` derivatives by what is in the air, `view` a page for the browser.
+        own light, `sky` a whole `Sky` `view` a
+        page for the browser.
 
     Raises
     ------
@@ -241,8 +240,6 @@ def view(self: Solved, **options: Any) -> Page:
 
 
 Solved.view = view  # type: ignore[method-assign]
-Solved.airmass = box_factors  # type: ignore[method-assign, assignment]
-Solved.jacobian = jacobian  # type: ignore[method-assign, assignment]
 
 
 def _times(at: TimeLike | TimesLike) -> dict[str, object]:

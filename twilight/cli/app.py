@@ -5,7 +5,6 @@ from __future__ import annotations
 import typer
 
 from twilight.cli import (
-    airmass,
     animate,
     cache,
     climate,
@@ -37,7 +36,6 @@ commands = (
     render.render,
     view.view,
     animate.animate,
-    airmass.airmass,
     sweep.sweep,
     dataset.dataset,
     compare.compare,

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twilight.base.errors import TwilightError
 from twilight.engine.answer import Answer
 from twilight.engine.block import Block
 from twilight.engine.disc import follow_rows, make_disc
@@ -66,9 +65,6 @@ class MixedBlock(Block):
     def inscatter(self, *question: Any) -> tuple[np.ndarray, np.ndarray]:
         found = [(fraction, block.inscatter(*question)) for fraction, block in self.columns]
         return mean_of(found, lambda two: two[0]), mean_of(found, lambda two: two[1])
-
-    def log_slopes(self, *question: Any) -> Any:
-        raise TwilightError("clouds: derivatives know one air, and no mean of two; allowed are covers of 0 and 1")
 
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         found = [(fraction, block.direct(sun_elevation_deg, observer_altitude_km)) for fraction, block in self.columns]
