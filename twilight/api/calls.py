@@ -161,8 +161,7 @@ def solve(
     Solved
         `radiance(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)` is sun-normalised [sr^-1], shape
         of the directions plus (W,); `stokes` gives I, Q and U, `inscatter` the air before an object, `direct` the sun's
-        own light, `sky` a whole `Sky` `view` a
-        page for the browser.
+        own light, `sky` a whole `Sky`, `view` a page for the browser.
 
     Raises
     ------
