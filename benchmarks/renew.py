@@ -105,7 +105,6 @@ BENCHMARKS = {
         "compare.py", "compare.csv, ../docs/error-against-time.png", "error against run time of every solver"
     ),
     "prague_sky": Benchmark("prague_sky.py", "prague_sky.csv", "thirty values of the Prague sky model beside `zones`"),
-    "air_mass": Benchmark("air_mass.py", "air_mass.csv", "air-mass factors of `zones` beside `montecarlo`, ten airs"),
     "wavelengths": Benchmark("wavelengths.py", "wavelengths.csv", "how few wavelengths do"),
     "hyperspectral": Benchmark(
         "hyperspectral.py", "hyperspectral.csv", "error and time of light interpolated over the spectrum"
@@ -165,7 +164,6 @@ BENCHMARKS = {
         "visibility.py dawn", "visibility_dawn.csv", "contrast of a desert's dawn beside the eye's threshold"
     ),
     "circular": Benchmark("circular.py", "circular.csv", "how large circular polarisation is"),
-    "limb": Benchmark("limb.py", "limb.csv", "the limb by light scattered once and by all light, beside sasktran2"),
     "stars": Benchmark(
         "stars.py ../shared/data/photos/dikhololo_night_1k.hdr",
         "stars*.csv, stars_photograph.png",

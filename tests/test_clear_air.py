@@ -229,23 +229,3 @@ def test_a_sky_says_how_wrong_it_is_and_bands_of_gases_have_a_sky():
     exact = twilight.render("desert", sun_elevation_deg=-6, quality="draft", wavelength_nm=[550.0, 720.0, 760.0])
     off = np.abs(sky.normalised_radiance / exact.normalised_radiance - 1.0)
     assert np.median(off, axis=(0, 1)).max() < 0.08
-
-
-@pytest.mark.slow
-def test_derivatives_follow_the_model_and_zones():
-    """`field.jacobian` would be of another sky."""
-    keys = {"wavelength_nm": [450.0, 600.0], "sun_elevation_deg": [10.0, -4.0]}
-    model = twilight.solve("continental-average", solver="compact", **keys)
-    exact = twilight.solve("continental-average", quality="draft", **keys)
-    by = ["absorption", "aerosol_extinction", "ground_albedo", "ozone_column"]
-    where = ([10.0, -4.0], 45.0, 60.0)
-    mine, theirs = (field.jacobian(*where, by=by, edges_km=[0, 2, 12, 30]) for field in (model, exact))
-    for name in by:
-        scale = np.abs(theirs[name].to_numpy()).max()
-        assert mine[name].to_numpy() == pytest.approx(theirs[name].to_numpy(), abs=0.15 * scale), name
-    light = []
-    for albedo in (0.14, 0.16):
-        field = twilight.solve("continental-average", solver="compact", settings={"ground.albedo": albedo}, **keys)
-        light.append(np.log(field.radiance(-4.0, 45.0, 60.0)))
-    found = mine.ground_albedo.sel(sun_elevation=-4.0).to_numpy().ravel()
-    assert found == pytest.approx((light[1] - light[0]).ravel() / 0.02, rel=0.05)

@@ -50,7 +50,7 @@ def mean(values):
 
 def test_all_light_is_the_mean_of_two_skies(fields):
     """A partly covered sky would not be what it says: radiance, Stokes parameters, the sunbeam, its disc, what stands
-    before an object, fluxes and illuminance."""
+    before an object, and illuminance."""
     elevation, azimuth = np.array([5.0, 12.0, 40.0, 90.0, -20.0]), np.array([170.0, 10.0, 60.0, 0.0, 0.0])
     for ask in (
         lambda field: field.radiance(SUN, elevation, azimuth, 2.0),
@@ -58,7 +58,6 @@ def test_all_light_is_the_mean_of_two_skies(fields):
         lambda field: field.direct(SUN).irradiance,
         lambda field: field.horizontal_irradiance(SUN, direct=True),
         lambda field: np.array(field.inscatter(SUN, elevation, azimuth, 20.0)),
-        lambda field: np.array([field.fluxes(SUN, 0.5)[name] for name in ("net", "actinic", "absorbed")]),
         lambda field: field.sky(SUN, elevation[:4], np.arange(0.0, 360.0, 90.0)).radiance,
     ):
         found = [ask(field) for field in fields]
@@ -114,7 +113,5 @@ def test_two_covers_are_refused_and_so_is_one_air_of_a_mixture(fields):
     half = load_climate("pure-air", {"clouds": [{"kind": "stratus", "cover": 0.5}]})
     with pytest.raises(TwilightError, match=r"a cover of 0\.5 is the mean of two skies"):
         climate_medium(half, np.array([550.0]))
-    with pytest.raises(TwilightError, match="derivatives know one air"):
-        fields[0].airmass(SUN, 90.0, 0.0)
     with pytest.raises(TwilightError, match="clouds cover a part of the sky"):
         fields[0].view()

@@ -7,14 +7,13 @@ import warnings
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Unpack, overload
+from typing import Any, Unpack, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from twilight import solvers
 from twilight.api.arguments import config_of, numbers, place_of, times_of
-from twilight.api.limb import limb
 from twilight.api.representation import Sky, SkySeries
 from twilight.api.types import PlaceLike, RenderOptions, SceneLike, TimeLike, TimesLike
 from twilight.atmosphere.medium import Medium
@@ -28,11 +27,7 @@ from twilight.engine.night import check_stars
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
 from twilight.solvers.base import Solver
-from twilight.studies.airmass.factors import box_factors, jacobian
 from twilight.viewer.page import Page
-
-if TYPE_CHECKING:
-    import xarray
 
 
 @overload
@@ -166,8 +161,7 @@ def solve(
     Solved
         `radiance(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)` is sun-normalised [sr^-1], shape
         of the directions plus (W,); `stokes` gives I, Q and U, `inscatter` the air before an object, `direct` the sun's
-        own light, `sky` a whole `Sky`, `airmass` and `jacobian` derivatives by what is in the air, `limb` radiance
-        against tangent altitude from space, `view` a page for the browser.
+        own light, `sky` a whole `Sky`, `view` a page for the browser.
 
     Raises
     ------
@@ -244,49 +238,7 @@ def view(self: Solved, **options: Any) -> Page:
     return view_fields([self], **options)
 
 
-def fluxes(
-    self: Solved, sun_elevation_deg: ArrayLike, altitude_km: ArrayLike = 0.0, *, rates: bool = True
-) -> xarray.Dataset:
-    """Irradiances, actinic fluxes, heating rates and photolysis frequencies at altitudes, for suns.
-
-    Parameters
-    ----------
-    sun_elevation_deg : (S,) or one
-        True elevations of the sun [deg].
-    altitude_km : (Z,) or one
-        Altitudes above sea level [km].
-    rates
-        Add `heating_rate` [K day^-1] by the light of the field's wavelengths, and the photolysis frequencies `j_no2`,
-        `j_o3_o1d`, `j_o3_o3p`, `j_no3_no`, `j_no3_no2` [s^-1] that lie within them.
-
-    Returns
-    -------
-    xarray.Dataset
-        Over sun_elevation, altitude and wavelength, in W m^-2 nm^-1 at 1 au: irradiance of a horizontal surface
-        (`direct_down`, `diffuse_down`, `direct_up`, `diffuse_up`, `net`), actinic flux (`actinic` and its parts),
-        `absorbed` [W m^-3 nm^-1], `albedo`.
-
-    Raises
-    ------
-    TwilightError
-        For a solver that does not look down, an altitude below the ground, and rates where the air has no temperature.
-    """
-    from twilight.studies.flux.fluxes import fluxes_of  # start-up
-    from twilight.studies.flux.rates import air_of, heating_rates, photolysis_frequencies  # start-up
-
-    found = fluxes_of(self, sun_elevation_deg, altitude_km)
-    if not rates:
-        return found
-    air = air_of(self.scene, found["altitude"].values)
-    found["heating_rate"] = heating_rates(found, air)
-    return found.merge(photolysis_frequencies(found, air.temperature_k), combine_attrs="no_conflicts")
-
-
 Solved.view = view  # type: ignore[method-assign]
-Solved.fluxes = fluxes  # type: ignore[method-assign]
-Solved.airmass = box_factors  # type: ignore[method-assign, assignment]
-Solved.jacobian = jacobian  # type: ignore[method-assign, assignment]
-Solved.limb = limb  # type: ignore[method-assign]
 
 
 def _times(at: TimeLike | TimesLike) -> dict[str, object]:

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from twilight.config import Config
     from twilight.config.sun import SunAt
 
-MAX_RANGE_NUMBERS = 1000
-"""Most numbers of a range `first:last:step`."""
 MAX_WORKERS = 10_000
 """Most processes or jobs, and most threads of each."""
 
@@ -67,7 +65,6 @@ def _starting(kind: str, incomplete: str) -> list[str]:
 
 SCENE = argument("CLIMATE_OR_CONFIG", "Name or file of a climate or configuration.", scene_names)
 CLIMATE = argument("CLIMATE", "Name or file of a climate or configuration.", scene_names)
-SCENE_BY_FILE = argument("CLIMATE_OR_CONFIG", "Name or file of a climate, or file of a configuration.", scene_names)
 SETTINGS = option("KEY=VALUE", "Any key; may be repeated.", "--set")
 SOLVER = option("NAME", "See `twilight solvers`.", complete=solver_names)
 QUALITY = option("NAME", "Preset of the solver.")
@@ -151,22 +148,6 @@ def parse_numbers(text: str, option: str, low: float, high: float) -> list[float
     for value in values:
         check_range(value, option, low, high)
     return list(dict.fromkeys(values))
-
-
-def parse_numbers_or_range(text: str, option: str, low: float, high: float) -> list[float]:
-    """Numbers of `first:last:step`, or with commas between them; TwilightError for anything else, and above
-    MAX_RANGE_NUMBERS."""
-    if ":" not in text:
-        return parse_numbers(text, option, low, high)
-    try:
-        first, last, step = (float(part) for part in text.split(":"))
-    except ValueError:
-        raise TwilightError(f"{option}: {text} must be first:last:step, e.g. 80:96:0.5") from None
-    for value in (first, last):
-        check_range(value, option, low, high)
-    if not (step > 0.0 and last >= first and (last - first) / step < MAX_RANGE_NUMBERS):
-        raise TwilightError(f"{option}: {text} must go up by a step above 0, to at most {MAX_RANGE_NUMBERS} numbers")
-    return [first + k * step for k in range(int((last - first) / step + 1e-6) + 1)]
 
 
 def load_one_scene(scene: str, chosen: dict[str, Any], names: dict[str, str], command: str) -> Config:

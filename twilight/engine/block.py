@@ -18,8 +18,7 @@ from twilight.engine.answer import Answer, answer_of_stokes, join, sum_terms
 from twilight.engine.field_cache import field_key
 from twilight.engine.sunbeam import Direct, Sunbeam
 from twilight.numerics.grids import half_of
-from twilight.scene.shifted import shifted
-from twilight.solvers.base import Derivatives, Field, Interpolation
+from twilight.solvers.base import Field, Interpolation
 
 if TYPE_CHECKING:
     from twilight.engine.solve import Problem
@@ -70,7 +69,6 @@ class Block:
         self.sunbeam = Sunbeam(self.term_medium, self.capabilities.numpy_only or problem.numpy_only_sun)
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
-        self._derivatives: tuple[Field, tuple[str, bytes], Derivatives] | None = None
         self.columns: tuple[tuple[float, Block], ...] = ((1.0, self),)
 
     @classmethod
@@ -138,14 +136,12 @@ class Block:
         *,
         polarisation: bool = False,
         checkpoint: Path | None = None,
-        by_term: bool = False,
     ) -> Answer:
         """Radiance in directions [deg] (azimuth from the sun), seen from an altitude; None: the problem's.
 
         polarisation: also Q and U, where the field has them.  checkpoint: where a solver with standard errors saves
-        what it has begun.  by_term: of each term of the exponential sums in place of each wavelength.  A solver whose
-        field belongs to one observer solves anew for another one.  Standard errors of a wavelength's terms are added,
-        for their noise may be correlated.
+        what it has begun.  A solver whose field belongs to one observer solves anew for another one.  Standard errors
+        of a wavelength's terms are added, for their noise may be correlated.
         Errors: TwilightError for what the solver cannot do, and where it gave radiance that cannot be.
         """
         directions = (sun_elevation_deg, elevation_deg, azimuth_deg)
@@ -168,7 +164,7 @@ class Block:
             raise TwilightError("the solver gave radiance that is negative or not a number")
         if found.polarisation is not None and not np.isfinite(found.polarisation).all():
             raise TwilightError("the solver gave a Stokes parameter that is not a number")
-        return found if self.bands is None or by_term else sum_terms(found, self.bands)
+        return found if self.bands is None else sum_terms(found, self.bands)
 
     def _seen_from(self, altitude_km: float | None) -> tuple[Any, dict[str, Any]]:
         """The field that serves an observer, and further arguments of its methods."""
@@ -200,37 +196,6 @@ class Block:
         if self.bands is None:
             return scattered, transmittance
         return self.bands.sum_terms(scattered), self.bands.sum_terms(transmittance)
-
-    def log_slopes(
-        self,
-        quantity: str,
-        edges_km: np.ndarray,
-        sun_elevation_deg: ArrayLike,
-        elevation_deg: ArrayLike,
-        azimuth_deg: ArrayLike,
-        observer_altitude_km: float | None = None,
-    ) -> tuple[np.ndarray, np.ndarray | None]:
-        """d ln I / dp by a quantity of `solvers.base.DIFFERENTIATED`, and its standard error, (..., N, W) each.
-
-        Suns and directions are broadcast.  What is asked for last is held: others of the same layers are cheaper.
-        Errors: TwilightError for a solver that cannot differentiate, and for wavelengths in bands of gases.
-        """
-        if self.capabilities.differentiate is None:
-            raise TwilightError(
-                f"derivatives: {self.scene.solver_name} cannot differentiate its light; zones and montecarlo can"
-            )
-        if self.bands is not None:
-            raise TwilightError(
-                f"derivatives: from {self.medium.wavelength_nm[0]:g} to {self.medium.wavelength_nm[-1]:g} nm oxygen or "
-                "water vapour absorb in lines, in which no depth stands for a wavelength; allowed are wavelengths "
-                "outside their bands, or gases.oxygen: false and gases.water_vapour.column_mm: 0"
-            )
-        made, more = self._seen_from(observer_altitude_km)
-        wanted = quantity, edges_km.tobytes()
-        if self._derivatives is None or self._derivatives[0] is not made or self._derivatives[1] != wanted:
-            air = shifted(self.scene, quantity, self.medium.wavelength_nm)
-            self._derivatives = made, wanted, self.capabilities.differentiate(made, quantity, edges_km, air)
-        return self._derivatives[2].log_slopes(sun_elevation_deg, elevation_deg, azimuth_deg, **more)
 
     def texture(
         self,

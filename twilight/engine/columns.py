@@ -1,6 +1,6 @@
 """A sky that clouds cover in part, as independent columns: the mean of the sky under them and of the one between them.
 
-    L = c L_under + (1 - c) L_between,    of Stokes parameters, the sunbeam, transmittances and fluxes,
+    L = c L_under + (1 - c) L_between,    of Stokes parameters, the sunbeam and transmittances,
 
 as if no light crossed from one to the other; c is the cover.
 """
@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twilight.base.errors import TwilightError
 from twilight.engine.answer import Answer
 from twilight.engine.block import Block
 from twilight.engine.disc import follow_rows, make_disc
@@ -46,13 +45,11 @@ class MixedBlock(Block):
     def rows_at_once(self, columns: int) -> int:
         return min(block.rows_at_once(columns) for _, block in self.columns)
 
-    def answer(
-        self, *question: Any, polarisation: bool = False, checkpoint: Path | None = None, by_term: bool = False
-    ) -> Answer:
+    def answer(self, *question: Any, polarisation: bool = False, checkpoint: Path | None = None) -> Answer:
         found = []
         for n, (_, block) in enumerate(self.columns):
             own = None if checkpoint is None else checkpoint.with_suffix(f".column{n}{checkpoint.suffix}")
-            found.append(block.answer(*question, polarisation=polarisation, checkpoint=own, by_term=by_term))
+            found.append(block.answer(*question, polarisation=polarisation, checkpoint=own))
         fractions = np.array([fraction for fraction, _ in self.columns])
         parts: list[Any] = []
         for name, values in zip(vars(found[0]), zip(*(vars(one).values() for one in found), strict=True), strict=True):
@@ -68,9 +65,6 @@ class MixedBlock(Block):
     def inscatter(self, *question: Any) -> tuple[np.ndarray, np.ndarray]:
         found = [(fraction, block.inscatter(*question)) for fraction, block in self.columns]
         return mean_of(found, lambda two: two[0]), mean_of(found, lambda two: two[1])
-
-    def log_slopes(self, *question: Any) -> Any:
-        raise TwilightError("clouds: derivatives know one air, and no mean of two; allowed are covers of 0 and 1")
 
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         found = [(fraction, block.direct(sun_elevation_deg, observer_altitude_km)) for fraction, block in self.columns]

@@ -31,9 +31,6 @@ from twilight.sky.disc import Disc
 from twilight.sky.sky import BrowserPage, Sky
 from twilight.solvers.base import Cost, Interpolation
 
-if TYPE_CHECKING:
-    import xarray
-
 FIELD_BYTES = 1.0e9
 """Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
 
@@ -271,22 +268,6 @@ class Solved(FieldLight):
         direct = self.direct(sun_elevation_deg, altitude)
         return make_sky(self.medium, (elevation_deg, azimuth_deg), answer, direct, sun_elevation_deg, altitude, **facts)
 
-    def log_slopes(
-        self,
-        quantity: str,
-        edges_km: ArrayLike,
-        sun_elevation_deg: ArrayLike,
-        elevation_deg: ArrayLike,
-        azimuth_deg: ArrayLike,
-        observer_altitude_km: float | None = None,
-    ) -> tuple[np.ndarray, np.ndarray | None]:
-        """d ln I / dp and its standard error (or None), (..., N, W) each; arguments as `Block.log_slopes`."""
-        edges = np.asarray(edges_km, dtype=float)
-        question = (quantity, edges, sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
-        slopes, errors = zip(*(block.log_slopes(*question) for block in self.blocks), strict=True)
-        known = errors[0] is not None
-        return np.concatenate(slopes, axis=-1), np.concatenate(errors, axis=-1) if known else None
-
     def inscatter(
         self,
         sun_elevation_deg: float,
@@ -322,46 +303,9 @@ class Solved(FieldLight):
         scattered, transmittance = zip(*(block.inscatter(*question) for block in self.blocks), strict=True)
         return np.concatenate(scattered, axis=-1), np.concatenate(transmittance, axis=-1)
 
-    if TYPE_CHECKING:  # the viewer and the studies stand above this room: `twilight.api.calls` attaches it
+    if TYPE_CHECKING:  # the viewer stands above this room: `twilight.api.calls` attaches it
 
         def view(self, **options: Any) -> BrowserPage: ...
-        def fluxes(
-            self, sun_elevation_deg: ArrayLike, altitude_km: ArrayLike = 0.0, *, rates: bool = True
-        ) -> xarray.Dataset: ...
-
-        def airmass(
-            self,
-            sun_elevation_deg: ArrayLike,
-            elevation_deg: ArrayLike,
-            azimuth_deg: ArrayLike,
-            *,
-            edges_km: ArrayLike | None = None,
-            observer_altitude_km: float | None = None,
-        ) -> xarray.Dataset: ...
-
-        def jacobian(
-            self,
-            sun_elevation_deg: ArrayLike,
-            elevation_deg: ArrayLike,
-            azimuth_deg: ArrayLike,
-            *,
-            by: str | Sequence[str] = ...,
-            edges_km: ArrayLike | None = None,
-            observer_altitude_km: float | None = None,
-        ) -> xarray.Dataset: ...
-
-        def limb(
-            self,
-            tangent_km: ArrayLike,
-            sun_elevation_deg: float,
-            azimuth_deg: float = 90.0,
-            *,
-            observer_altitude_km: float = 600.0,
-            field_of_view_km: float | None = None,
-            field_of_view_shape: str = "box",
-            air_mass: bool = False,
-            edges_km: ArrayLike | None = None,
-        ) -> xarray.Dataset: ...
 
 
 def solve(scene: Scene, sun_elevations_deg: Sequence[float] | None = None, progress: Progress | None = None) -> Solved:

@@ -20,7 +20,6 @@ from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.medium_table import medium_from_table
 from twilight.atmosphere.opac import AerosolSpec, MineralLayer, opac_type
 from twilight.atmosphere.own_aerosol import OwnAerosol
-from twilight.atmosphere.profiles import AirProfile
 from twilight.atmosphere.shipped_optics import WAVELENGTHS_NM
 from twilight.atmosphere.stratosphere import ExtinctionLevels, StratosphereSpec, measured_kind
 from twilight.atmosphere.water_surface import mean_square_slope
@@ -74,8 +73,8 @@ def planning_medium(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
     return replace(medium, grid_medium=GridMedium.built_by(nearest, fixed_wavelengths(medium.wavelength_nm)))
 
 
-def built_medium(climate: Climate, wavelength_nm: np.ndarray, profile: AirProfile | None = None) -> Medium:
-    """The air of a climate that is no table, over black ground; profile: in place of the climate's own."""
+def built_medium(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
+    """The air of a climate that is no table, over black ground."""
     layers: EqualAirMass | Boundaries | None = None
     if climate.atmosphere.layers.equal_air_mass is not None:
         layers = EqualAirMass(climate.atmosphere.layers.equal_air_mass)
@@ -83,7 +82,7 @@ def built_medium(climate: Climate, wavelength_nm: np.ndarray, profile: AirProfil
         layers = Boundaries(climate.atmosphere.layers.boundaries_km)
     medium = build_medium(
         wavelength_nm,
-        profile=profile or air_profile(climate),
+        profile=air_profile(climate),
         top_km=climate.atmosphere.top_km,
         ground_altitude_km=climate.ground.altitude_km,
         layers=layers,

@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twilight.atmosphere.bands import GasBands
-from twilight.atmosphere.layer_changes import Shifted
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
@@ -77,37 +76,6 @@ class Interpolation(Protocol):
         """Whether they are terms of exponential sums."""
 
 
-DIFFERENTIATED = {
-    "absorption": "vertical optical depth of absorption in the layer",
-    "aerosol_extinction": "vertical optical depth of aerosol in the layer",
-    "aerosol_albedo": "single scattering albedo of the aerosol in the layer",
-    "aerosol_asymmetry": "asymmetry parameter of the aerosol in the layer",
-    "temperature": "temperature of the layer at fixed pressure",
-    "ozone_column": "column of ozone",
-    "ground_albedo": "albedo of the ground",
-}
-"""What light is differentiated by, in words."""
-
-OF_ALL_AIR = ("ozone_column", "ground_albedo")
-"""Names in DIFFERENTIATED that belong to no layer."""
-
-
-class Derivatives(Protocol):
-    """Derivatives of a field's light by N parameters."""
-
-    def log_slopes(
-        self, sun_elevation_deg: ArrayLike, elevation_deg: ArrayLike, azimuth_deg: ArrayLike
-    ) -> tuple[np.ndarray, np.ndarray | None]:
-        """d ln I / dp and its standard error, where the solver estimates one; suns are broadcast with the directions.
-
-        Returns
-        -------
-        slopes, standard_error : arrays
-            Shape of suns and directions plus (N, W) each; nan where there is no light.  A solver that serves
-            `every_observer` takes `observer_altitude_km` too.
-        """
-
-
 @dataclass(frozen=True)
 class Capabilities:
     """What a solver can do beyond the least that is asked of one, which the defaults describe.
@@ -137,9 +105,6 @@ class Capabilities:
     formula: its light follows from a formula, not from the medium's coefficients, and bands of gases mean nothing to it
     cost: cost of a field from (medium, settings, sun elevations or None for any, altitude of the observer); None: not
         known
-    differentiate: derivatives of a field, from (field, quantity of DIFFERENTIATED, altitudes [km] that bound layers,
-        `Shifted` air for a quantity that is not in a medium, else None); what the solver cannot differentiate is a
-        TwilightError; None: it differentiates nothing
     package: name of a Python package that it needs beside those of twilight, which the extra `peers` installs
     """
 
@@ -163,7 +128,6 @@ class Capabilities:
     spectral_interpolation: Callable[[Medium, GasBands | None, np.ndarray, Any], Interpolation | None] | None = None
     formula: bool = False
     cost: Callable[[Medium, Any, Sequence[float] | None, float], Cost] | None = None
-    differentiate: Callable[[Any, str, np.ndarray, Shifted | None], Derivatives] | None = None
     package: str = ""
 
     @property

@@ -1,7 +1,7 @@
 """sasktran2 (University of Saskatchewan) as a solver: the same coefficients, phase functions, ground and geometry.
 
-It is here to be compared with.  Its refraction is off unless asked for: once the sun is low, a refracted beam that does
-not spread is worse than straight light.  What makes it right in twilight, each found by comparison with the Monte-Carlo
+It is here to be compared with, along straight rays: once the sun is low, its refracted beam, which does not spread, is
+worse than straight light.  What makes it right in twilight, each found by comparison with the Monte-Carlo
 reference solution:
 
 - Single and multiple scattering are computed by two engines and added.  Single scattering is exact in its phase
@@ -9,8 +9,7 @@ reference solution:
   scattering on that grid would cost ten times more than it gains.
 - The engine of multiple scattering interpolates sunlight in a table whose altitudes it takes to be evenly spaced
   (SolarTransmissionTable, gridspacing::constant): with other altitudes and one Stokes component its answer is garbage.
-  Either the altitudes are evenly spaced, or the engine is made to trace every sun ray: it does so when it computes
-  three Stokes components (here of light that scattering leaves unpolarised, so that the radiance is the scalar one).
+  So they are evenly spaced here.
 - The source is linear in the cosine of the solar zenith angle, on evenly spaced values that cover the lines of sight,
   and constant beyond them.
 - A jump of a coefficient is a layer of 1 m, or on an evenly spaced grid the mean of both sides.
@@ -43,9 +42,8 @@ class Sasktran2Settings:
     """A configuration of sasktran2; the defaults need about 4.5 GB, `draft` about one.
 
     single_step_km, single_growth: layers for single scattering: thickness at the ground, growth with altitude
-    multiple_step_km, multiple_growth: the same for multiple scattering; growth 0: evenly spaced, and sunlight from the
-        table
-    source_step_km, source_growth: the same for the points where the diffuse source is computed
+    multiple_step_km: layers for multiple scattering, evenly spaced
+    source_step_km, source_growth: as for single scattering, of the points where the diffuse source is computed
     zenith_step_deg: between the solar zenith angles of the source, near 90 deg (they are even in the cosine and
         cover the lines of sight)
     incoming, outgoing: directions at a source point (orders of Lebedev's rules: 110, 302, 770)
@@ -54,10 +52,6 @@ class Sasktran2Settings:
     tolerance: relative residual at which the iteration stops
     threads: that it uses; 0: all there are
     polarisation: three Stokes parameters, at several times the cost
-    discrete_ordinates: multiple scattering by discrete ordinates in the pseudo-spherical column of every solar zenith
-        angle, in place of successive orders: faster, and right by day alone
-    delta_scaling: delta-M scaling of the phase functions
-    refraction: bend the sunbeam and lines of sight, by the index of the middle wavelength
     """
 
     COMMON: ClassVar[tuple[str, ...]] = (
@@ -67,7 +61,6 @@ class Sasktran2Settings:
     single_step_km: float = 0.02
     single_growth: float = 0.05
     multiple_step_km: float = 1.0
-    multiple_growth: float = 0.0
     source_step_km: float = 1.0
     source_growth: float = 0.3
     zenith_step_deg: float = 0.5
@@ -78,16 +71,12 @@ class Sasktran2Settings:
     tolerance: float = 1e-4
     threads: int = 0
     polarisation: bool = False
-    discrete_ordinates: bool = False
-    delta_scaling: bool = True
-    refraction: bool = False
 
     def __post_init__(self):
         ranges = {
             "single_step_km": (1e-3, 10.0),
             "single_growth": (1e-3, 1.0),
             "multiple_step_km": (1e-2, 10.0),
-            "multiple_growth": (0.0, 1.0),
             "source_step_km": (1e-2, 10.0),
             "source_growth": (1e-3, 1.0),
             "zenith_step_deg": (0.05, 90.0),
@@ -136,10 +125,8 @@ class Field(BareField):
             )
         self.medium, self.settings, self.observer_altitude_km = medium, settings, observer_altitude_km
 
-    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg) -> np.ndarray:
+    def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
-
-        Suns that differ from direction to direction share the source of one run.
 
         Errors: TwilightError for directions below the horizontal and for what sasktran2 itself refuses.
         """
@@ -160,14 +147,14 @@ class Field(BareField):
             raise TwilightError("solver.polarisation is false: this field has no Stokes parameters")
         return self._evaluate(sun_elevation_deg, elevation_deg, azimuth_deg)
 
-    def _evaluate(self, sun_elevation_deg, elevation_deg, azimuth_deg) -> np.ndarray:
-        angles = (np.asarray(a, float) for a in (sun_elevation_deg, elevation_deg, azimuth_deg))
-        sun, elevation, azimuth = np.broadcast_arrays(*angles)
+    def _evaluate(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
         if np.any(elevation < 0.0):
             raise TwilightError("the sasktran2 solver looks up only: elevations must not be below 0 deg")
-        rays = [sun.ravel(), elevation.ravel(), azimuth.ravel()]
+        rays = [elevation.ravel(), azimuth.ravel()]
+        more = float(sun_elevation_deg), rays, self.observer_altitude_km
         try:
-            parts = [_engine(self.medium, self.settings, rays, self.observer_altitude_km, single=s) for s in (1, 0)]
+            parts = [_engine(self.medium, self.settings, *more, single) for single in (1, 0)]
         except (RuntimeError, ValueError) as error:
             raise TwilightError(f"sasktran2: {error}") from None
         return (parts[0] + parts[1]).reshape(*elevation.shape, *parts[0].shape[1:])
@@ -237,18 +224,23 @@ def optics(
     return extinction / 1000.0, scattering / extinction, moments / scattering
 
 
-def _zenith_count(medium: Medium, step_deg: float, rays: list[np.ndarray]) -> int:
+def _zenith_count(medium: Medium, step_deg: float, sun_elevation_deg: float, rays: list[np.ndarray]) -> int:
     """Solar zenith angles that are a step apart where the sun is at the horizon, over all lines of sight."""
-    sun, elevation, azimuth = (np.radians(a) for a in rays)
+    sun, (elevation, azimuth) = np.radians(sun_elevation_deg), np.radians(rays)
     ratio = (medium.earth_radius_km + medium.bottom_km) / (medium.earth_radius_km + medium.top_km)
     arc_rad = np.arccos(ratio * np.cos(elevation)) - elevation  # from the observer to where a line of sight leaves
     cosine = np.sin(sun) * np.cos(arc_rad) + np.cos(sun) * np.sin(arc_rad) * np.cos(azimuth)
-    span = max(cosine.max(), np.sin(sun).max()) - min(cosine.min(), np.sin(sun).min())
+    span = max(cosine.max(), np.sin(sun)) - min(cosine.min(), np.sin(sun))
     return 1 + max(1, round(span / np.radians(step_deg)))
 
 
 def _engine(
-    medium: Medium, s: Sasktran2Settings, rays: list[np.ndarray], altitude_km: float, *, single: int
+    medium: Medium,
+    s: Sasktran2Settings,
+    sun_elevation_deg: float,
+    rays: list[np.ndarray],
+    altitude_km: float,
+    single: int,
 ) -> np.ndarray:
     """I, or I, Q and U where polarised, (rays, 1 or 3, W), of single or of multiple scattering."""
     import sasktran2 as sk  # optional
@@ -258,9 +250,8 @@ def _engine(
     config.threading_model = sk.ThreadingModel.Source
     config.single_scatter_source = sk.SingleScatterSource.Exact if single else sk.SingleScatterSource.NoSource
     if not single:
-        source = sk.MultipleScatterSource
-        config.multiple_scatter_source = source.DiscreteOrdinates if s.discrete_ordinates else source.SuccessiveOrders
-    config.delta_m_scaling = s.delta_scaling
+        config.multiple_scatter_source = sk.MultipleScatterSource.SuccessiveOrders
+    config.delta_m_scaling = True
     config.num_streams = s.streams
     config.num_singlescatter_moments = s.moments if single else s.streams + 1
     config.num_successive_orders_incoming = s.incoming
@@ -269,40 +260,29 @@ def _engine(
     config.num_successive_orders_iterations = 200
     sources = source_altitudes(medium, s.source_step_km, s.source_growth)
     config.successive_orders_altitude_grid_m = 1000.0 * sources
-    grid = (s.single_step_km, s.single_growth) if single else (s.multiple_step_km, s.multiple_growth)
-    traces_suns = not single and grid[1] > 0.0  # every sun ray, which takes three Stokes parameters
-    config.num_stokes = 3 if traces_suns or s.polarisation else 1
-    z = levels(medium, *grid)
-    sun, elevation, azimuth = rays
-    reference = 90.0 - 0.5 * (sun.min() + sun.max())
-    config.num_sza = _zenith_count(medium, s.zenith_step_deg, rays)
+    config.num_stokes = 3 if s.polarisation else 1
+    z = levels(medium, s.single_step_km, s.single_growth) if single else levels(medium, s.multiple_step_km, 0.0)
+    config.num_sza = _zenith_count(medium, s.zenith_step_deg, sun_elevation_deg, rays)
+    elevation, azimuth = rays
     geometry = sk.Geometry1D(
-        np.cos(np.radians(reference)),
+        np.cos(np.radians(90.0 - sun_elevation_deg)),
         0.0,
         1000.0 * medium.earth_radius_km,
         1000.0 * z,
         sk.InterpolationMethod.LinearInterpolation,
         sk.GeometryType.Spherical,
     )
-    if s.refraction:
-        config.solar_refraction = config.los_refraction = True
-        refractivity = medium.refractivity[:, medium.n_wavelengths // 2]
-        geometry.refractive_index = 1.0 + np.interp(z, medium.altitude_km, refractivity)
     viewing = sk.ViewingGeometry()
-    for d, e, a in zip(sun, elevation, azimuth, strict=True):
+    cos_zenith = np.sin(np.radians(sun_elevation_deg))
+    for e, a in zip(elevation, azimuth, strict=True):
         viewing.add_ray(
-            sk.SolarAnglesObserverLocation(
-                np.sin(np.radians(d)), np.radians(a), np.sin(np.radians(e)), 1000.0 * altitude_km
-            )
+            sk.SolarAnglesObserverLocation(cos_zenith, np.radians(a), np.sin(np.radians(e)), 1000.0 * altitude_km)
         )
     atmosphere = sk.Atmosphere(geometry, config, wavelengths_nm=medium.wavelength_nm, calculate_derivatives=False)
     extinction, albedo, moments = optics(medium, z, config.num_singlescatter_moments, s.polarisation)
-    if traces_suns and not s.polarisation:
-        scalar, moments = moments, np.zeros((4 * moments.shape[0], *moments.shape[1:]))
-        moments[::4] = scalar
     atmosphere["air"] = sk.constituent.Manual(extinction, albedo, moments)
     atmosphere["ground"] = sk.constituent.LambertianSurface(medium.ground_albedo.copy(), medium.wavelength_nm.copy())
     answer = sk.Engine(config, geometry, viewing).calculate_radiance(atmosphere)
-    found = answer["radiance"].values[:, : sun.size, : 3 if s.polarisation else 1].transpose(1, 2, 0)
+    found = answer["radiance"].values[:, : elevation.size, : 3 if s.polarisation else 1].transpose(1, 2, 0)
     # its azimuths grow to the other side
     return found * np.array([1.0, 1.0, -1.0])[: found.shape[1], None]

@@ -2,7 +2,6 @@
 
 from twilight.solvers.base import Capabilities
 from twilight.solvers.compact.clear_air_field import ClearAirField as Field
-from twilight.solvers.compact.derivatives import differentiate
 from twilight.solvers.compact.field import QUALITIES, CompactSettings, prepare, recorded
 
 CAPABILITIES = Capabilities(
@@ -12,7 +11,6 @@ CAPABILITIES = Capabilities(
     stokes=True,
     reads_files=True,
     numpy_only=True,
-    differentiate=differentiate,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "CompactSettings", "Field", "prepare", "recorded"]

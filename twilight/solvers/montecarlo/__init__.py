@@ -6,7 +6,6 @@ and tests hold those against rays integrated on their own.
 """
 
 from twilight.solvers.base import Capabilities
-from twilight.solvers.montecarlo.air_mass import differentiate
 from twilight.solvers.montecarlo.field import Field, prepare
 from twilight.solvers.montecarlo.settings import QUALITIES, MonteCarloSettings
 from twilight.solvers.montecarlo.tally import MonteCarloResult, StokesResult
@@ -18,7 +17,6 @@ CAPABILITIES = Capabilities(
     water=True,
     screen=True,
     target_stderr=True,
-    differentiate=differentiate,
 )
 
 __all__ = [

@@ -2,7 +2,6 @@
 
 from twilight.solvers.base import Capabilities
 from twilight.solvers.zones.cost import cost
-from twilight.solvers.zones.derivatives import differentiate
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.layout import spectral_groups
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
@@ -22,7 +21,6 @@ CAPABILITIES = Capabilities(
     spectral_groups=spectral_groups,
     spectral_interpolation=interpolation,
     cost=cost,
-    differentiate=differentiate,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "Field", "ZonesSettings", "load", "prepare"]

@@ -84,11 +84,10 @@ def early_operators(grids: FieldGrids) -> Callable[[int], ScatteringOperator]:
     return scattering_operators(grids, s.polar_directions, series.azimuthal_orders, s.degree, grids.spin2_degree)
 
 
-def late_operators(grids: FieldGrids, polar: int | None = None) -> Callable[[int], ScatteringOperator]:
-    """Operators of the later orders, by block of wavelengths; polar: polar angles a side, None for the field's."""
+def late_operators(grids: FieldGrids, polar: int) -> Callable[[int], ScatteringOperator]:
+    """Operators of the later orders, by block of wavelengths; polar: polar angles a side."""
     s, series = grids.directions, grids.layout.truncation
     spin2_degree = s.late_polarisation_degree if s.polarisation else 0
-    polar = polar or s.late_polar_directions
     return scattering_operators(grids, polar, series.late_azimuthal_orders, series.late_degree, spin2_degree)
 
 

@@ -1,1 +1,0 @@
-"""Air-mass factors: what a vertical column of an absorber does to scattered sunlight."""
