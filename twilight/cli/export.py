@@ -71,8 +71,6 @@ def tables(
     check_new(folder)
     horizon, suns = load_series(climate)[0].config.horizon, ()
     medium = replace(climate_medium(model, np.array(RGB_NM[::-1])), screen=screen_of(horizon, suns))
-    if medium.has_water:
-        raise TwilightError(f"{climate}: ground.kind is water; the tables of real-time renderers know land alone")
     _, _, settings = choose_solver({"name": solver, "quality": quality}, Origins({(): "--quality"}))
     facts: dict[str, Any] = {
         "program": f"twilight {__version__}",

@@ -23,16 +23,12 @@ from twilight.atmosphere.own_aerosol import OwnAerosol
 from twilight.atmosphere.profiles import AirProfile
 from twilight.atmosphere.shipped_optics import WAVELENGTHS_NM
 from twilight.atmosphere.stratosphere import ExtinctionLevels, StratosphereSpec, measured_kind
-from twilight.atmosphere.water_surface import mean_square_slope
 from twilight.base.errors import TwilightError
 from twilight.config.aerosol import Aerosol
 from twilight.config.climate import Climate, Ground, Spectrum, TabulatedMedium, climate_files
 from twilight.config.clouds import THINNEST_KM
 from twilight.config.profile import air_profile
 from twilight.config.scene import Config, Wavelengths
-
-USUAL_WIND_M_S = 5.0
-"""Wind over water where the climate gives none."""
 
 
 def wavelengths_of(config: Config) -> np.ndarray | None:
@@ -278,9 +274,6 @@ def _tabulated(climate: Climate, table: TabulatedMedium, wavelength_nm: np.ndarr
 
 
 def _with_ground(medium: Medium, ground: Ground) -> Medium:
-    """The medium over the climate's land or water."""
-    slope = 0.0
-    if ground.kind == "water":
-        slope = mean_square_slope(USUAL_WIND_M_S if ground.wind_speed_m_s is None else ground.wind_speed_m_s)
+    """The medium over the climate's ground."""
     albedo = ground_albedo(ground, medium.wavelength_nm)
-    return replace(medium, ground_albedo=albedo, water_mean_square_slope=slope)
+    return replace(medium, ground_albedo=albedo)

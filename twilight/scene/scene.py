@@ -64,10 +64,6 @@ class Scene:
     between: Scene | None = None
 
     def __post_init__(self) -> None:
-        if self.medium.has_water and not self.capabilities.water:
-            raise TwilightError(
-                f"ground.kind: water cannot be seen by the solver {self.solver_name}; zones and montecarlo can"
-            )
         if self.medium.screen is not None and not self.capabilities.screen:
             raise TwilightError(
                 f"horizon.screen: the solver {self.solver_name} knows nothing beyond the horizon; zones, montecarlo "

@@ -57,7 +57,4 @@ def shifted(scene: Scene, quantity: str, wavelength_nm: np.ndarray) -> Shifted |
 def _like(scene: Scene, made):
     """The medium over the scene's ground and behind its screen."""
     albedo = np.interp(made.wavelength_nm, scene.medium.wavelength_nm, scene.medium.ground_albedo)
-    return replace(
-        made, ground_albedo=albedo, water_mean_square_slope=scene.medium.water_mean_square_slope,
-        screen=scene.medium.screen,
-    )  # fmt: skip
+    return replace(made, ground_albedo=albedo, screen=scene.medium.screen)

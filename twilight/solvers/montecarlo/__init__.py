@@ -15,7 +15,6 @@ CAPABILITIES = Capabilities(
     standard_error=True,
     finite_segments=True,
     stokes=True,
-    water=True,
     screen=True,
     target_stderr=True,
     differentiate=differentiate,

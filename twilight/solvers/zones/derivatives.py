@@ -107,10 +107,8 @@ def differentiate(of: Field, quantity: str, edges_km: np.ndarray, shifted: Shift
     """Derivatives by one of `solvers.base.DIFFERENTIATED` in the layers between edges_km (J + 1,) [km].
 
     shifted: as of `changes_of`
-    Errors: TwilightError over water, for light of a few orders alone, and for edges that are none.
+    Errors: TwilightError for light of a few orders alone, and for edges that are none.
     """
-    if of.medium.has_water:
-        raise TwilightError("derivatives: zones cannot differentiate light over a water surface; montecarlo can")
     if 1 < of.settings.max_orders <= FEW_ORDERS:
         raise TwilightError(
             f"derivatives: zones cannot differentiate light of {of.settings.max_orders} orders alone; allowed is a "

@@ -25,7 +25,7 @@ from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import Solution
 from twilight.transport.beam import Beam
 
-FORMAT = "twilight zones field 10"
+FORMAT = "twilight zones field 11"
 _MEDIUM = tuple(
     f.name
     for f in fields(Medium)

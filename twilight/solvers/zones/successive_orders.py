@@ -62,7 +62,7 @@ def solve_orders(
     progress
         Called with the number of orders and the residual.
     """
-    all_at_once = max_orders > FEW_ORDERS and early.water is None
+    all_at_once = max_orders > FEW_ORDERS
 
     def solve_at_once(wavelengths: np.ndarray, progress: Callable[[int, float], None]):
         operators = early.conserving(), thick().conserving()
