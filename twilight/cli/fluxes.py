@@ -46,7 +46,7 @@ def fluxes(
     config = options.load_one_scene(scene, chosen, names, "fluxes")
     if config.wavelengths is None and config.climate.medium is None:
         config = options.load_one_scene(scene, {**chosen, "wavelengths": {"list_nm": list(USUAL_NM)}}, names, "fluxes")
-    resolved = resolve(config, mixed=True)
+    resolved = resolve(config)
     ground = resolved.medium.bottom_km
     if altitude_km is None:
         altitudes = [ground, *(z for z in (2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 60.0) if z > ground)]

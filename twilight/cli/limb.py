@@ -86,7 +86,7 @@ def limb(
     from twilight.studies.limb.limb import limb_of
     from twilight.studies.limb.occultation import occultation as occultation_of
 
-    resolved = resolve(config, mixed=not occultation)
+    resolved = resolve(config)
     geometry.tangent_altitudes(resolved.medium, tangents, altitude_km)
     geometry.field_of_view(field_of_view_km, field_of_view_shape)
     if occultation:

@@ -226,7 +226,7 @@ def _print_plans(cases: list[Any]) -> None:
 
     rows, sizes = [], []
     for case in cases:
-        scene, name = resolve(case.config, for_plan=True, mixed=True), case.name or case.config.title
+        scene, name = resolve(case.config, for_plan=True), case.name or case.config.title
         omitted = (*scene.omissions, *not_computed(case.config))
         rows += [[name, item.part, item.reason, item.effect] for item in omitted]
         if not omitted:

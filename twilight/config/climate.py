@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from twilight.config.aerosol import Aerosol, Stratosphere
 from twilight.config.air import Air, air_files
@@ -265,15 +265,6 @@ class Climate(Section):
         None, "files of measurements in place of parts of the climate, e.g. {sounding: munich.txt, ozone: climatology}"
     )
     medium: TabulatedMedium | None = key(None, "a tabulated medium instead of all the sections above but ground")
-
-    @field_validator("clouds")
-    @classmethod
-    def _one_cover(cls, clouds: tuple[Cloud, ...]) -> tuple[Cloud, ...]:
-        covers = sorted({cloud.cover for cloud in clouds if 0.0 < cloud.cover < 1.0})
-        if len(covers) > 1:
-            given = ", ".join(f"{cover:g}" for cover in covers)
-            raise ValueError(f"cover is {given}: all clouds that cover a part of the sky cover the same part of it")
-        return clouds
 
     @model_validator(mode="after")
     def _table_or_composition(self) -> Climate:

@@ -51,8 +51,6 @@ class Block:
         The solver's own field (of the terms), of the observer who was asked for last.
     from_disk
         Whether the field was read from the cache.
-    columns
-        Fractions of the sky and the blocks of one air whose light, by these fractions, is the block's.
     term_medium
         The medium with a column for each term in place of each wavelength; without bands the medium itself.
     """
@@ -71,7 +69,6 @@ class Block:
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
         self._derivatives: tuple[Field, tuple[str, bytes], Derivatives] | None = None
-        self.columns: tuple[tuple[float, Block], ...] = ((1.0, self),)
 
     @classmethod
     def solve(

@@ -180,31 +180,13 @@ def stratosphere_spec(climate: Climate) -> StratosphereSpec | None:
     return StratosphereSpec(measured_kind(climate.atmosphere.profile))
 
 
-def sky_columns(climate: Climate) -> tuple[tuple[float, Climate], ...]:
-    """Fractions of the sky and their climates: one, or that under clouds which cover a part of it and that between."""
-    cover = next((cloud.cover for cloud in climate.clouds if 0.0 < cloud.cover < 1.0), None)
-    if cover is None:
-        return ((1.0, climate),)
-
-    def covered(whole: float) -> Climate:
-        clouds = [c.model_copy(update={"cover": whole}) if 0.0 < c.cover < 1.0 else c for c in climate.clouds]
-        return climate.model_copy(update={"clouds": tuple(clouds)})
-
-    return (cover, covered(1.0)), (1.0 - cover, covered(0.0))
-
-
 def cloud_layers(climate: Climate) -> tuple[CloudLayer, ...]:
-    """The clouds of a climate, with what it leaves unset; those of optical depth 0 or cover 0 are left out.
+    """The clouds of a climate, with what it leaves unset; those of optical depth 0 are left out.
 
-    Errors: TwilightError for a cloud whose top is not above its base, and for one that covers a part of the sky.
+    Errors: TwilightError for a cloud whose top is not above its base.
     """
     found = []
     for cloud in climate.clouds:
-        if 0.0 < cloud.cover < 1.0:
-            raise TwilightError(
-                f"clouds: a cover of {cloud.cover:g} is the mean of two skies, and here one air is needed; allowed are "
-                "0 and 1"
-            )
         kind = KINDS[cloud.kind]
         base, top, depth, radius = cloud.base_km, cloud.top_km, cloud.optical_depth, cloud.effective_radius_um
         if base is None:
@@ -224,7 +206,7 @@ def cloud_layers(climate: Climate) -> tuple[CloudLayer, ...]:
             kind.optical_depth if depth is None else depth,
             kind.effective_radius_um if radius is None else radius,
         )
-        if layer.optical_depth > 0.0 and cloud.cover > 0.0:
+        if layer.optical_depth > 0.0:
             found.append(layer)
     return tuple(found)
 

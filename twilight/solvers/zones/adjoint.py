@@ -159,7 +159,7 @@ class AdjointOperator:
             log_mean,
             ratio,
             light.ground,
-            RadianceField(*operator.nodes.refine_altitude(log_mean, ratio), *operator.ground_light(light.ground)),
+            RadianceField(*operator.nodes.refine_altitude(log_mean, ratio), operator.log_ground(light.ground)),
             float(operator.medium.ground_albedo[operator.block * LANES]),
             after,
         )

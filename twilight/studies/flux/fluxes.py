@@ -150,11 +150,10 @@ def fluxes_of(
         for s, sun in enumerate(suns):
             progress("fluxes", (z * suns.size + s) / (altitudes.size * suns.size))
             for block in solved.blocks:
-                for fraction, column in block.columns:
-                    parts, absorbed = around(column, float(sun), float(altitude))
-                    for key, value in parts.items():
-                        found[key][s, z, block.wavelengths] += fraction * value
-                    found["absorbed"][s, z, block.wavelengths] += 1e-3 * fraction * absorbed
+                parts, absorbed = around(block, float(sun), float(altitude))
+                for key, value in parts.items():
+                    found[key][s, z, block.wavelengths] += value
+                found["absorbed"][s, z, block.wavelengths] += 1e-3 * absorbed
     down = found["direct_down"] + found["diffuse_down"]
     up = found["direct_up"] + found["diffuse_up"]
     found["net"] = down - found["direct_up"] - found["diffuse_up"]
