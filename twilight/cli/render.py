@@ -222,7 +222,6 @@ def _print_plans(cases: list[Any]) -> None:
     from twilight.scene import resolve
     from twilight.scene.horizon import described
     from twilight.scene.plan import not_computed
-    from twilight.scene.suns import suns_of
 
     rows, sizes = [], []
     for case in cases:
@@ -234,7 +233,7 @@ def _print_plans(cases: list[Any]) -> None:
         sizes.append([name, *_sizes(scene)])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
     for case in cases:
-        beyond = described(case.config.horizon, tuple(suns_of(case.config)))
+        beyond = described(case.config.horizon)
         if beyond is not None:
             print(f"beyond the horizon of {case.name or case.config.title}: {beyond}")
     columns = ["scene", "suns", "wavelengths", "in blocks", "interpolated from", "sky [GB]", "picture of the view [GB]"]

@@ -64,12 +64,6 @@ class Scene:
                 f"horizon.screen: the solver {self.solver_name} knows nothing beyond the horizon; zones, montecarlo "
                 "and tables do"
             )
-        around = self.medium.screen is not None and self.medium.screen.around
-        if around and self.capabilities.standard_error and self.observer.view is not None:
-            raise TwilightError(
-                "horizon.screen.skyline: a view is drawn from half of the sky and its mirror image, which a skyline by "
-                "azimuth in montecarlo is not; leave observer.view out, or give height_km and distance_km"
-            )
 
     @property
     def solver_name(self) -> str:
@@ -120,15 +114,14 @@ def resolve(
     wanted_nm = wavelengths_of(config) if wavelength_nm is None else wavelength_nm
     quick = for_plan and plan.climate.medium is None and wanted_nm is not None
     medium = (planning_medium if quick else climate_medium)(plan.climate, wanted_nm)  # type: ignore[arg-type]
-    suns = tuple(suns_of(config))
-    screen = screen_of(config.horizon, suns)
+    screen = screen_of(config.horizon)
     if screen is not None:
         medium = replace(medium, screen=screen)
     return Scene(
         medium,
         None if solver[0].CAPABILITIES.formula else climate_gas_bands(plan.climate, medium, for_plan),
         *solver,
-        suns,
+        tuple(suns_of(config)),
         # unset, a climate without a ground of its own has its observer at sea level
         config.observer.model_copy(update={"altitude_km": config.observer.altitude_km}),
         config.title,

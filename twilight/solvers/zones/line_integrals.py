@@ -135,7 +135,7 @@ def view_multiple(rays, point, directions, light, grid, series, out, begin, end)
             for d in range(directions.first[r], directions.first[r + 1]):
                 angle = math.acos(min(1.0, max(-1.0, cp * ct + sp * st * directions.cos_azimuth[d])))
                 j, b1 = fine_interval(fine, angle, 0, fine.size - 2)
-                for w in range(LANES):
+                for w in range(ground_weight.shape[1]):
                     out[d, 0, w] += ground_weight[r, w] * math.exp(
                         (ONE - b1) * light.log_ground[j, w] + b1 * light.log_ground[j + 1, w]
                     )

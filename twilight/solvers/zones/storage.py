@@ -185,8 +185,7 @@ def _read_medium(group: Any) -> Medium:
 
 def _read_screen(text: str) -> Screen:
     v = json.loads(text)
-    around = tuple(tuple(point) for point in v.pop("around"))
-    return Screen(tuple(v.pop("altitude_km")), tuple(v.pop("transmission")), **v, around=around)
+    return Screen(tuple(v.pop("altitude_km")), tuple(v.pop("transmission")), **v)
 
 
 def stored_hash(path: str | Path) -> str | None:
