@@ -1,6 +1,6 @@
 """Why level ground is computed too red after sunset: what each candidate does to its colour, and to the zenith.
 
-    python benchmarks/red_twilight.py      writes red_twilight.csv, red_twilight_screens, _place, _skylines, _fits.csv
+    python benchmarks/red_twilight.py      writes red_twilight.csv, red_twilight_screens, _place, _fits.csv
 
 Colours are irradiance of level ground, sun and sky, at 450 and at 650 over that at 550 nm (means of three bins of 5 nm
 where measured).  `over_session_N`: computed over measured.  `irradiance`: at 550 nm over that of the first case;
@@ -225,36 +225,6 @@ def place() -> None:
     results.write(HERE / "red_twilight_place.csv", columns, rows, notes=notes)
 
 
-RIDGES = {
-    "all round": ((0.0, 8.0, 150.0),),
-    "15 deg to both sides of the sun": (
-        *((-20.0, 0.0, 150.0), (-15.0, 8.0, 150.0), (15.0, 8.0, 150.0), (20.0, 0.0, 150.0), (180.0, 0.0, 150.0)),
-    ),
-    "30 to 90 deg right of the sun": (
-        *((0.0, 0.0, 150.0), (25.0, 0.0, 150.0), (30.0, 8.0, 150.0), (90.0, 8.0, 150.0), (95.0, 0.0, 150.0)),
-    ),
-}
-"""Banks of clouds up to 8 km at 150 km: azimuth from the sun [deg], height, distance [km]."""
-
-
-def skylines() -> None:
-    """As `place`, of skylines: `zones` has that in the sun's azimuth all round, `montecarlo` each in its own."""
-    elevation, azimuth = (np.array(a) for a in ([5.0, 20.0, 90.0, 5.0, 20.0, 20.0], [0.0, 0.0, 0.0, 60.0, 60.0, 180.0]))
-    base, rows = air().select(slice(1, 2)), []
-    clear = scattered_once(base, elevation, azimuth)
-    for name, around in RIDGES.items():
-        height = float(np.interp(0.0, *np.array(around)[:, :2].T, period=360.0))
-        screened = replace(base, screen=Screen.of_skyline(height, 150.0, around))
-        left = scattered_once(screened, elevation, azimuth)[..., 0] / clear[..., 0]
-        for s, d in np.ndindex(left.shape[1:]):
-            where = (LATE_SUNS_DEG[s], elevation[d], azimuth[d])
-            rows.append([name, *(f"{x:g}" for x in where), *(f"{part:.3f}" for part in left[:, s, d])])
-        print(name, flush=True)
-    columns = ("skyline", "sun_deg", "elevation_deg", "azimuth_deg", "zones", "montecarlo")
-    notes = ("a bank of clouds up to 8 km at 150 km: part of the light scattered once at 550 nm that is left",)
-    results.write(HERE / "red_twilight_skylines.csv", columns, rows, notes=notes)
-
-
 def spectra() -> None:
     """What `twilight validate spectra` finds for each session from +5 to -8 deg, calibration fixed and free."""
     file = HERE / ".." / ".." / "shared" / "data" / "rural_twilight_spectra" / "sessions_2_3_4.csv"
@@ -288,6 +258,6 @@ def spectra() -> None:
 
 
 if __name__ == "__main__":
-    parts = {"candidates": candidates, "screens": screens, "place": place, "skylines": skylines, "spectra": spectra}
+    parts = {"candidates": candidates, "screens": screens, "place": place, "spectra": spectra}
     for part in sys.argv[1:] or parts:
         parts[part]()

@@ -134,7 +134,7 @@ BENCHMARKS = {
     "red_twilight": Benchmark(
         "red_twilight.py",
         "red_twilight*.csv, red_twilight_session_4.png",
-        "why level ground is computed too red after sunset; screens fitted to spectra; skylines in space",
+        "why level ground is computed too red after sunset; screens fitted to spectra",
     ),
     "photos": Benchmark("photos.py ../shared/data/photos", "../docs/photos/*", "three panoramas"),
     "gallery": Benchmark("gallery.py", "../docs/gallery.md, ../docs/gallery/*", "twenty skies by their commands"),

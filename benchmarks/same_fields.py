@@ -75,7 +75,6 @@ CASES: dict[str, Case] = {f"zones {air} draft": light(air, quality="draft", sett
 CASES["zones scalar"] = light("continental-average", quality="draft", settings={"solver.polarisation": False})
 CASES["zones band"] = light("urban", wavelength_nm=IN_A_BAND_NM, quality="draft", settings=POLARISED)
 CASES["zones standard"] = light("continental-average", (4.0, -8.0), (450.0, 650.0), quality="standard")
-CASES["zones sea"] = light("maritime-clean", quality="draft", settings={"ground.kind": "water", **POLARISED})
 CASES["zones one sun"] = light("urban", (-4.0,), quality="draft", sun_elevation_deg=-4.0)
 FEW = {"solver.samples": 2, "solver.seed": 7}
 CASES["montecarlo urban"] = light("urban", (-4.0,), (450.0,), solver="montecarlo", settings=FEW)

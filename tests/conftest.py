@@ -40,7 +40,6 @@ LONG = (
     "test_zones_thick",
     "test_zones",
     "test_zones_layers",
-    "test_water",
     "test_window_access",
     "test_animate",
     "test_photo_estimate",

@@ -1,6 +1,5 @@
 """What lies beyond the horizon: its factor on the sunbeam, in closed form, in space, in every solver and on files."""
 
-import itertools
 import math
 from dataclasses import replace
 
@@ -19,8 +18,6 @@ from twilight.engine.field_cache import field_key
 from twilight.scene import resolve
 from twilight.scene.horizon import described
 from twilight.solvers import montecarlo, tables, zones
-from twilight.solvers.montecarlo.air import prepare_air
-from twilight.solvers.montecarlo.screen import passing_in_space, screen_in_space
 from twilight.solvers.zones.storage import field_hash
 from twilight.transport.beam import beam_at_one, prepare_beam
 from twilight.transport.ground_sun import GroundSun
@@ -179,9 +176,10 @@ def test_sections_become_screens():
     assert resolve(table).medium.screen == Screen((4.0, 9.0), (0.3, 1.0), 50.0)
     clouds = load(scene({"clouds": {"top_km": 8}}))
     assert resolve(clouds).medium.screen == Screen.of_clouds(0.7, 8.0, 1.5, 150.0)
-    assert described(clouds.horizon, ()) == "clouds from 150 km on stop 70% of the beams below 8 +- 1.5 km"
+    assert described(clouds.horizon) == "clouds from 150 km on stop 70% of the beams below 8 +- 1.5 km"
     skyline = load(scene({"skyline": {"height_km": 3, "distance_km": 60}}))
     assert resolve(skyline).medium.screen == Screen.of_skyline(3.0, 60.0)
+    assert described(skyline.horizon) == "a skyline of 3 km at 60 km"
     assert resolve(load({"version": 1, "climate": "pure-air"})).medium.screen is None
 
 
@@ -205,61 +203,6 @@ def test_haze_takes_more_blue():
         assert np.allclose(one / other, expected, rtol=2e-4)
 
 
-PEAK = ((355.0, 0.0, 60.0), (358.0, 4.0, 60.0), (2.0, 4.0, 60.0), (5.0, 0.0, 80.0), (180.0, 0.0, 100.0))
-"""A mountain in the sun's azimuth, lower and farther to its sides: azimuth [deg], height and distance [km]."""
-
-
-def test_a_skyline_stands_azimuth_by_azimuth_in_space():
-    """Straight rays from points aside of the sun's vertical, beside where they cross the wall by brute force."""
-    air = replace(pure_air(LEVELS, refractivity=0.0), screen=Screen.of_skyline(4.0, 60.0, PEAK))
-    space, ours, seen = screen_in_space(air, False), prepare_air(air), []
-    points, s = np.array(PEAK), np.linspace(0.0, 400.0, 100001)
-    places = itertools.product((-30.0, 20.0, 90.0), (0.0, 3.0, -12.0), (0.5, 3.0), (0.5, -1.0))
-    for away_km, aside_km, altitude_km, sun in places:
-        start = np.array([away_km, aside_km, RADIUS + altitude_km - (away_km**2 + aside_km**2) / (2.0 * RADIUS)])
-        to_sun = np.array([math.cos(math.radians(sun)), 0.0, math.sin(math.radians(sun))])
-        x, y, z = start[:, None] + to_sun[:, None] * s
-        azimuth, d = np.degrees(np.arctan2(y, x)), RADIUS * np.arctan2(np.hypot(x, y), z)
-        height, distance = (np.interp(azimuth, points[:, 0], points[:, k], period=360.0) for k in (1, 2))
-        crossed = np.flatnonzero(np.diff(d < distance))
-        above = (np.sqrt(x * x + y * y + z * z) - RADIUS - height)[crossed]
-        if np.min(np.abs(above), initial=1.0) > 0.05:
-            seen.append(passing_in_space(ours, space, 0, *start, *to_sun))
-            assert seen[-1] == (0.0 if np.any(above < 0.0) else 1.0)
-    assert 5 < sum(seen) < len(seen) - 5
-
-
-def test_zones_take_the_skyline_in_the_suns_azimuth(tmp_path):
-    """By place and time, given, from a file, or counted from the sun; one solution holds one height."""
-    points = [[270.0, 1.0, 50.0], [310.0, 3.0, 90.0]]
-    place = {"latitude_deg": 50.0, "longitude_deg": 10.0}
-    evening = load(scene({"skyline": points}, sun={"at": "2026-04-20T18:30+00:00", **place}))
-    found = resolve(evening)
-    height = 1.0 + (found.suns[0].azimuth_deg - 270.0) / 20.0
-    screen = found.medium.screen
-    assert 1.5 < height < 2.5
-    assert (screen.altitude_km[-1], screen.from_km) == pytest.approx((height, 50.0 + 20.0 * (height - 1.0)), rel=1e-6)
-    assert f"a skyline of {height:.4g} km" in described(evening.horizon, found.suns)
-    given = resolve(load(scene({"skyline": {"points": points, "sun_azimuth_deg": 290.0}}))).medium.screen
-    assert (given.altitude_km[-1], given.from_km) == (2.0, 70.0)
-    assert given.around == ((20.0, 3.0, 90.0), (340.0, 1.0, 50.0))
-    file = tmp_path / "skyline.csv"
-    file.write_text("# west\nazimuth_deg, height_km, distance_km\n-20, 1, 50\n20,3,90\n")
-    screen = resolve(load(scene({"skyline": {"file": str(file)}}))).medium.screen
-    assert (screen.altitude_km[-1], screen.from_km) == (2.0, 70.0)
-    file.write_text("azimuth_deg,height_km,distance_km\n0,1,50\n20,high,90\n")
-    with pytest.raises(TwilightError, match=r"skyline\.csv: line 3: height_km is `high`, allowed .* to 100 km"):
-        resolve(load(scene({"skyline": {"file": str(file)}})))
-    two = {"times": ["2026-04-20T18:30+00:00", "2026-04-20T19:00+00:00"], **place}
-    with pytest.raises(TwilightError, match=r"the suns of this scene stand in azimuths \d+ to \d+ deg, where"):
-        resolve(load(scene({"skyline": points}, sun=two)))
-    level = [[0.0, 1.0, 50.0], [180.0, 1.0, 50.0]]
-    assert resolve(load(scene({"skyline": level}, sun=two))).medium.screen.from_km == 50.0
-    view = {"view": {"kind": "fisheye", "width": 16}}
-    with pytest.raises(TwilightError, match="a view is drawn from half of the sky"):
-        resolve(load(scene({"skyline": points}, solver={"name": "montecarlo"}, observer=view)))
-
-
 @pytest.mark.parametrize(
     ("screen", "words"),
     [
@@ -272,11 +215,7 @@ def test_zones_take_the_skyline_in_the_suns_azimuth(tmp_path):
         ({"clouds": {"cover": 1.2}}, "cover"),
         ({"clouds": {}, "from_km": 3}, "from_km belongs to heights_km"),
         ({"skyline": {}, "angstrom_exponent": 1}, "a skyline is opaque"),
-        ({"skyline": [[0, 1, 50], [360, 2, 50]]}, "an azimuth twice"),
-        ({"skyline": [[0, 1]]}, "horizon.screen.skyline.points"),
-        ({"skyline": [[0, 1, -5]]}, "points[0][2] must be a number from 0 to 2000 (km), got -5"),
-        ({"skyline": {"height_km": 1, "points": [[0, 1, 50]]}}, "takes one of height_km with distance_km, points"),
-        ({"skyline": {"height_km": 1, "sun_azimuth_deg": 3}}, "sun_azimuth_deg belongs to points or file"),
+        ({"skyline": {"height_km": 1, "sun_azimuth_deg": 3}}, "sun_azimuth_deg is not a key"),
     ],
 )
 def test_what_no_screen_can_be_is_one_sentence(screen, words):

@@ -107,7 +107,6 @@ def test_visible_light_is_one_block(climate):
         lambda m: {"name": "another", "notes": {}},
         lambda m: {"overhead_absorption_optical_depth": 0.1 + m.overhead_absorption_optical_depth},
         lambda m: {"absorption_per_km": m.absorption_per_km.copy()},
-        lambda m: {"water_mean_square_slope": 0.03},
     ],
 )
 def test_replace_keeps_the_grid_medium_with_the_same_optics(same):

@@ -336,9 +336,9 @@ def test_the_screen_beyond_the_horizon_is_a_parameter_of_the_scene():
     design = Design((HORIZON,))
     settings = climate_settings(design, {"aerosol": 0.1, "horizon": 0.4}, "continental_average")
     plain = load("continental-average", {"sun.elevation_deg": -4.0})
-    assert screen_of(with_settings(plain, settings).horizon, ()) == Screen.of_clouds(0.4, 9.0, 1.5, 150.0)
+    assert screen_of(with_settings(plain, settings).horizon) == Screen.of_clouds(0.4, 9.0, 1.5, 150.0)
     high = load("continental-average", {"sun.elevation_deg": -4.0, "horizon.screen": {"clouds": {"top_km": 11.0}}})
-    assert screen_of(with_settings(high, settings).horizon, ()) == Screen.of_clouds(0.4, 11.0, 1.5, 150.0)
+    assert screen_of(with_settings(high, settings).horizon) == Screen.of_clouds(0.4, 11.0, 1.5, 150.0)
 
 
 def test_wavelengths_that_are_not_constrained_are_named():

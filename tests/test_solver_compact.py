@@ -84,7 +84,6 @@ REFUSED = [
     ({"climate__gases__no2": False}, "the optical depth of its gases"),
     ({"climate__atmosphere__profile": "subarctic_winter"}, "other air"),
     ({"climate__ground__altitude_km": 2.0, "observer__altitude_km": 2.0}, "other air"),
-    ({"climate__ground__kind": "water"}, "water"),
     ({"observer__altitude_km": 3.0}, r"observer\.altitude_km is 3, allowed is 0 to 0.1"),
     ({"wavelengths__list_nm": [550.0, 800.0]}, "wavelengths from 380 to 740 nm, and 800 nm is asked for"),
     ({"solver__model": "nowhere"}, "no compact model nowhere; allowed is clear-air, continental-average"),

@@ -127,7 +127,7 @@ def render(
         )
     check_size(config)
     check_stars(config)
-    resolved = resolve(config, mixed=True)
+    resolved = resolve(config)
     skies = (frame.sky for frame in frames(resolved))
     if isinstance(config.sun, SunElevation | SunAt):
         return next(skies)
@@ -170,7 +170,7 @@ def solve(
     """
     suns = None if sun_elevation_deg is None else numbers(sun_elevation_deg, "sun_elevation_deg")
     config = config_of(scene, None, altitude_km, wavelength_nm, solver, quality, settings)
-    return solve_scene(resolve(config, mixed=True), suns)
+    return solve_scene(resolve(config), suns)
 
 
 def medium(

@@ -69,14 +69,12 @@ class Medium:
     depolarisation : (W,)
         Depolarisation factor rho of Rayleigh scattering; 0 gives 3/(16 pi) (1 + cos^2).
     ground_albedo : (W,)
-        Of Lambertian ground; of a water surface, albedo of the light from below it.
+        Of the Lambertian ground.
     overhead_absorption_optical_depth : (W,)
         Of a filter on the unscattered sunlight above the top, crossed vertically whatever the sun's direction (Haber
         2005 sec. 4.3); 0 unless a preset asks for it.
     earth_radius_km
         Radius of the sphere of altitude 0 [km].
-    water_mean_square_slope
-        Of a ground that is a water surface (:mod:`twilight.atmosphere.water_surface`); 0: the ground is land.
     screen
         What lies beyond the horizon and takes a part of the direct beam; None: nothing.
     name, notes
@@ -99,7 +97,6 @@ class Medium:
     ground_albedo: np.ndarray
     overhead_absorption_optical_depth: np.ndarray
     earth_radius_km: float = EARTH_RADIUS_KM
-    water_mean_square_slope: float = 0.0
     screen: Screen | None = None
     name: str = ""
     notes: dict = field(default_factory=dict)
@@ -136,11 +133,6 @@ class Medium:
     @property
     def top_km(self) -> float:
         return float(self.altitude_km[-1])
-
-    @property
-    def has_water(self) -> bool:
-        """Whether the ground is a water surface."""
-        return self.water_mean_square_slope > 0.0
 
     @property
     def has_refraction(self) -> bool:

@@ -25,8 +25,7 @@ alpha = 0 for clouds and mountains, 1 to 2 for haze and smoke.
 Limits.  Nothing is scattered by the screen itself: its own light, and what is seen of it, are left out.  Distances
 count from the lit point, so that the air remains symmetric about the axis from the Earth to the sun; what is seen from
 the ground lies within some 300 km of the observer.  `montecarlo` counts them from the observer
-(docs/configurations.md: how far the two differ).  A skyline by azimuth is that in the sun's azimuth, taken for all
-azimuths: the beams that light the sky come from there.  `montecarlo` alone has it azimuth by azimuth (`around`).
+(docs/configurations.md: how far the two differ).
 """
 
 from __future__ import annotations
@@ -62,9 +61,6 @@ class Screen:
         The part of the way that counts [km], as distances from the point.
     angstrom_exponent
         alpha of the optical depth -ln T, -1 to 5.
-    around : tuples of three
-        Skyline about the observer by azimuth from the sun [deg]: (azimuth [deg], height above sea level [km], distance
-        [km]), of which the rest of the screen is that in the sun's azimuth; empty: the same in all azimuths.
 
     Raises
     ------
@@ -77,7 +73,6 @@ class Screen:
     from_km: float = 0.0
     to_km: float = math.inf
     angstrom_exponent: float = 0.0
-    around: tuple[tuple[float, float, float], ...] = ()
 
     def __post_init__(self) -> None:
         z, t = np.array(self.altitude_km), np.array(self.transmission)
@@ -104,9 +99,9 @@ class Screen:
         return Screen(z, passed, from_km, angstrom_exponent=angstrom_exponent)
 
     @staticmethod
-    def of_skyline(height_km: float, distance_km: float, around: tuple[tuple[float, float, float], ...] = ()) -> Screen:
+    def of_skyline(height_km: float, distance_km: float) -> Screen:
         """A wall across the sun's azimuth, up to a height above sea level at a distance [km]."""
-        return Screen((height_km - EDGE_KM, height_km), (0.0, 1.0), distance_km, distance_km, around=around)
+        return Screen((height_km - EDGE_KM, height_km), (0.0, 1.0), distance_km, distance_km)
 
     def at(self, altitude_km) -> np.ndarray:
         """T at 550 nm of beams by their least altitude [km], of any shape."""

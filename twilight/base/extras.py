@@ -13,6 +13,7 @@ REQUIREMENTS = {
     "astroplan": "astroplan>=0.10,<1",
     "astropy": "astropy>=6.1,<9",
     "cfgrib": "cfgrib>=0.9.15,<0.10",
+    "colour_hdri": "colour-hdri>=0.2.6,<0.3",
     "OpenImageIO": "openimageio>=3,<4",
     "dask_jobqueue": "dask-jobqueue>=0.9,<1",
     "imageio_ffmpeg": "imageio-ffmpeg>=0.5,<1",

@@ -69,15 +69,13 @@ def tables(
     model = load_climate(climate)
     folder = output or Path("out") / f"{model.name}-{layout}"
     check_new(folder)
-    horizon, suns = load_series(climate)[0].config.horizon, ()
-    medium = replace(climate_medium(model, np.array(RGB_NM[::-1])), screen=screen_of(horizon, suns))
-    if medium.has_water:
-        raise TwilightError(f"{climate}: ground.kind is water; the tables of real-time renderers know land alone")
+    horizon = load_series(climate)[0].config.horizon
+    medium = replace(climate_medium(model, np.array(RGB_NM[::-1])), screen=screen_of(horizon))
     _, _, settings = choose_solver({"name": solver, "quality": quality}, Origins({(): "--quality"}))
     facts: dict[str, Any] = {
         "program": f"twilight {__version__}",
         "climate": model.name,
-        **({} if medium.screen is None else {"beyond_the_horizon": described(horizon, suns)}),
+        **({} if medium.screen is None else {"beyond_the_horizon": described(horizon)}),
         "wavelength_nm": list(RGB_NM),
         "solver": solver,
         "quality": quality,

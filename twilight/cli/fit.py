@@ -181,7 +181,7 @@ def _skies(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> Any:
     with progress_bar() as bar:
         for case in cases:
             part = part_of(bar, done / total, count_suns(case.config) / total, case.name)
-            for frame in frames(resolve(case.config, mixed=True), part):
+            for frame in frames(resolve(case.config), part):
                 yield "_".join(part for part in (case.config.title, case.name, frame.name) if part), frame.sky
             done += count_suns(case.config)
 

@@ -78,7 +78,7 @@ def _sky(config: Config, sun: str) -> Sky:
     from twilight.engine.frames import frames  # start-up
     from twilight.scene import resolve  # start-up
 
-    return next(iter(frames(resolve(config, mixed=True), wanted={sun}, cached=False, numpy_only_sun=True))).sky
+    return next(iter(frames(resolve(config), wanted={sun}, cached=False, numpy_only_sun=True))).sky
 
 
 def wait_s(config: Config, compiles: bool) -> float | None:
@@ -86,7 +86,7 @@ def wait_s(config: Config, compiles: bool) -> float | None:
     from twilight.engine.memory import full_cost  # start-up
     from twilight.scene import resolve  # start-up
 
-    seconds = full_cost(resolve(config, for_plan=True, mixed=True)).cpu_s
+    seconds = full_cost(resolve(config, for_plan=True)).cpu_s
     if compiles:
         return COMPILING_S + (seconds or 0.0)
     return seconds if seconds is not None and seconds > LONG_S else None

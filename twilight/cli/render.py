@@ -222,11 +222,10 @@ def _print_plans(cases: list[Any]) -> None:
     from twilight.scene import resolve
     from twilight.scene.horizon import described
     from twilight.scene.plan import not_computed
-    from twilight.scene.suns import suns_of
 
     rows, sizes = [], []
     for case in cases:
-        scene, name = resolve(case.config, for_plan=True, mixed=True), case.name or case.config.title
+        scene, name = resolve(case.config, for_plan=True), case.name or case.config.title
         omitted = (*scene.omissions, *not_computed(case.config))
         rows += [[name, item.part, item.reason, item.effect] for item in omitted]
         if not omitted:
@@ -234,7 +233,7 @@ def _print_plans(cases: list[Any]) -> None:
         sizes.append([name, *_sizes(scene)])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
     for case in cases:
-        beyond = described(case.config.horizon, tuple(suns_of(case.config)))
+        beyond = described(case.config.horizon)
         if beyond is not None:
             print(f"beyond the horizon of {case.name or case.config.title}: {beyond}")
     columns = ["scene", "suns", "wavelengths", "in blocks", "interpolated from", "sky [GB]", "picture of the view [GB]"]

@@ -150,7 +150,7 @@ def _compute(
         if not of_case:
             continue
         report = part_of(progress, done / len(missing), len(of_case) / len(missing), case.name)
-        for frame in frames(resolve(case.config, mixed=True), report, wanted=of_case.keys()):
+        for frame in frames(resolve(case.config), report, wanted=of_case.keys()):
             one = of_case[frame.name]
             folder.begin(one.folder, wanted[one.folder])
             files = _write(frame, case.config, folder.root / one.folder)

@@ -44,7 +44,7 @@ def render_one_file(config: Any, path: Path) -> None:
     from twilight.scene.record import resolved_configuration
 
     config = config.model_copy(update={"observer": config.observer.model_copy(update={"view": None})})
-    scene = resolve(config, mixed=True)
+    scene = resolve(config)
     rows = []
     with progress_bar() as progress:
 

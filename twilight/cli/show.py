@@ -100,13 +100,12 @@ def describe(
     from twilight.base.whole_files import check_file
     from twilight.config import load_climate
     from twilight.scene.describe import facts, optical_depths
-    from twilight.scene.medium import climate_medium, sky_columns
+    from twilight.scene.medium import climate_medium
 
     model = load_climate(climate, *options.settings_of(settings))
     path = output or Path("out") / f"{model.name}_profile.png"
     options.check_suffix(path, "--output", ".png")
     check_file(path)
-    cover, model = sky_columns(model)[0]
     medium = climate_medium(model, None if model.medium is not None else _wavelengths(*DESCRIBED_NM))
     wavelength_nm = medium.wavelength_nm
     if model.description:
@@ -116,8 +115,7 @@ def describe(
     print_table(columns, rows, right=tuple(range(1, len(columns))))
     sources = {} if model.air is None else model.air.sources
     named = [[name if name == "not used" else f"source of {name}", text] for name, text in sources.items()]
-    mixed = [] if cover == 1.0 else [["cover", f"{cover:g} of the sky; all figures are those under the clouds"]]
-    print_table(["property", "value"], [*(list(row) for row in facts(medium)), *mixed, *named])
+    print_table(["property", "value"], [*(list(row) for row in facts(medium)), *named])
     reference = int(abs(wavelength_nm - 550.0).argmin())
     parts = {
         "air": medium.air_scattering_per_km,

@@ -79,9 +79,7 @@ def compare_with_sky(
     config, disc = _with_disc(config, photograph, sun_azimuth)
     with progress_bar() as bar:
         bar("looking at the photograph", 0.0)
-        for frame in frames(
-            resolve(config, mixed=True), part_of(bar, 0.0, 0.9), numpy_only_sun=count_suns(config) == 1
-        ):
+        for frame in frames(resolve(config), part_of(bar, 0.0, 0.9), numpy_only_sun=count_suns(config) == 1):
             sky = frame.sky
             if config.output.polariser_deg is not None:
                 sky = sky.through_polariser(config.output.polariser_deg)

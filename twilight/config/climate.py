@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from twilight.config.aerosol import Aerosol, Stratosphere
 from twilight.config.air import Air, air_files
@@ -193,22 +193,14 @@ def _albedo_kind(value: Any) -> str:
 
 
 class Ground(Section):
-    """The ground: a sphere at one altitude, land that reflects alike in all directions (Lambert) or water."""
+    """The ground: a sphere at one altitude, that reflects alike in all directions (Lambert)."""
 
-    kind: Literal["land", "water"] = key(
-        "land",
-        "water: a sea under wind mirrors sun and sky (Fresnel, slopes of Cox and Munk) over the light from below it",
-    )
-    wind_speed_m_s: Number | None = key(
-        None, "wind at 12.5 m above the water, 5 unless given; for kind water alone", unit="m/s", ge=1.0, le=14.0
-    )
     albedo: Annotated[
         Annotated[Number, Field(ge=0.0, le=1.0), Tag("<number>")] | Annotated[Spectrum, Tag("<spectrum>")],
         Discriminator(_albedo_kind),
     ] = key(
         0.0,
-        "fraction of light reflected, a number or {wavelength_nm: [...], albedo: [...]}; of water (to 0.2) that of the "
-        "light from below its surface and of foam",
+        "fraction of light reflected, a number or {wavelength_nm: [...], albedo: [...]}",
         unit="1",
     )
     altitude_km: Number = key(
@@ -219,17 +211,6 @@ class Ground(Section):
         ge=0.0,
         le=9.0,
     )
-
-    @model_validator(mode="after")
-    def _water_or_land(self) -> Ground:
-        if self.kind == "land" and self.wind_speed_m_s is not None:
-            raise ValueError("wind_speed_m_s is for kind: water")
-        highest = max(self.albedo.albedo) if isinstance(self.albedo, Spectrum) else self.albedo
-        if self.kind == "water" and highest > 0.2:
-            raise ValueError(
-                f"albedo of water is that of the light from below its surface: at most 0.2, not {highest:g}"
-            )
-        return self
 
 
 class TabulatedMedium(Section):
@@ -284,15 +265,6 @@ class Climate(Section):
         None, "files of measurements in place of parts of the climate, e.g. {sounding: munich.txt, ozone: climatology}"
     )
     medium: TabulatedMedium | None = key(None, "a tabulated medium instead of all the sections above but ground")
-
-    @field_validator("clouds")
-    @classmethod
-    def _one_cover(cls, clouds: tuple[Cloud, ...]) -> tuple[Cloud, ...]:
-        covers = sorted({cloud.cover for cloud in clouds if 0.0 < cloud.cover < 1.0})
-        if len(covers) > 1:
-            given = ", ".join(f"{cover:g}" for cover in covers)
-            raise ValueError(f"cover is {given}: all clouds that cover a part of the sky cover the same part of it")
-        return clouds
 
     @model_validator(mode="after")
     def _table_or_composition(self) -> Climate:

@@ -52,15 +52,6 @@ class Cloud(Section):
         le=50.0,
     )
 
-    cover: Number = key(
-        1.0,
-        "fraction of the sky that it covers; below 1 light is the mean of the sky under the clouds and the one between "
-        "them, by this fraction (independent columns)",
-        unit="1",
-        ge=0.0,
-        le=1.0,
-    )
-
     @model_validator(mode="after")
     def _possible(self) -> Cloud:
         base, top = self.base_km, self.top_km

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
@@ -20,50 +20,11 @@ class HorizonClouds(Section):
     )
 
 
-Azimuth = Annotated[Number, Field(ge=-360.0, le=360.0)]
-Height = Annotated[Number, Field(ge=0.0, le=100.0)]
-Distance = Annotated[Number, Field(ge=0.0, le=2000.0)]
-
-
 class Skyline(Section):
-    """Mountains, or a dense bank of clouds: across the sun's azimuth, or all round the observer by azimuth."""
+    """Mountains, or a dense bank of clouds, across the sun's azimuth."""
 
-    height_km: Height = key(2.0, "of the skyline above sea level", unit="km")
-    distance_km: Distance = key(100.0, "from the observer", unit="km")
-    points: tuple[tuple[Azimuth, Height, Distance], ...] | None = key(
-        None,
-        "in place of the two, or a list in place of the section: [azimuth_deg, height_km, distance_km] from point to "
-        "point, linear between and round; azimuths clockwise from north, of a sun without a place from the sun",
-        unit="deg, km, km",
-        min_length=1,
-        max_length=10000,
-    )
-    file: str | None = key(None, "in place of points: CSV with the columns azimuth_deg, height_km, distance_km")
-    sun_azimuth_deg: Azimuth | None = key(
-        None, "with points or file: the sun's azimuth, where the scene has no place and time", unit="deg"
-    )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _list(cls, value: Any) -> Any:
-        return {"points": value} if isinstance(value, list | tuple) else value
-
-    @model_validator(mode="after")
-    def _one(self) -> Skyline:
-        given = (bool({"height_km", "distance_km"} & self.model_fields_set), self.points, self.file)
-        if sum(bool(part) for part in given) > 1:
-            raise ValueError("takes one of height_km with distance_km, points, and file")
-        if self.sun_azimuth_deg is not None and not self.by_azimuth:
-            raise ValueError("sun_azimuth_deg belongs to points or file")
-        azimuths = [point[0] % 360.0 for point in self.points or ()]
-        if len(set(azimuths)) < len(azimuths):
-            raise ValueError("points has an azimuth twice")
-        return self
-
-    @property
-    def by_azimuth(self) -> bool:
-        """Whether it is another one in another azimuth."""
-        return self.points is not None or self.file is not None
+    height_km: Number = key(2.0, "of the skyline above sea level", unit="km", ge=0.0, le=100.0)
+    distance_km: Number = key(100.0, "from the observer", unit="km", ge=0.0, le=2000.0)
 
 
 class HorizonScreen(Section):
@@ -91,7 +52,7 @@ class HorizonScreen(Section):
         le=5.0,
     )
     clouds: HorizonClouds | None = key(None, "clouds beyond the horizon; {}: 0.7 cover up to about 9 km")
-    skyline: Skyline | None = key(None, "mountains or a dense bank of clouds; a list of points: by azimuth")
+    skyline: Skyline | None = key(None, "mountains or a dense bank of clouds")
 
     @model_validator(mode="after")
     def _one(self) -> HorizonScreen:

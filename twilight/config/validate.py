@@ -154,10 +154,6 @@ def _sentence(model: type[BaseModel], error: Any, shown: tuple) -> str:
     extra = field_info.json_schema_extra
     unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
     value_type = _entry(field_info.annotation) if name.endswith("]") or _is_entry(error["loc"], field_info) else None
-    places = get_args(value_type) if get_origin(value_type) is tuple and Ellipsis not in get_args(value_type) else ()
-    if places and len(error["loc"]) > 1 and all(isinstance(place, int) for place in error["loc"][-2:]):
-        # an entry of a list whose places differ, such as a point of a skyline
-        value_type, unit = places[error["loc"][-1]], unit.split(", ")[error["loc"][-1]] if ", " in unit else unit
     text = allowed(value_type or field_info.annotation, field_info.metadata if value_type is None else (), unit)
     return f"{name} must be {text}, got {_short(error['input'])}"
 

@@ -50,8 +50,6 @@ class Block:
         The solver's own field (of the terms), of the observer who was asked for last.
     from_disk
         Whether the field was read from the cache.
-    columns
-        Fractions of the sky and the blocks of one air whose light, by these fractions, is the block's.
     term_medium
         The medium with a column for each term in place of each wavelength; without bands the medium itself.
     """
@@ -69,7 +67,6 @@ class Block:
         self.sunbeam = Sunbeam(self.term_medium, self.capabilities.numpy_only or problem.numpy_only_sun)
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
-        self.columns: tuple[tuple[float, Block], ...] = ((1.0, self),)
 
     @classmethod
     def solve(

@@ -16,8 +16,8 @@ from twilight.base.progress import PhasedProgress, Progress, silent
 from twilight.config.sun import SunAt
 from twilight.engine.answer import Answer, join, make_sky
 from twilight.engine.block import Block
-from twilight.engine.columns import disc_of, mean_of
 from twilight.engine.directions import texture_rows
+from twilight.engine.disc import make_disc
 from twilight.engine.memory import check_size
 from twilight.engine.moon import moon_light, warn_of_the_moon, with_moon
 from twilight.engine.night import NightLight, check_stars, levels_of, night_light, place_of, star_sky, without_points
@@ -166,13 +166,12 @@ class _SunResult:
             moon = replace(sun, elevation_deg=self.moon.elevation_deg, azimuth_deg=azimuth)
             self.by_moon._evaluate(block, moon, self.moon.azimuth_deg, _standpoint(sun))
         self.from_disk &= block.from_disk
-        for _, column in block.columns:
-            self.facts.update(column.field.facts)
-            converged = column.field.convergence
-            if converged is not None:  # the worst block of wavelengths
-                for key, here in vars(converged).items():
-                    if here is not None:
-                        self.convergence[key] = max(self.convergence.get(key, here), here)
+        self.facts.update(block.field.facts)
+        converged = block.field.convergence
+        if converged is not None:  # the worst block of wavelengths
+            for key, here in vars(converged).items():
+                if here is not None:
+                    self.convergence[key] = max(self.convergence.get(key, here), here)
         self.seconds += time.perf_counter() - begin
 
     def _evaluate(
@@ -199,6 +198,9 @@ class _SunResult:
 def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> Frame:
     config = scene.configuration
     direct = Direct(np.concatenate([one.irradiance for one in found.direct]), found.direct[-1].bending_deg)
+    disc = None
+    if config.sun.disc:
+        disc = make_disc(scene.medium, sun.elevation_deg, scene.altitude_km, sun.distance_au, scene.bands)
     place = sun.section if isinstance(sun.section, SunAt) else None
     moon = None
     if found.moon is not None:
@@ -211,7 +213,7 @@ def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> F
         "longitude_deg": place.longitude_deg if place else None,
         "time": sun.time,
         "solar_spectrum": config.solar_spectrum,
-        "disc": disc_of(scene, sun.elevation_deg, sun.distance_au) if config.sun.disc else None,
+        "disc": disc,
         "moon": None if moon is None else moon.seen,
         "provenance": _provenance(scene, sun, found, set_up_s),
     }
@@ -288,13 +290,16 @@ def _night(scene: Scene, sun: SceneSun, elevation_deg: np.ndarray, azimuth_deg: 
     if night is None:
         return None
     rows = np.maximum(elevation_deg, 0.0)
-    where: dict[str, Any] = {
-        "sun_elevation_deg": sun.elevation_deg,
-        "sun_azimuth_deg": sun.azimuth_deg,
-        "place": place_of(sun),
-        "observer_altitude_km": scene.altitude_km,
-    }
-    found = mean_of(scene.columns, lambda one: night_radiance(one.medium, rows, azimuth_deg, levels_of(night), **where))
+    found = night_radiance(
+        scene.medium,
+        rows,
+        azimuth_deg,
+        levels_of(night),
+        sun_elevation_deg=sun.elevation_deg,
+        sun_azimuth_deg=sun.azimuth_deg,
+        place=place_of(sun),
+        observer_altitude_km=scene.altitude_km,
+    )
     if elevation_deg[0] < 0.0:
         found[elevation_deg < -horizon_dip_deg(scene.medium, scene.altitude_km)] = 0.0
     return found
@@ -305,8 +310,6 @@ def _night_of_view(scene: Scene, sun: SceneSun) -> NightLight | None:
     config = scene.configuration
     if config.night is None or scene.observer.view is None:
         return None
-    if scene.between is not None:
-        return _mean_night([(fraction, _night_of_view(one, sun)) for fraction, one in scene.columns])
     place, altitude = place_of(sun), scene.altitude_km
     points = None if place is None else star_sky(config.night, scene.medium, altitude)
     levels = levels_of(config.night)
@@ -321,16 +324,3 @@ def _night_of_view(scene: Scene, sun: SceneSun) -> NightLight | None:
     if points is not None and place is not None:
         made = replace(made, stars=points.over(place), sun_azimuth_deg=sun.azimuth_deg or 0.0)
     return made.over(solar_irradiance(scene.medium.wavelength_nm, config.solar_spectrum, sun.distance_au))
-
-
-def _mean_night(columns: list[tuple[float, NightLight | None]]) -> NightLight | None:
-    """The night of a sky from those of its columns, whose stars are the same."""
-    found = [(fraction, night) for fraction, night in columns if night is not None]
-    if not found:
-        return None
-    first = found[0][1]
-    stars = first.stars
-    if stars is not None:
-        stars = replace(stars, irradiance=mean_of(found, lambda one: one.stars.irradiance))
-    radiance, ground = mean_of(found, lambda one: one.radiance), mean_of(found, lambda one: one.ground)
-    return replace(first, radiance=radiance, ground=ground, stars=stars)

@@ -65,14 +65,11 @@ def disc_beams(
     offsets, fractions = _disc_strips()
     elevation, parts = np.zeros(DISC_STRIPS), []
     for block in solved.blocks:
-        found = []
-        for fraction, one in block.columns:
-            out = np.zeros((DISC_STRIPS, one.sunbeam.medium.n_wavelengths))
-            for s, offset in enumerate(offsets):
-                true = np.radians(sun_elevation_deg + SOLAR_RADIUS_DEG * offset)
-                elevation[s] = np.degrees(true + beam_at(one.sunbeam.beam, altitude_km, np.sin(true), out[s]))
-            found.append(fraction * (out if one.bands is None else one.bands.sum_terms(out)))
-        parts.append(sum(found))
+        out = np.zeros((DISC_STRIPS, block.sunbeam.medium.n_wavelengths))
+        for s, offset in enumerate(offsets):
+            true = np.radians(sun_elevation_deg + SOLAR_RADIUS_DEG * offset)
+            elevation[s] = np.degrees(true + beam_at(block.sunbeam.beam, altitude_km, np.sin(true), out[s]))
+        parts.append(out if block.bands is None else block.bands.sum_terms(out))
     return elevation, fractions[:, None] * np.concatenate(parts, axis=1)
 
 

@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.engine.columns import mean_of
 from twilight.engine.hemisphere import disc_beams, whole_hemisphere
 from twilight.engine.night import levels_of
 from twilight.engine.sky_table import SkyTable
@@ -215,9 +214,7 @@ class NightPart(Source):
                 "observer_altitude_km": self._field.solved.scene.altitude_km,
             }
             rows = NIGHT_ROWS_DEG, columns - float(sun.azimuth_deg)
-            self._made[key] = mean_of(
-                self._field.solved.scene.columns, lambda scene: night_radiance(scene.medium, *rows, alone, **where)
-            )
+            self._made[key] = night_radiance(self._field.solved.medium, *rows, alone, **where)
         return self._made[key]
 
 
@@ -284,12 +281,12 @@ class LightField:
         return spectrum.solar_irradiance(self.wavelength_nm, self.solved.solar_spectrum)
 
     @cached_property
-    def _tables(self) -> list[tuple[float, SkyTable]]:
-        return [(fraction, SkyTable(solved)) for fraction, solved in self.solved.columns]
+    def _table(self) -> SkyTable:
+        return SkyTable(self.solved)
 
     def sky(self, sun_elevation_deg: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """The sky that the sun makes [sr^-1]; arguments as of `SkyTable.radiance`."""
-        return mean_of(self._tables, lambda table: table.radiance(sun_elevation_deg, elevation_deg, azimuth_deg))
+        return self._table.radiance(sun_elevation_deg, elevation_deg, azimuth_deg)
 
     @cached_property
     def _sources(self) -> dict[str, Source]:

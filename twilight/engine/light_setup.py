@@ -36,7 +36,7 @@ def field_for(config: Config, quantities: Sequence[Quantity], progress: Progress
     if document not in _fields:
         while len(_fields) >= MOST_FIELDS:
             del _fields[next(iter(_fields))]
-        field = LightField.of(solve(resolve(config, mixed=True), progress=progress))
+        field = LightField.of(solve(resolve(config), progress=progress))
         _fields[document] = field if field.levels is not None else replace(field, levels=NightLevels())
     field = _fields[document]
     for one in responses:

@@ -75,8 +75,6 @@ class SceneCost:
 
 def full_cost(scene: Scene) -> SceneCost:
     """What a scene costs, its field too; a second's work at many wavelengths."""
-    if scene.between is not None:
-        return _mixed_cost(scene)
     config = scene.configuration
     sizes = cost(config)
     suns = scene.sun_elevations_deg
@@ -125,21 +123,6 @@ def full_cost(scene: Scene) -> SceneCost:
         cpu_s=seconds,
         solved=sum(nodes.values()),
     )
-
-
-def _mixed_cost(scene: Scene) -> SceneCost:
-    """What a sky costs that is the mean of two: both fields are held, its files are written once."""
-    under, between = (full_cost(one) for _, one in scene.columns)
-    found = replace(under, blocks=len(Problem(scene).slices), solved=under.solved + between.solved)
-    if under.field_bytes is not None and between.field_bytes is not None:
-        found = replace(found, field_bytes=under.field_bytes + between.field_bytes)
-        if under.total_bytes is not None and between.total_bytes is not None:
-            held = FIELD_FRACTION_HELD * under.field_bytes
-            found = replace(found, total_bytes=max(under.total_bytes, held + between.total_bytes))
-    if under.cpu_s is not None and between.cpu_s is not None:
-        once = START_S + len(scene.suns) * FILES_S
-        found = replace(found, cpu_s=under.cpu_s + between.cpu_s - once)
-    return found
 
 
 def interpolated_from(problem: Problem) -> dict[bool, int]:

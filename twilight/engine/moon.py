@@ -11,7 +11,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightWarning
 from twilight.config.scene import Config
-from twilight.engine.columns import disc_of
+from twilight.engine.disc import make_disc
 from twilight.engine.sunbeam import Direct
 from twilight.io.rendered import ViewPixels
 from twilight.numerics.orientation import azimuth_elevation, direction
@@ -60,7 +60,7 @@ def moon_light(
     beam, apparent, disc = np.zeros_like(solar), moon.elevation_deg, None
     if direct:
         apparent += direct[-1].bending_deg
-        path = disc_of(scene, moon.elevation_deg, radius_deg=moon.radius_deg)
+        path = make_disc(medium, moon.elevation_deg, scene.altitude_km, bands=scene.bands, radius_deg=moon.radius_deg)
         if path.is_seen:
             disc = MoonDisc(path, moon, sun_elevation_deg)
             beam = disc.irradiance_factor() * solar

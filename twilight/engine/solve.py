@@ -10,7 +10,7 @@ takes at once, so that 1000 need no more memory than one block; a `Block` is one
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.answer import Answer, join, make_sky
 from twilight.engine.block import Block
-from twilight.engine.columns import MixedBlock, disc_of
+from twilight.engine.disc import make_disc
 from twilight.engine.field_light import FieldLight
 from twilight.engine.sunbeam import Direct
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
@@ -63,13 +63,6 @@ class Problem:
                 f"solver.field_file: holds the field of up to {able.wavelengths_at_once} wavelengths, and "
                 f"{scene.title or 'the medium'} has {scene.medium.n_wavelengths}"
             )
-
-    @cached_property
-    def columns(self) -> tuple[tuple[float, Problem], ...]:
-        """Fractions of the sky and the problems of one air whose light, by these fractions, is this problem's."""
-        if self.scene.between is None:
-            return ((1.0, self),)
-        return tuple((fraction, replace(self, scene=scene)) for fraction, scene in self.scene.columns)
 
     @cached_property
     def cost(self) -> Cost | None:
@@ -126,38 +119,25 @@ class Problem:
 
         A block holds `wavelengths_at_once` terms of exponential sums at most, at least one wavelength.  Wavelengths of
         different spectral groups are in different blocks, and so are those in a band and others, whose grids would
-        follow the band's terms, unless a file is to hold them all.  Columns of a mixed sky have the same blocks, as
-        small as either needs.
+        follow the band's terms, unless a file is to hold them all.
         """
-        if self.scene.between is not None:
-            starts = sorted({part.start for _, column in self.columns for part in column.slices})
-        else:
-            term_counts, keys = self.term_counts, self._groups
-            starts, held = [0], int(term_counts[0])
-            for w in range(1, len(keys)):
-                held += int(term_counts[w])
-                if held > self.wavelengths_at_once or keys[w] != keys[w - 1]:
-                    starts.append(w)
-                    held = int(term_counts[w])
+        term_counts, keys = self.term_counts, self._groups
+        starts, held = [0], int(term_counts[0])
+        for w in range(1, len(keys)):
+            held += int(term_counts[w])
+            if held > self.wavelengths_at_once or keys[w] != keys[w - 1]:
+                starts.append(w)
+                held = int(term_counts[w])
         ends = [*starts[1:], self.scene.medium.n_wavelengths]
         return [slice(start, stop) for start, stop in zip(starts, ends, strict=True)]
 
     def block(self, index: int, progress: Progress | None = None) -> Block:
         """Solve one block."""
-        return self._block(self.slices[index], progress or silent)
-
-    def _block(self, part: slice, progress: Progress) -> Block:
-        scene = self.scene
-        if scene.between is not None:
-            count = len(self.columns)
-            steps = [part_of(progress, n / count, 1.0 / count) for n in range(count)]
-            return MixedBlock(
-                [(c, column._block(part, step)) for (c, column), step in zip(self.columns, steps, strict=True)]
-            )
+        scene, part = self.scene, self.slices[index]
         medium = scene.medium if part == slice(0, scene.medium.n_wavelengths) else scene.medium.select(part)
         bands = None if scene.bands is None else scene.bands.select(part)
         bands = bands if bands is not None and bands.absorption_per_km.any() else None
-        return Block.solve(self, part, medium, bands, progress)
+        return Block.solve(self, part, medium, bands, progress or silent)
 
     def solve(self, progress: Progress | None = None) -> Solved:
         """Solve all blocks and hold them."""
@@ -181,16 +161,6 @@ class Solved(FieldLight):
     def medium(self) -> Medium:
         """The medium at all wavelengths."""
         return self.scene.medium
-
-    @property
-    def columns(self) -> tuple[tuple[float, Solved], ...]:
-        """Fractions of the sky and the fields of one air whose light, by these fractions, is this field's."""
-        if self.scene.between is None:
-            return ((1.0, self),)
-        return tuple(
-            (fraction, Solved(problem, tuple(block.columns[n][1] for block in self.blocks)))
-            for n, (fraction, problem) in enumerate(self.problem.columns)
-        )
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -252,7 +222,7 @@ class Solved(FieldLight):
     ) -> Disc:
         """The sun's disc as an observer sees it: `twilight.sky.disc.Disc`."""
         altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
-        return disc_of(self.scene, sun_elevation_deg, distance_au, altitude_km=altitude)
+        return make_disc(self.medium, sun_elevation_deg, altitude, distance_au, self.scene.bands)
 
     def sky(
         self,

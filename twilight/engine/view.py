@@ -19,7 +19,6 @@ from twilight.config.terrain import Terrain
 from twilight.config.view import View
 from twilight.engine.answer import join
 from twilight.engine.block import Block
-from twilight.engine.columns import mean_of
 from twilight.engine.moon import MoonLight, with_moon
 from twilight.engine.night import NightLight
 from twilight.engine.sunbeam import Direct
@@ -237,10 +236,6 @@ def landscape(
     able = block.capabilities
     if not (able.finite_segments and able.every_observer and able.below_horizon):
         raise TwilightError("terrain: needs a solver with finite segments and every observer: zones or tables")
-    if len(block.columns) > 1:
-        where = sun_elevation_deg, standpoint, light_azimuth_deg
-        found = [(c, landscape(one, seen, terrain, *where)) for c, one in block.columns]
-        return replace(found[0][1], radiance=mean_of(found, lambda one: one.radiance))
     medium, altitude = block.medium, block.scene.altitude_km
     place = Viewpoint(altitude, sun_elevation_deg, block.direct(sun_elevation_deg).bending_deg)
     scaled = getattr(block.field, "scaled", None) or delta_scaled(medium, DEGREE)

@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 
-from twilight.engine.columns import mean_of
 from twilight.engine.light import SOURCES, LightField, Moments, moments_at
 from twilight.numerics import spectrum
 from twilight.sky.eye_limit import MAGNITUDE_0_LUX, TYPICAL_FIELD_FACTOR, limiting_magnitude, magnitudes_above
@@ -55,11 +54,7 @@ class NakedEye:
         medium = self.field.solved.medium
         low = -horizon_dip_deg(medium, self.altitude_km) + 1e-3
         apparent = low + (90.0 - low) * np.linspace(0.0, 1.0, ROWS) ** 2
-        rays = [
-            (fraction, ApparentRays(one.medium).follow(self.altitude_km, apparent, np.arange(medium.n_wavelengths)))
-            for fraction, one in self.field.solved.columns
-        ]
-        true, passed = rays[0][1][0], mean_of(rays, lambda ray: ray[1])
+        true, passed = ApparentRays(medium).follow(self.altitude_km, apparent, np.arange(medium.n_wavelengths))
         weight = spectrum.solar_at_visible(self.field.solved.solar_spectrum)
         weight = weight * spectrum.colour_matching_functions("cie1931_2deg")[:, 1]
         transmittance = spectrum.integrate(passed, medium.wavelength_nm, weight) / weight.sum()

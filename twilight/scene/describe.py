@@ -66,8 +66,6 @@ def facts(medium: Medium) -> list[tuple[str, str]]:
         rows.append((f"horizontal refraction at the ground, {at}", f"{bending:.1f} arcmin"))
     else:
         rows.append(("refraction", "none"))
-    if medium.has_water:
-        rows.append(("ground", f"water, mean square slope {medium.water_mean_square_slope:.4f}"))
     albedo = medium.ground_albedo
     rows.append(
         ("albedo of the ground", " to ".join(f"{a:g}" for a in sorted({float(albedo.min()), float(albedo.max())})))

@@ -22,16 +22,12 @@ from twilight.atmosphere.opac import AerosolSpec, MineralLayer, opac_type
 from twilight.atmosphere.own_aerosol import OwnAerosol
 from twilight.atmosphere.shipped_optics import WAVELENGTHS_NM
 from twilight.atmosphere.stratosphere import ExtinctionLevels, StratosphereSpec, measured_kind
-from twilight.atmosphere.water_surface import mean_square_slope
 from twilight.base.errors import TwilightError
 from twilight.config.aerosol import Aerosol
 from twilight.config.climate import Climate, Ground, Spectrum, TabulatedMedium, climate_files
 from twilight.config.clouds import THINNEST_KM
 from twilight.config.profile import air_profile
 from twilight.config.scene import Config, Wavelengths
-
-USUAL_WIND_M_S = 5.0
-"""Wind over water where the climate gives none."""
 
 
 def wavelengths_of(config: Config) -> np.ndarray | None:
@@ -183,31 +179,13 @@ def stratosphere_spec(climate: Climate) -> StratosphereSpec | None:
     return StratosphereSpec(measured_kind(climate.atmosphere.profile))
 
 
-def sky_columns(climate: Climate) -> tuple[tuple[float, Climate], ...]:
-    """Fractions of the sky and their climates: one, or that under clouds which cover a part of it and that between."""
-    cover = next((cloud.cover for cloud in climate.clouds if 0.0 < cloud.cover < 1.0), None)
-    if cover is None:
-        return ((1.0, climate),)
-
-    def covered(whole: float) -> Climate:
-        clouds = [c.model_copy(update={"cover": whole}) if 0.0 < c.cover < 1.0 else c for c in climate.clouds]
-        return climate.model_copy(update={"clouds": tuple(clouds)})
-
-    return (cover, covered(1.0)), (1.0 - cover, covered(0.0))
-
-
 def cloud_layers(climate: Climate) -> tuple[CloudLayer, ...]:
-    """The clouds of a climate, with what it leaves unset; those of optical depth 0 or cover 0 are left out.
+    """The clouds of a climate, with what it leaves unset; those of optical depth 0 are left out.
 
-    Errors: TwilightError for a cloud whose top is not above its base, and for one that covers a part of the sky.
+    Errors: TwilightError for a cloud whose top is not above its base.
     """
     found = []
     for cloud in climate.clouds:
-        if 0.0 < cloud.cover < 1.0:
-            raise TwilightError(
-                f"clouds: a cover of {cloud.cover:g} is the mean of two skies, and here one air is needed; allowed are "
-                "0 and 1"
-            )
         kind = KINDS[cloud.kind]
         base, top, depth, radius = cloud.base_km, cloud.top_km, cloud.optical_depth, cloud.effective_radius_um
         if base is None:
@@ -227,7 +205,7 @@ def cloud_layers(climate: Climate) -> tuple[CloudLayer, ...]:
             kind.optical_depth if depth is None else depth,
             kind.effective_radius_um if radius is None else radius,
         )
-        if layer.optical_depth > 0.0 and cloud.cover > 0.0:
+        if layer.optical_depth > 0.0:
             found.append(layer)
     return tuple(found)
 
@@ -277,9 +255,6 @@ def _tabulated(climate: Climate, table: TabulatedMedium, wavelength_nm: np.ndarr
 
 
 def _with_ground(medium: Medium, ground: Ground) -> Medium:
-    """The medium over the climate's land or water."""
-    slope = 0.0
-    if ground.kind == "water":
-        slope = mean_square_slope(USUAL_WIND_M_S if ground.wind_speed_m_s is None else ground.wind_speed_m_s)
+    """The medium over the climate's ground."""
     albedo = ground_albedo(ground, medium.wavelength_nm)
-    return replace(medium, ground_albedo=albedo, water_mean_square_slope=slope)
+    return replace(medium, ground_albedo=albedo)

@@ -9,7 +9,7 @@ from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.config.scene import Config, Observer
 from twilight.scene.horizon import screen_of
-from twilight.scene.medium import climate_gas_bands, climate_medium, planning_medium, sky_columns, wavelengths_of
+from twilight.scene.medium import climate_gas_bands, climate_medium, planning_medium, wavelengths_of
 from twilight.scene.plan import Omission, make_plan
 from twilight.scene.suns import SceneSun, suns_of
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from twilight.atmosphere.bands import GasBands
     from twilight.atmosphere.medium import Medium
-    from twilight.config.climate import Climate
     from twilight.solvers.base import Capabilities, Solver
 
 
@@ -47,8 +46,6 @@ class Scene:
     config
         The configuration that was resolved, from which skies take their directions, night, terrain and record; None
         for a scene that was put together by hand, which has a field but no frames.
-    cover, between
-        Fraction of the sky under clouds, and the scene between them, where they do not cover all of it.
     """
 
     medium: Medium
@@ -60,34 +57,13 @@ class Scene:
     title: str = ""
     omissions: tuple[Omission, ...] = ()
     config: Config | None = None
-    cover: float = 1.0
-    between: Scene | None = None
 
     def __post_init__(self) -> None:
-        if self.medium.has_water and not self.capabilities.water:
-            raise TwilightError(
-                f"ground.kind: water cannot be seen by the solver {self.solver_name}; zones and montecarlo can"
-            )
         if self.medium.screen is not None and not self.capabilities.screen:
             raise TwilightError(
                 f"horizon.screen: the solver {self.solver_name} knows nothing beyond the horizon; zones, montecarlo "
                 "and tables do"
             )
-        around = self.medium.screen is not None and self.medium.screen.around
-        if around and self.capabilities.standard_error and self.observer.view is not None:
-            raise TwilightError(
-                "horizon.screen.skyline: a view is drawn from half of the sky and its mirror image, which a skyline by "
-                "azimuth in montecarlo is not; leave observer.view out, or give height_km and distance_km"
-            )
-
-    @property
-    def columns(self) -> tuple[tuple[float, Scene], ...]:
-        """Fractions of the sky and the scenes of one air whose light, by these fractions, is this scene's."""
-        if self.between is None:
-            return ((1.0, self),)
-        # what was replaced in this scene is replaced in both
-        between = replace(self.between, observer=self.observer)
-        return (self.cover, replace(self, cover=1.0, between=None)), (1.0 - self.cover, between)
 
     @property
     def solver_name(self) -> str:
@@ -124,42 +100,28 @@ def resolve(
     wavelength_nm: np.ndarray | None = None,
     solver: tuple[Solver, Any] | None = None,
     for_plan: bool = False,
-    mixed: bool = False,
 ) -> Scene:
     """The scene of a configuration: its climate without what its plan omits, its solver, its suns and its observer.
 
     wavelength_nm (W,) [nm], solver (a module and its settings): in place of the configuration's own; for_plan: whether
-    only the cost of the scene is wanted: its air is then about right, and there at once (`planning_medium`); mixed:
-    whether the caller can use a sky that is covered in part; else such a sky is an error.
+    only the cost of the scene is wanted: its air is then about right, and there at once (`planning_medium`).
     Errors: TwilightError for whatever in the configuration cannot be computed.
     """
     if solver is None:
         name, _, settings = config.chosen_solver
         solver = solvers.load(name), settings
-    columns = sky_columns(config.climate) if mixed else ((1.0, config.climate),)
-    first, *others = (_of_one_air(config, climate, wavelength_nm, solver, for_plan) for _, climate in columns)
-    if not others:
-        return first
-    return replace(first, cover=columns[0][0], between=others[0])
-
-
-def _of_one_air(
-    config: Config, climate: Climate, wavelength_nm: np.ndarray | None, solver: tuple[Solver, Any], for_plan: bool
-) -> Scene:
-    """The scene of a configuration with a climate in place of its own; arguments as of `resolve`."""
-    plan = make_plan(config.model_copy(update={"climate": climate}), wavelength_nm)
+    plan = make_plan(config, wavelength_nm)
     wanted_nm = wavelengths_of(config) if wavelength_nm is None else wavelength_nm
     quick = for_plan and plan.climate.medium is None and wanted_nm is not None
     medium = (planning_medium if quick else climate_medium)(plan.climate, wanted_nm)  # type: ignore[arg-type]
-    suns = tuple(suns_of(config))
-    screen = screen_of(config.horizon, suns)
+    screen = screen_of(config.horizon)
     if screen is not None:
         medium = replace(medium, screen=screen)
     return Scene(
         medium,
         None if solver[0].CAPABILITIES.formula else climate_gas_bands(plan.climate, medium, for_plan),
         *solver,
-        suns,
+        tuple(suns_of(config)),
         # unset, a climate without a ground of its own has its observer at sea level
         config.observer.model_copy(update={"altitude_km": config.observer.altitude_km}),
         config.title,

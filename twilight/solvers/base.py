@@ -88,7 +88,6 @@ class Capabilities:
     looks_down: directions may be below the horizon
     standard_error: radiances are estimates; the field is a `StochasticField`
     stokes: the field is a `PolarisedField` where its settings have `polarisation` true (`Field.polarised`)
-    water: it takes a medium whose ground is a water surface (`Medium.has_water`)
     screen: it takes a medium with something beyond the horizon that dims the direct beam (`Medium.screen`)
     finite_segments: the field is a `SegmentField`
     target_error: the settings have `target_error`, the relative systematic error that it is to have
@@ -115,7 +114,6 @@ class Capabilities:
     looks_down: bool = True
     standard_error: bool = False
     stokes: bool = False
-    water: bool = False
     screen: bool = False
     finite_segments: bool = False
     target_error: bool = False

@@ -9,7 +9,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
-from twilight.transport.lines import END_ANGLE, END_COSINE, GROUND, new_line, trace_line
+from twilight.transport.lines import END_ANGLE, GROUND, new_line, trace_line
 from twilight.transport.profile import Profile
 
 
@@ -18,7 +18,7 @@ class RayBundle(NamedTuple):
 
     first (R + 1,): where the points of each ray start; place (P, 4), weight (P, W): as in `Line`
     ground_weight (R, W): transmittance to the ground, 0 for rays that miss it; ground_angle_rad (R,): geocentric angle
-        from the start of the ray to where it meets the ground; ground_cosine (R,): of the ray's zenith angle there
+        from the start of the ray to where it meets the ground
     passed (R, W): transmittance to the end of each ray, whatever it ends on
     """
 
@@ -27,7 +27,6 @@ class RayBundle(NamedTuple):
     weight: np.ndarray
     ground_weight: np.ndarray
     ground_angle_rad: np.ndarray
-    ground_cosine: np.ndarray
     passed: np.ndarray
 
 
@@ -51,7 +50,6 @@ def _trace(profile, altitude_km, cosine, far_km, fineness, pairs, store, rays, b
             for w in range(line.weight.shape[1]):
                 rays.weight[rays.first[r] + k, w] = line.weight[k, w]
         rays.ground_angle_rad[r] = line.end[END_ANGLE]
-        rays.ground_cosine[r] = line.end[END_COSINE]
         for w in range(line.transmittance.size):
             rays.passed[r, w] = line.transmittance[w]
             rays.ground_weight[r, w] = line.transmittance[w] if status == GROUND else 0.0
@@ -82,7 +80,6 @@ def trace_rays(
             np.empty((n_points, 4)),
             np.empty((n_points, n_w)),
             np.zeros((n_rays, n_w)),
-            np.zeros(n_rays),
             np.zeros(n_rays),
             np.ones((n_rays, n_w)),
         )

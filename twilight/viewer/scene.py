@@ -260,8 +260,6 @@ def check_altitudes(scene: Scene, altitudes_km: Sequence[float] | None, name: st
     Errors: TwilightError for a solver that cannot show every sun and direction, and an altitude that it does not serve.
     """
     able, medium = scene.capabilities, scene.medium
-    if scene.between is not None:
-        raise TwilightError(f"{name}: clouds cover a part of the sky, and the page shows one air; allowed are 0 and 1")
     if not (able.every_sun and able.below_horizon and able.looks_down) or able.standard_error:
         raise TwilightError(f"{name}: its solver has no sky for every sun and direction; zones has")
     altitudes = (scene.altitude_km,) if altitudes_km is None else tuple(float(z) for z in altitudes_km)

@@ -3,7 +3,8 @@ overcast sky, each in one colour.
 
 A standard sky is relative to its zenith.  The zenith luminance is set, or follows the sun: for skies without direct sun
 (1 to 6 and 16) so that the horizontal illuminance is 300 lx + 21000 lx sin(elevation) (Krochmann and Seidl 1974), for
-the others it is Preetham's for the turbidity of the medium.
+the others it is Preetham's for the turbidity of the medium.  The former have the colour of daylight of 6500 K, the
+latter that of Preetham's zenith.
 """
 
 from __future__ import annotations
@@ -46,30 +47,23 @@ class CieSettings:
     turbidity: at 550 nm, for types 7 to 15; null: that of the medium
     outside: for types 7 to 15, 'nearest' takes the nearest turbidity that Preetham's coefficients cover where the
         medium's is not, and warns; 'refuse' does not
-    spectrum: 'daylight' of one colour temperature everywhere, or 'flat', constant in wavelength
-    colour_temperature_k: 4000 to 25000; null: 6500 for overcast skies, Preetham's zenith for the others
     """
 
     sky_type: int = 12
     zenith_luminance_cd_per_m2: float | None = None
     turbidity: float | None = None
     outside: Literal["nearest", "refuse"] = "nearest"
-    spectrum: Literal["daylight", "flat"] = "daylight"
-    colour_temperature_k: float | None = None
 
     def __post_init__(self):
         ranges = {
             "sky_type": (1, 16),
             "zenith_luminance_cd_per_m2": (1e-6, 1e6),
             "turbidity": (1.0, 100.0),
-            "colour_temperature_k": (4000.0, 25000.0),
         }
         check_ranges(self, ranges)
-        check_choices(self, {"outside": OUTSIDE, "spectrum": ("daylight", "flat")})
+        check_choices(self, {"outside": OUTSIDE})
         if self.turbidity is not None and self.sky_type in WITHOUT_SUN:
             raise TwilightError(f"solver.turbidity does nothing for sky_type {self.sky_type}: leave it out")
-        if self.spectrum == "flat" and self.colour_temperature_k is not None:
-            raise TwilightError("solver.colour_temperature_k does nothing where solver.spectrum is flat: leave one out")
 
 
 QUALITIES: dict[str, CieSettings] = {"standard": CieSettings()}
@@ -102,8 +96,7 @@ class Field(BareField):
         self.clear = settings.sky_type not in WITHOUT_SUN
         self.turbidity: float | None = None
         self._zenith = load_coefficients("preetham1999")
-        needs_colour = settings.spectrum == "daylight" and settings.colour_temperature_k is None
-        if self.clear and (settings.zenith_luminance_cd_per_m2 is None or needs_colour or medium.ground_albedo.any()):
+        if self.clear:
             self.turbidity, _ = chosen_turbidity(
                 settings.turbidity, settings.outside, self._zenith.turbidity, medium, "cie"
             )
@@ -159,11 +152,7 @@ class Field(BareField):
 
     def _spectrum(self, sun_elevation_deg: float) -> np.ndarray:
         """Sun-normalised radiance per luminance, (W,) [sr^-1 per cd m^-2]."""
-        if self.settings.spectrum == "flat":
-            return self._bins.from_flat_spectrum(1.0)
-        if self.settings.colour_temperature_k is not None:
-            x, y = daylight_chromaticity(self.settings.colour_temperature_k)
-        elif self.clear:
+        if self.clear:
             assert self.turbidity is not None
             x, y = map(float, self._zenith.zenith_chromaticity(90.0 - sun_elevation_deg, self.turbidity))
         else:

@@ -93,7 +93,6 @@ class SpectralBins:
         nodes = _nodes()
         self.to_bins = np.stack([np.interp(inside, nodes, hat).mean(axis=1) for hat in np.eye(nodes.size)], axis=1)
         self.to_bins /= sun[:, None]
-        self.flat = 1.0 / sun
 
     def from_chromaticity(self, luminance_cd_per_m2, x, y) -> np.ndarray:
         """Sun-normalised radiance [sr^-1] (..., W) of daylight of that luminance and chromaticity."""
@@ -104,11 +103,6 @@ class SpectralBins:
             part = slice(start, start + _CHUNK)
             out[part] = flat[0][part, None] * (daylight_spectrum(flat[1][part], flat[2][part]) @ self.to_bins.T)
         return out.reshape(*luminance.shape, out.shape[1])
-
-    def from_flat_spectrum(self, luminance_cd_per_m2) -> np.ndarray:
-        """Sun-normalised radiance [sr^-1] (..., W) of light of that luminance whose spectrum is constant."""
-        unit = spectrum.LUMINOUS_EFFICACY_LM_PER_W * spectrum.colour_matching_functions("cie1931_2deg")[:, 1].sum()
-        return np.asarray(luminance_cd_per_m2, float)[..., None] / unit * self.flat
 
 
 def _nodes() -> np.ndarray:

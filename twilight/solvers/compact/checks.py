@@ -25,12 +25,10 @@ def checked_observer(medium: Medium, altitude_km: float | None, highest_km: floa
 
 
 def check_medium(medium: Medium, model: str, lowest_nm: float, highest_nm: float) -> None:
-    """TwilightError for water under the air, and for wavelengths outside a model's.
+    """TwilightError for wavelengths outside a model's.
 
     model: in the words of messages
     """
-    if medium.has_water:
-        raise TwilightError(f"{model} has land under it, and the medium has water (ground.kind)")
     outside = medium.wavelength_nm[(medium.wavelength_nm < lowest_nm) | (medium.wavelength_nm > highest_nm)]
     if outside.size:
         raise TwilightError(

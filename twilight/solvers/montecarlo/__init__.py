@@ -14,7 +14,6 @@ CAPABILITIES = Capabilities(
     standard_error=True,
     finite_segments=True,
     stokes=True,
-    water=True,
     screen=True,
     target_stderr=True,
 )

@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.atmosphere.medium import Medium, with_joined_refractivity
-from twilight.atmosphere.water_surface import refractive_index
 from twilight.jit.kernels import njit
 from twilight.numerics.phase import phase_arrays
 from twilight.solvers.montecarlo.kernel import INNER
@@ -63,7 +62,6 @@ class MonteCarloAir(NamedTuple):
     phase_kind, phase_asymmetry, phase_log_table, phase_ratios: of `phase_arrays`.
     sample_cdf, sample_density (W, C, N_SAMPLING): piecewise constant phase functions, to draw from.
     smooth (W, C, N_SMOOTH): phase functions blurred by SMOOTHING_RAD, over the cosine.
-    water_index (W,), water_slope: refractive index and mean square slope of a water surface; slope 0: there is none.
     isotropic_events: diffuse light scatters isotropically.
     """
 
@@ -91,8 +89,6 @@ class MonteCarloAir(NamedTuple):
     sample_density: np.ndarray
     smooth: np.ndarray
     ground_albedo: np.ndarray
-    water_index: np.ndarray
-    water_slope: float
     isotropic_events: bool
     earth_radius_km: float
 
@@ -158,8 +154,6 @@ def prepare_air(medium: Medium, forward_moment: int | None = None) -> MonteCarlo
         density,
         _smooth_tables(medium),
         np.ascontiguousarray(medium.ground_albedo, dtype=float),
-        np.ascontiguousarray(refractive_index(medium.wavelength_nm)),
-        float(medium.water_mean_square_slope),
         forward_moment == 1,
         float(medium.earth_radius_km),
     )

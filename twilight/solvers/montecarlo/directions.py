@@ -25,7 +25,6 @@ from twilight.solvers.montecarlo.events import (
     NUMBERS,
     ON_GROUND,
 )
-from twilight.solvers.montecarlo.ground import draw_ground, ground_density, ground_matrix
 from twilight.solvers.montecarlo.importance import (
     N_AZIMUTHS,
     N_DIRECTIONS,
@@ -171,6 +170,19 @@ def local_frame(px, py, pz, to_sun, frame):
 
 
 @njit(inner=True, **INNER)
+def draw_lambertian(frame, a, b, out):
+    """Draw a direction after the Lambertian ground into out (3,), of the density cos(zenith angle) / pi.
+
+    frame (3, 3): two horizontal unit vectors and the vertical; a, b: in [0, 1), decide.
+    """
+    up = math.sqrt(a)
+    level = math.sqrt(max(0.0, 1.0 - up * up))
+    x, y = level * math.cos(2.0 * math.pi * b), level * math.sin(2.0 * math.pi * b)
+    for m in range(3):
+        out[m] = x * frame[0, m] + y * frame[1, m] + up * frame[2, m]
+
+
+@njit(inner=True, **INNER)
 def draw_direction(air, importance, w, event, horizon, from_table, total, number, a, b, stream, work):
     """Draw a candidate into work.trial from the mixture of `choose_direction`; returns its cell of directions.
 
@@ -198,7 +210,7 @@ def draw_direction(air, importance, w, event, horizon, from_table, total, number
             trial[m] = cos_psi * frame[0, m] + sin_psi * frame[1, m] + up * frame[2, m]
         return cell
     if event[ON_GROUND] > 0.0:
-        draw_ground(air, frame, event[HEADING:ACROSS], a, b, stream, trial)
+        draw_lambertian(frame, a, b, trial)
     else:
         cosine = draw_cosine(air, w, int(event[LEVEL]), event[FRACTION], a, stream)
         dx, dy, dz = event[HEADING], event[HEADING + 1], event[HEADING + 2]
@@ -214,7 +226,7 @@ def choose_direction(air, importance, w, event, cos_sun, direction_fraction, n_c
     """Draw the next leg's direction into work.new; returns (p / probability density, light expected from there).
 
     Candidates have the density direction_fraction x (tabulated light x blurred phase function) + the rest x (phase
-    function, or `draw_ground`).  Of n_candidates one is taken in proportion to g / density, where g is the exact phase
+    function, or `draw_lambertian`).  Of n_candidates one is taken in proportion to g / density, g being the exact phase
     function x (interpolated light + a fraction of its mean) x what the path's matrix makes of unpolarised light from
     there, and counts mean(g / density) / g instead of 1 / density: importance resampling (Talbot, Cline & Egbert 2005),
     unbiased whatever the tables say.
@@ -230,9 +242,7 @@ def choose_direction(air, importance, w, event, cos_sun, direction_fraction, n_c
     z = event[ALTITUDE]
     d = event[HEADING:ACROSS]
     e = event[ACROSS:MATRIX]
-    water = air.water_slope > 0.0
-    mu_out = -(frame[2, 0] * d[0] + frame[2, 1] * d[1] + frame[2, 2] * d[2])
-    vector = polarised and (not on_ground or water)
+    vector = polarised and not on_ground
     horizon = horizon_sine(importance, z)
     total = 0.0
     floor = 1.0
@@ -267,11 +277,9 @@ def choose_direction(air, importance, w, event, cos_sun, direction_fraction, n_c
         p12 = 0.0
         if on_ground:
             up = frame[2, 0] * trial[0] + frame[2, 1] * trial[1] + frame[2, 2] * trial[2]
-            q = ground_density(air, up, mu_out, cosine)
+            q = max(0.0, up) / math.pi
             # a Lambertian ground's albedo is in the weight already
             p = q
-            if water:
-                p, p12, _, _ = ground_matrix(air, w, up, mu_out, cosine)
         else:
             p, q, p12 = mean_phase(air, w, i, f, cosine)
         density += (1.0 - from_table) * q

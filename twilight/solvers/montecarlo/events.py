@@ -9,7 +9,6 @@ import math
 
 from twilight.jit.kernels import njit
 from twilight.solvers.montecarlo.air import SCATTERING, SPECIES, interpolate
-from twilight.solvers.montecarlo.ground import ground_matrix
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.matrix import (
     components,
@@ -122,21 +121,11 @@ def begin_leg(air, w, event, polarised, work):
     e = event[ACROSS:MATRIX]
     direction = new[DIRECTION:REFERENCE]
     next_reference(d, e, direction, new[REFERENCE:CHORD_COLUMNS])
-    on_ground = event[ON_GROUND] > 0.0
-    if not polarised or (on_ground and air.water_slope <= 0.0):
+    if not polarised or event[ON_GROUND] > 0.0:
         depolarise(work.matrix, event[MATRIX:WEIGHT])
         return 1.0
     cosine = min(1.0, max(-1.0, d[0] * direction[0] + d[1] * direction[1] + d[2] * direction[2]))
-    if on_ground:
-        up = work.frame[2]
-        mu_in = up[0] * direction[0] + up[1] * direction[1] + up[2] * direction[2]
-        mu_out = -(up[0] * d[0] + up[1] * d[1] + up[2] * d[2])
-        p11, m12, m22, m33 = ground_matrix(air, w, mu_in, mu_out, cosine)
-        if p11 <= 0.0:
-            return 0.0
-        m12, m22, m33 = m12 / p11, m22 / p11, m33 / p11
-    else:
-        m12, m22, m33 = mean_matrix(air, w, int(event[LEVEL]), event[FRACTION], cosine)
+    m12, m22, m33 = mean_matrix(air, w, int(event[LEVEL]), event[FRACTION], cosine)
     a, b = components(e, d, direction[0], direction[1], direction[2])
     cos_2phi, sin_2phi = double_angle(a, b)
     return scatter(event[MATRIX:WEIGHT], cos_2phi, sin_2phi, m12, m22, m33, work.matrix)

@@ -27,7 +27,6 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
 from twilight.solvers.montecarlo.air import N_SMOOTH, SPECIES, MonteCarloAir, prepare_air
-from twilight.solvers.montecarlo.ground import ground_reflectance
 from twilight.solvers.montecarlo.importance import (
     DARK,
     N_AZIMUTHS,
@@ -237,7 +236,7 @@ def _system(air, sun, importance, w, integrated, stop, source, kernel, first, en
                         kernel[node, column] += mean * weight * fraction_of_node
                         if i == 0:
                             kernel[n_nodes + j, column] += down * weight * fraction_of_node
-            reflectance = ground_reflectance(air, w, max(0.0, -up))
+            reflectance = air.ground_albedo[w]
             if totals.ground_km >= 0.0 and reflectance > 0.0:
                 s = totals.ground_km
                 cos_sun = (r * sz + s * (importance.centre[i, d, 0] * sx + up * sz)) / (

@@ -29,7 +29,6 @@ import numpy as np
 from twilight.jit.kernels import njit
 from twilight.solvers.montecarlo.air import EXTINCTION, SCATTERING, air_at, column, depth_from_ground, place_in
 from twilight.solvers.montecarlo.beam_table import BLACK, tabulated_beam
-from twilight.solvers.montecarlo.ground import ground_reflectance
 from twilight.solvers.montecarlo.importance import log_ground_light, log_source_light
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.pieces import (
@@ -118,16 +117,11 @@ def meet_ground(air, sun, importance, w, options, leg, stretch, n, depth, at_sta
         factor *= relative_index(air.refractivity[w], 0, 0.0, at_start)
     chord = leg.chords[stretch.number]
     x, y, z, mu_sun = ground_point(air, chord, stretch.end, to_sun)
-    radius = air.earth_radius_km + air.shell_km[0]
-    down = -(x * chord[DIRECTION] + y * chord[DIRECTION + 1] + z * chord[DIRECTION + 2]) / radius
-    reflected = factor * ground_reflectance(air, w, down)
+    reflected = factor * air.ground_albedo[w]
     direct = 0.0
     diffuse = 0.0
     if reflected > 0.0:
-        of_i, of_q, of_u = ground_sunlight(air, sun, w, x, y, z, mu_sun, chord, to_sun, options.polarised)
-        direct = factor * of_i
-        sun_q += factor * of_q
-        sun_u += factor * of_u
+        direct = factor * ground_sunlight(air, sun, w, x, y, z, mu_sun, to_sun)
         diffuse = reflected / math.pi * math.exp(log_ground_light(importance, w, mu_sun))
     return LegTotals(n, stretch.number, sun_i, sun_q, sun_u, direct, stretch.end, factor, diffuse)
 

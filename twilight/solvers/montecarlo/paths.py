@@ -4,8 +4,8 @@ The Stokes vector that the observer sees is a sum over paths.  After n events, a
 
     A_n = L(phi_1) P(Theta_1) L(phi_2) P(Theta_2) ... L(phi_n) P(Theta_n)
 
-(L: rotation into the plane of an event, P: phase matrix over P11, of which a Lambertian ground has the first column
-alone; water has Fresnel's matrix).
+(L: rotation into the plane of an event, P: phase matrix over P11, of which the Lambertian ground has the first column
+alone).
 The path picks up A_n (I, Q, U) of the sunlight scattered along its next leg, times a weight that holds transmittance,
 scattering and P11 over the probability of every choice made so far.  Directions are drawn by P11 and what the first row
 of A makes of it, and A is divided by its first element, which goes into the weight.
@@ -38,7 +38,6 @@ from twilight.solvers.montecarlo.events import (
     choose_point,
     event_weight,
 )
-from twilight.solvers.montecarlo.ground import ground_reflectance
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.leg import trace
 from twilight.solvers.montecarlo.pieces import (
@@ -131,17 +130,6 @@ class PathMemory(NamedTuple):
 
 
 @njit(inner=True, **INNER)
-def descent(chord, s):
-    """Sine of the angle by which a chord (9,) points below the horizontal at its distance s [km]."""
-    up = square = 0.0
-    for m in range(3):
-        x = chord[ORIGIN + m] + s * chord[DIRECTION + m]
-        up += x * chord[DIRECTION + m]
-        square += x * x
-    return -up / math.sqrt(square)
-
-
-@njit(inner=True, **INNER)
 def push_events(air, w, walk, options, at_start, leg, totals, weight, copies, order, size, memory):
     """Draw `copies` stratified events on a leg and put them on the stack, of which `size` rows are in use.
 
@@ -156,8 +144,7 @@ def push_events(air, w, walk, options, at_start, leg, totals, weight, copies, or
     stack, stream, matrix = memory.stack, memory.stream, memory.work.matrix
     ground_scattered = 0.0
     if totals.ground_km >= 0.0:
-        chord = leg.chords[totals.last_chord]
-        ground_scattered = totals.transmittance * ground_reflectance(air, w, descent(chord, totals.ground_km))
+        ground_scattered = totals.transmittance * air.ground_albedo[w]
     shift_1 = uniform(stream)
     shift_2 = uniform(stream)
     shift_3 = uniform(stream)
@@ -177,8 +164,7 @@ def push_events(air, w, walk, options, at_start, leg, totals, weight, copies, or
             known += weight * totals.ground_rescattered / probability
             chord = leg.chords[totals.last_chord]
             s = totals.ground_km
-            # water's matrix says how much is reflected; of a Lambertian ground the weight does
-            value = totals.transmittance if air.water_slope > 0.0 else ground_scattered
+            value = ground_scattered
             event[ALTITUDE] = air.shell_km[0]
             event[LEVEL] = 0.0
             event[FRACTION] = 0.0

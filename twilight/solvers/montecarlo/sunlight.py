@@ -11,7 +11,6 @@ from typing import NamedTuple
 from twilight.jit.kernels import njit
 from twilight.solvers.montecarlo.air import SPECIES, column, interpolate
 from twilight.solvers.montecarlo.beam_table import SolarBeamTable
-from twilight.solvers.montecarlo.ground import ground_matrix
 from twilight.solvers.montecarlo.kernel import INNER
 from twilight.solvers.montecarlo.matrix import components, double_angle, species_polarising
 from twilight.solvers.montecarlo.rays import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE
@@ -88,28 +87,20 @@ def sunlight(air, sun, w, z, mu_sun, chord, s, to_sun, i, f, polarised):
 
 
 @njit(inner=True, **INNER)
-def ground_sunlight(air, sun, w, x, y, z, mu_sun, chord, to_sun, polarised):
-    """(I, Q, U) [sr^-1] of sunlight that the ground at a point (x, y, z) [km] sends back along a chord (9,).
+def ground_sunlight(air, sun, w, x, y, z, mu_sun, to_sun):
+    """Radiance [sr^-1] of the sunlight that the Lambertian ground at a point (x, y, z) [km] sends back, unpolarised.
 
     mu_sun: cosine of the true sun's zenith angle there.
     """
     irradiance, bending = beam_at_one(sun.beam, air.shell_km[0], mu_sun, w)
     if irradiance <= 0.0:
-        return 0.0, 0.0, 0.0
-    d = chord[DIRECTION:REFERENCE]
+        return 0.0
     sx, sy, sz = lifted_sun(x, y, z, to_sun, mu_sun, bending)
     if sun.screen.altitude_km.size > 0:
         irradiance *= passing_in_space(air, sun.screen, w, x, y, z, sx, sy, sz)
-    r = math.sqrt(x * x + y * y + z * z)
     # the sun stands higher by its bending
     mu_in = math.cos(math.acos(min(1.0, max(-1.0, mu_sun))) - bending)
-    mu_out = -(x * d[0] + y * d[1] + z * d[2]) / r
-    p11, p12, _, _ = ground_matrix(air, w, mu_in, mu_out, d[0] * sx + d[1] * sy + d[2] * sz)
-    if not polarised or p12 == 0.0:
-        return irradiance * p11, 0.0, 0.0
-    a, b = components(chord[REFERENCE:CHORD_COLUMNS], d, sx, sy, sz)
-    cos_2phi, sin_2phi = double_angle(a, b)
-    return irradiance * p11, irradiance * p12 * cos_2phi, irradiance * p12 * sin_2phi
+    return irradiance * (air.ground_albedo[w] * max(0.0, mu_in) / math.pi)
 
 
 @njit(inner=True, **INNER)

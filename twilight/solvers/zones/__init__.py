@@ -14,7 +14,6 @@ CAPABILITIES = Capabilities(
     every_sun=True,
     every_observer=True,
     stokes=True,
-    water=True,
     screen=True,
     target_error=True,
     field_file=True,

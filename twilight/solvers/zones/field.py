@@ -20,7 +20,6 @@ from twilight.solvers.zones.ray_points import LANES, block_values, make_ray_poin
 from twilight.solvers.zones.solution import Solution
 from twilight.solvers.zones.spin2_harmonics import scattering_geometry
 from twilight.solvers.zones.storage import Stored, save
-from twilight.solvers.zones.water import place_of_cosine, surface_of, view_sunlit_water
 from twilight.solvers.zones.zenith_range import LAST_ZENITH_DEG, visible_arc_deg
 from twilight.transport.azimuth_series import RayDirections, interpolate_azimuth, unique_directions
 from twilight.transport.beam import Beam
@@ -295,12 +294,6 @@ class Field(BareField):
             ),
             row_elevation.size,
         )
-        if self.medium.has_water:
-            surface = surface_of(self.medium, np.arange(self.medium.n_wavelengths))
-            in_slices(
-                partial(view_sunlit_water, self.beam, rays, directions, surface, self.medium.bottom_km, out),
-                row_elevation.size,
-            )
 
     def _multiple(
         self, lines: LinesOfSight, directions: RayDirections, block: int, solution: Solution, n_stokes: int
@@ -313,12 +306,11 @@ class Field(BareField):
             )
         points = lines.points[block]
         rays = lines.rays._replace(ground_weight=block_values(lines.rays.ground_weight, block))
-        cosine_place = place_of_cosine(-rays.ground_cosine)
 
         def along(where: RayDirections) -> np.ndarray:
             out = np.zeros((where.cos_azimuth.size, n_stokes, LANES))
             in_slices(
-                partial(view_multiple, rays, points, where, solution.light, nodes.zenith, series, cosine_place, out),
+                partial(view_multiple, rays, points, where, solution.light, nodes.zenith, series, out),
                 where.first.size - 1,
             )
             return out

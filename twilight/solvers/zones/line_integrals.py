@@ -18,7 +18,6 @@ from twilight.solvers.zones.next_order import (
     sum_intensity,
     sum_q_and_u,
 )
-from twilight.solvers.zones.water import add_amplitudes
 from twilight.transport.beam import Beam, beam_at
 from twilight.transport.lines import ANGLE, COSINE
 
@@ -90,11 +89,10 @@ def fine_interval(fine, angle, low, high):
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def view_multiple(rays, point, directions, light, grid, series, cosine_place, out, begin, end):
+def view_multiple(rays, point, directions, light, grid, series, out, begin, end):
     """Light scattered at least twice, out (D, Stokes, LANES), for rays begin..end; U as to the right of the sun.
 
-    rays: `RayBundle`, its ground_weight (R, LANES) that of the wavelengths of the block; cosine_place (R,): of
-    `water.place_of_cosine`
+    rays: `RayBundle`, its ground_weight (R, LANES) that of the wavelengths of the block
     point: `RayPoints`; directions: `RayDirections`; light: `RadianceField`; grid: `ZenithGrid`; series: `Truncation`
     The Stokes axis has 1 or 3 entries.
     """
@@ -137,13 +135,7 @@ def view_multiple(rays, point, directions, light, grid, series, cosine_place, ou
             for d in range(directions.first[r], directions.first[r + 1]):
                 angle = math.acos(min(1.0, max(-1.0, cp * ct + sp * st * directions.cos_azimuth[d])))
                 j, b1 = fine_interval(fine, angle, 0, fine.size - 2)
-                if light.amplitudes.shape[0] > 0:
-                    c = (-sp * ct + cp * st * directions.cos_azimuth[d]) / max(math.sin(angle), 1e-9)
-                    add_amplitudes(
-                        light.log_ground, light.amplitudes, j, b1, cosine_place[r], c, ground_weight[r], out[d]
-                    )
-                    continue
-                for w in range(LANES):
+                for w in range(ground_weight.shape[1]):
                     out[d, 0, w] += ground_weight[r, w] * math.exp(
                         (ONE - b1) * light.log_ground[j, w] + b1 * light.log_ground[j + 1, w]
                     )

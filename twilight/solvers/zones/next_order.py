@@ -37,14 +37,12 @@ class RadianceField(NamedTuple):
 
     log_mean (Z', T, LANES): logarithm of the mean radiance; ratio (Z', T, C + 2 C', LANES): moments relative to it, of
     I, then E, then B; log_ground (T', LANES): logarithm of the radiance of the ground that the sky lights, on the fine
-    grid of zenith angles, or of the irradiance of water over pi; amplitudes (T', N_COSINES, S, orders, LANES): what
-    water reflects of that, empty for land
+    grid of zenith angles
     """
 
     log_mean: np.ndarray
     ratio: np.ndarray
     log_ground: np.ndarray
-    amplitudes: np.ndarray
 
 
 class ZenithGrid(NamedTuple):

@@ -21,19 +21,10 @@ from twilight.solvers.zones.ray_points import (
     SpeciesMoments,
     SunlitRayPoints,
     block_values,
-    block_wavelengths,
     make_sunlit_points,
 )
 from twilight.solvers.zones.spin2_harmonics import scattering_geometry
 from twilight.solvers.zones.sunlight import Sunlight
-from twilight.solvers.zones.water import (
-    cells,
-    mirror_sunlight,
-    place_of_cosine,
-    reflect,
-    reflected_sky,
-    surface_of,
-)
 from twilight.transport.lines import ALTITUDE
 from twilight.transport.profile import Profile, at_wavelengths
 from twilight.transport.ray_bundle import RayBundle, trace_rays
@@ -116,9 +107,8 @@ class ScatteringOperator:
     """One order of scattering from the order before, U_(n+1) = K U_n, for one block of wavelengths.
 
     medium: before scaling, with its ground; scattering: of the scaled medium; forward_fraction (K, W): what scaling
-    took from each aerosol's phase function; water: its reflection matrices for every wavelength of the block, of
-    `reflection`, None for land; profile: through which rays go; first_order_step_density: of the steps on which
-    sunlight is scattered
+    took from each aerosol's phase function; profile: through which rays go; first_order_step_density: of the steps on
+    which sunlight is scattered
     """
 
     nodes: FieldNodes
@@ -130,7 +120,6 @@ class ScatteringOperator:
     scattering: SpeciesMoments
     forward_fraction: np.ndarray
     block: int
-    water: np.ndarray | None
     profile: Profile
     first_order_step_density: float
 
@@ -178,10 +167,6 @@ class ScatteringOperator:
             in_slices(
                 partial(scatter_sunlight, some_rays, points, beams, some, factor, out[nodes]), out[nodes].shape[0]
             )
-        if self.water is not None:
-            surface = surface_of(self.medium, block_wavelengths(self.medium.n_wavelengths, self.block))
-            ground_cells = cells(self.angles.cosine, self.angles.weight, self.rays.ground_cosine)
-            in_slices(partial(mirror_sunlight, all_rays, beams, ground_cells, surface, out), out.shape[0])
         return out
 
     def _sunlit(self, nodes: slice) -> tuple[RayBundle, SunlitRayPoints]:
@@ -217,22 +202,14 @@ class ScatteringOperator:
         """Stokes parameters of the next order from the mean (Z, T, LANES), the moments and the ground, as of `analyse`,
         of the order before."""
         out = self.no_light()
-        light = RadianceField(*self.nodes.refine_altitude(*normalised(mean, moments)), *self.ground_light(ground))
+        light = RadianceField(*self.nodes.refine_altitude(*normalised(mean, moments)), self.log_ground(ground))
         rays = self.node_rays()
-        land = rays if self.water is None else rays._replace(ground_weight=np.zeros_like(rays.ground_weight))
-        in_slices(partial(scatter, land, self.points, light, self.nodes.zenith, self.angles.series, out), out.shape[0])
-        if self.water is not None:
-            cosine_place = place_of_cosine(-self.rays.ground_cosine)
-            in_slices(partial(reflect, rays, light, cosine_place, out), out.shape[0])
+        in_slices(partial(scatter, rays, self.points, light, self.nodes.zenith, self.angles.series, out), out.shape[0])
         return out
 
     def analyse(self, radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(mean (Z, T, LANES), moments (Z, T, C + 2 C', LANES), radiance of the lit ground (T, LANES)) of light at the
-        nodes.
-
-        Water has a ground (1 + amplitudes, T, LANES): the light that falls on it, over pi, and what `reflected_sky`
-        makes of it.
-        """
+        nodes."""
         a = self.angles
         moments = np.zeros((radiance.shape[0], radiance.shape[2], a.n_moments, LANES), np.float32)
         analysis = (a.analysis * a.taper[:, None, None]).astype(np.float32)
@@ -240,23 +217,11 @@ class ScatteringOperator:
         in_slices(partial(moments_of, radiance, analysis, of_spin2, moments), radiance.shape[0])
         mean = moments[:, :, 0]
         lit = np.einsum("m,mtfw->tw", self.ground_fraction() / a.azimuth.size, radiance[0, :, :, :, 0])
-        albedo = block_values(self.medium.ground_albedo, self.block)
-        if self.water is None:
-            return mean, moments, lit * albedo
-        amplitudes = reflected_sky(self.water, radiance[0, a.below :], a.azimuth)
-        amplitudes[:, 0, 0] += lit * albedo
-        return mean, moments, np.concatenate([lit[None], amplitudes.reshape(-1, *lit.shape)]).astype(np.float32)
+        return mean, moments, lit * block_values(self.medium.ground_albedo, self.block)
 
-    def ground_light(self, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(log_ground, amplitudes) of `RadianceField` from the ground of `analyse`."""
-        if self.water is None:
-            return self.nodes.refine_zenith(np.log(np.maximum(ground, TINY))), np.zeros((0, 0, 0, 0, 0), np.float32)
-        lit = np.maximum(ground[0], TINY)
-        amplitudes = np.where(ground[0] > TINY, ground[1:] / lit, 0.0)
-        _, azimuthal_orders, n_cosines, n_stokes = self.water.shape[:4]
-        fine = self.nodes.refine_zenith(amplitudes.transpose(1, 0, 2))
-        shape = (fine.shape[0], n_cosines, n_stokes, azimuthal_orders, LANES)
-        return self.nodes.refine_zenith(np.log(lit)), np.ascontiguousarray(fine.reshape(shape))
+    def log_ground(self, ground: np.ndarray) -> np.ndarray:
+        """`RadianceField.log_ground` from the ground of `analyse`."""
+        return self.nodes.refine_zenith(np.log(np.maximum(ground, TINY)))
 
     def conserving(self) -> ScatteringOperator:
         """The same operator with directions that conserve the energy of nearly isotropic light."""

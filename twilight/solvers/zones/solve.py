@@ -14,11 +14,10 @@ from twilight.solvers.base import Convergence
 from twilight.solvers.zones.directions import taper
 from twilight.solvers.zones.field_grids import FieldGrids
 from twilight.solvers.zones.grid import make_angles
-from twilight.solvers.zones.ray_points import LANES, block_values, block_wavelengths, make_ray_geometry, make_ray_points
+from twilight.solvers.zones.ray_points import LANES, block_values, make_ray_geometry, make_ray_points
 from twilight.solvers.zones.solution import ScatteringOperator, Solution
 from twilight.solvers.zones.successive_orders import solve_orders
 from twilight.solvers.zones.sunlight import make_sunlight
-from twilight.solvers.zones.water import reflection, surface_of
 from twilight.transport.beam import Beam
 from twilight.transport.lines import ANGLE, horizon_cosine
 from twilight.transport.profile import Profile
@@ -111,18 +110,11 @@ def scattering_operators(
     longest = float(max(rays.place[:, ANGLE].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
     geometry = make_ray_geometry(n.zenith.nodes_rad, angles.azimuth, n.zenith.fine_rad, longest)
     scattering = grids.scattering._replace(chi=grids.scattering.chi[:, : highest + 1])
-    # as many azimuthal orders as sunlight scattered once can have
-    orders_on_water = grids.directions.degree + 1
-    above = angles.cosine[0, angles.below :]
 
     def of(block: int) -> ScatteringOperator:
         points = make_ray_points(rays, scattering, n.fine_altitude_km, geometry.step_rad, angles.series, block)
-        water = None
-        if medium.has_water:
-            surface = surface_of(medium, block_wavelengths(medium.n_wavelengths, block))
-            water = reflection(above, orders_on_water, 3 if settings.polarisation else 1, *surface)
         return ScatteringOperator(
-            n, angles, rays, points, geometry, medium, scattering, grids.scaled.forward_fraction, block, water,
+            n, angles, rays, points, geometry, medium, scattering, grids.scaled.forward_fraction, block,
             grids.path_profile, settings.first_order_step_density,
         )  # fmt: skip
 

@@ -38,9 +38,7 @@ def _same(one: FieldNodes, other: FieldNodes) -> bool:
 
 
 def _mixed(array: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Weighted sums (..., LANES) over the last axis, of n nodes; land has no amplitudes of a water surface."""
-    if array.size == 0:
-        return array
+    """Weighted sums (..., LANES) over the last axis, of n nodes."""
     return (array.reshape(-1, array.shape[-1]) @ weight).reshape(*array.shape[:-1], LANES)
 
 
@@ -99,11 +97,10 @@ class SpectralInterpolation:
         found = []
         for block in range(blocks):
             of_block = block_values(weight, block)
-            log_mean, ratio, log_ground, amplitudes = (_mixed(array, of_block) for array in made.light)
-            if not grids.medium.has_water:
-                log_ground = log_ground + _log_albedo(block_values(albedo, block))
+            log_mean, ratio, log_ground = (_mixed(array, of_block) for array in made.light)
+            log_ground = log_ground + _log_albedo(block_values(albedo, block))
             lowest = np.float32(np.log(TINY))
-            light = RadianceField(np.maximum(log_mean, lowest), ratio, np.maximum(log_ground, lowest), amplitudes)
+            light = RadianceField(np.maximum(log_mean, lowest), ratio, np.maximum(log_ground, lowest))
             found.append(Solution(light, made.convergence.orders, made.convergence.residual))
         return found, made.convergence
 
@@ -124,10 +121,8 @@ class SpectralInterpolation:
             worst = Convergence(max(worst.orders, converged.orders), max(worst.residual, converged.residual))
             for block, s in enumerate(solutions):
                 used = min(LANES, medium.n_wavelengths - block * LANES)
-                light = s.light
-                if not medium.has_water:
-                    albedo = _log_albedo(block_values(medium.ground_albedo, block))
-                    light = light._replace(log_ground=light.log_ground - albedo)
+                albedo = _log_albedo(block_values(medium.ground_albedo, block))
+                light = s.light._replace(log_ground=s.light.log_ground - albedo)
                 parts.append([a[..., :used] for a in light])
         assert nodes is not None
         light = RadianceField(*(np.concatenate(arrays, axis=-1) for arrays in zip(*parts, strict=True)))
@@ -150,7 +145,7 @@ def interpolation(
     if settings.target_error > 0.0 or settings.field_file or medium.at_grid_wavelengths is None:
         return None
     albedo = medium.ground_albedo[wavelengths]
-    if not medium.has_water and (albedo == 0.0).any() and (albedo > 0.0).any():
+    if (albedo == 0.0).any() and (albedo > 0.0).any():
         return None
     some = medium.select(wavelengths)
     terms = None if bands is None else bands.select(wavelengths)

@@ -25,7 +25,7 @@ from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solution import Solution
 from twilight.transport.beam import Beam
 
-FORMAT = "twilight zones field 10"
+FORMAT = "twilight zones field 11"
 _MEDIUM = tuple(
     f.name
     for f in fields(Medium)
@@ -185,8 +185,7 @@ def _read_medium(group: Any) -> Medium:
 
 def _read_screen(text: str) -> Screen:
     v = json.loads(text)
-    around = tuple(tuple(point) for point in v.pop("around"))
-    return Screen(tuple(v.pop("altitude_km")), tuple(v.pop("transmission")), **v, around=around)
+    return Screen(tuple(v.pop("altitude_km")), tuple(v.pop("transmission")), **v)
 
 
 def stored_hash(path: str | Path) -> str | None:

@@ -62,7 +62,7 @@ def solve_orders(
     progress
         Called with the number of orders and the residual.
     """
-    all_at_once = max_orders > FEW_ORDERS and early.water is None
+    all_at_once = max_orders > FEW_ORDERS
 
     def solve_at_once(wavelengths: np.ndarray, progress: Callable[[int, float], None]):
         operators = early.conserving(), thick().conserving()
@@ -123,7 +123,7 @@ def _solution(
 ) -> Solution:
     """The solution from the moments (Z, T, C, LANES) of all light and the radiance of the ground (T, LANES)."""
     log_mean, relative = early.nodes.refine_altitude(*normalised(total[:, :, 0], total))
-    light = RadianceField(log_mean, relative, *early.ground_light(ground))
+    light = RadianceField(log_mean, relative, early.log_ground(ground))
     return Solution(light, orders, float(residual.max()))
 
 

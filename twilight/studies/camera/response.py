@@ -8,18 +8,28 @@ to 1, exposures that are not negative and do not decrease; between the rows it i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from twilight.atmosphere.csv_columns import read_columns
 from twilight.base.errors import TwilightError
+from twilight.base.extras import missing
 from twilight.base.whole_files import write_csv
 from twilight.studies.camera.image import ResponseFunction, StoredImage
 
 NODES = 256
 """Samples at which a curve is recovered and stored."""
+
+SAMPLES = 300
+"""Levels of each picture that a curve is recovered from."""
+MOST_PIXELS = 1e6
+"""Pixels of each picture, about, that are looked at."""
+LEAST_PIXELS = 50
+"""Pixels that must be well exposed in two pictures."""
+TINY = 1e-12
+"""Exposure that stands for none in logarithms."""
 
 EXPOSURES = dict.fromkeys(("exposure", "red", "green", "blue"), (0.0, 1e300, "0 to 1e300"))
 """Columns of a curve's file beside its samples, and the numbers that they may hold."""
@@ -108,31 +118,52 @@ def check_bracket(pictures: Sequence[StoredImage], times_s: Sequence[float]) -> 
     return times
 
 
-def recover_response(
-    pictures: Sequence[StoredImage], times_s: Sequence[float], *, n_pixels: int = 400, smoothness: float = 0.03
-) -> ResponseCurve:
+def recover_response(pictures: Sequence[StoredImage], times_s: Sequence[float]) -> ResponseCurve:
     """The response curve from pictures of one still scene with known exposure times [s].
 
-    Least squares after Debevec and Malik 1997 (Recovering high dynamic range radiance maps from photographs): in each
-    channel ln f(z_pj) = ln E_p + ln t_j for pixels p and exposures j, weighted with the distance of z from both ends,
-    and with the second derivative of ln f by ln z held small, which is 0 for any gamma curve.  Here f is linear between
-    ``NODES`` nodes, so any bit depth can be used, and the E_p are eliminated.  Dark and saturated ends, where the
-    weights go to 0, are continued smoothly.  The curve is scaled to exposure 1 at sample 1 and made not to decrease.
-
-    n_pixels: taken from even parts of the picture and of the range of brightness.  Errors: TwilightError for a series
-    that cannot be used.
+    That of colour-hdri: least squares after Debevec and Malik 1997 (Recovering high dynamic range radiance maps from
+    photographs) at `NODES` levels, of levels that the same part of each picture's pixels is below (Grossberg and Nayar
+    2003).  It is made not to decrease, and is linear from the lowest level that was measured to 0 at sample 0.
+    Errors: TwilightError for a series that cannot be used, and without colour-hdri.
     """
+    try:
+        import colour_hdri  # optional
+    except ImportError:
+        raise missing("colour_hdri", "recovering a response curve") from None
     times = check_bracket(pictures, times_s)
     if any(picture.linear for picture in pictures):
         raise TwilightError("response: pictures that hold linear light (HDR, EXR, RAW, float TIFF) have no curve")
-    stack = np.stack([picture.samples for picture in pictures])
-    channels = [_solve(_choose(stack[..., c], n_pixels), np.log(times), smoothness) for c in range(3)]
-    curves, squares, counts = zip(*channels, strict=True)
-    exposure = np.exp(np.stack(curves, axis=-1))
-    exposure = np.maximum.accumulate(exposure / exposure[-1], axis=0)
-    exposure[0] = 0.0  # no light, sample 0: the logarithm cannot say so
-    residual = float(np.sqrt(np.sum(squares) / sum(counts)))
-    return ResponseCurve(np.linspace(0.0, 1.0, NODES), exposure, residual, sum(counts))
+    height, width = pictures[0].samples.shape[:2]
+    every = max(1, round((height * width / MOST_PIXELS) ** 0.5))
+    # the library rounds levels down
+    stored = [picture.samples[::every, ::every].astype(float) for picture in pictures]
+    levels = np.stack([np.rint(z * (NODES - 1)) / (NODES - 1) for z in stored])
+    exposed = _weight(levels)
+    if ((exposed > 0).sum(axis=0) >= 2).sum(axis=(0, 1)).min() < LEAST_PIXELS:
+        raise TwilightError(
+            f"response: fewer than {LEAST_PIXELS} pixels are well exposed in two pictures; the exposure times are too "
+            "far apart"
+        )
+    series = colour_hdri.ImageStack()
+    for z, seconds in zip(levels, times, strict=True):
+        # exposures count in proportion to the time: one aperture, one sensitivity
+        metadata = colour_hdri.Metadata(f_number=1.0, exposure_time=seconds, iso=100.0)
+        series.append(colour_hdri.Image(data=z, metadata=metadata))
+    found = colour_hdri.camera_response_functions_Debevec1997(
+        series, sampling_function_kwargs={"samples": SAMPLES}, weighting_function=_weight, n=NODES
+    )
+    sample = np.linspace(0.0, 1.0, NODES)
+    measured = _weight(sample) > 0
+    measured[[0, -1]] = True
+    exposure = found[measured]
+    exposure[0] = 0.0
+    exposure = np.maximum.accumulate(np.maximum(exposure, 0.0), axis=0)
+    curve = ResponseCurve(sample[measured], exposure / exposure[-1])
+    light = np.log(np.maximum(curve(np.stack(stored)), TINY)) - np.log(times)[:, None, None, None]
+    mean = (exposed * light).sum(axis=0) / np.maximum(exposed.sum(axis=0), TINY)
+    used = (exposed > 0) & ((exposed > 0).sum(axis=0) >= 2)
+    residual = np.sqrt(np.average((light - mean)[used] ** 2, weights=exposed[used]))
+    return replace(curve, residual=float(residual), pairs=int(used.sum()))
 
 
 _LOWEST = 0.01
@@ -144,72 +175,6 @@ _HIGHEST = 0.99
 def _weight(z: np.ndarray) -> np.ndarray:
     """Distance of a sample from the nearer end of its range; 0 beyond."""
     return np.maximum(np.minimum(z - _LOWEST, _HIGHEST - z), 0.0) * 2.0
-
-
-def _choose(stack: np.ndarray, n_pixels: int) -> np.ndarray:
-    """Samples (n, P) of pixels well exposed in two pictures at least, spread over the range of brightness.
-
-    Pixels where the scene is smooth come first: a series that moved by a pixel, or was sharpened, spoils edges most.
-    """
-    usable = (_weight(stack) > 0).sum(axis=0) >= 2
-    if usable.sum() < 50:
-        raise TwilightError(
-            "response: fewer than 50 pixels are well exposed in two pictures; the exposure times are too far apart"
-        )
-    middle = stack.mean(axis=0)
-    down, right = np.gradient(middle) if min(middle.shape) > 1 else (np.zeros_like(middle),) * 2
-    rough = np.hypot(down, right)[usable]
-    z = stack[:, usable].T
-    level = np.argsort(np.argsort(middle[usable], kind="stable"), kind="stable") * n_pixels // usable.sum()
-    order = np.lexsort((rough, level))
-    first = np.unique(level[order], return_index=True)[1]
-    return z[order[first]]
-
-
-def _solve(z: np.ndarray, log_times: np.ndarray, smoothness: float) -> tuple[np.ndarray, float, int]:
-    """ln f at the nodes (NODES,) for samples (n, P); sum of squares of the residuals, and how many there are."""
-    n, p = z.shape
-    weight = _weight(z)
-    position = np.clip(z, 0.0, 1.0) * (NODES - 1)
-    low = np.minimum(position.astype(int), NODES - 2)
-    upper_fraction = position - low
-    basis = np.zeros((n, p, NODES))
-    i, j = np.meshgrid(np.arange(n), np.arange(p), indexing="ij")
-    basis[i, j, low] = 1.0 - upper_fraction
-    basis[i, j, low + 1] += upper_fraction
-    # ln E of a pixel is the weighted mean of ln f - ln t over its exposures
-    total = weight.sum(axis=1, keepdims=True)
-    fraction = weight / total
-    basis = basis - np.einsum("np,npk->nk", fraction, basis)[:, None, :]
-    target = log_times - (fraction @ log_times)[:, None]
-    root = np.sqrt(weight)
-    rows = (root[..., None] * basis).reshape(n * p, NODES)
-    right = (root * target).ravel()
-    used = root.ravel() > 0
-    bend = smoothness * _exponent_changes()
-    pin = np.zeros((1, NODES))
-    pin[0, NODES // 2] = 1.0
-    matrix = np.concatenate([rows[used], bend, pin])
-    solution = np.linalg.lstsq(matrix, np.concatenate([right[used], np.zeros(NODES - 1)]), rcond=None)[0]
-    difference = (basis.reshape(n * p, NODES)[used] @ solution) - target.ravel()[used]
-    weights = weight.ravel()[used]
-    squares = float((weights * difference**2).sum() / weights.mean())
-    return solution, squares, int(used.sum())
-
-
-def _exponent_changes() -> np.ndarray:
-    """(NODES - 2, NODES): change of the local exponent d ln f / d ln z at each inner node over sqrt(d ln z).
-
-    Its sum of squares is the integral of the squared second derivative of ln f by ln z, 0 for any gamma curve.
-    """
-    log_z = np.log(np.maximum(np.arange(NODES), 0.5) / (NODES - 1))
-    step = np.diff(log_z)
-    k = np.arange(NODES - 2)
-    out = np.zeros((NODES - 2, NODES))
-    out[k, k] = 1.0 / step[:-1]
-    out[k, k + 1] = -1.0 / step[:-1] - 1.0 / step[1:]
-    out[k, k + 2] = 1.0 / step[1:]
-    return out / np.sqrt(0.5 * (step[:-1] + step[1:]))[:, None]
 
 
 # Merging --------------------------------------------------------------------------------------------------------

@@ -168,7 +168,7 @@ class ReferenceSolver:
             meter.phase(f"reference solution, sun {sun:g} deg:", i / len(suns), 1.0 / len(suns))
             if not file.exists():
                 if solved is None:
-                    solved = Problem(resolve(self.config, solver=(solver, settings), mixed=True)).solve(meter)
+                    solved = Problem(resolve(self.config, solver=(solver, settings))).solve(meter)
                 write_references(file, {sun: _computed(solved, sun, directions, file)})
             found[sun] = read_references(file)[sun]
         return found

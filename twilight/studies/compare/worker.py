@@ -113,7 +113,7 @@ class _Execution:
     def _problem(self, wavelength_nm: np.ndarray | None) -> Problem:
         """The scene at its own or at other wavelengths, with the solver and the settings that the job names."""
         suns = self.message["all_suns"]
-        scene = resolve(self.config, wavelength_nm=wavelength_nm, solver=(self.solver, self.settings), mixed=True)
+        scene = resolve(self.config, wavelength_nm=wavelength_nm, solver=(self.solver, self.settings))
         return Problem(scene, None if suns is None else tuple(suns))
 
     def _warm_up(self, problem: Problem) -> None:

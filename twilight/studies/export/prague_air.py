@@ -51,8 +51,8 @@ def airs_of(climates: list[str], visibility_km: tuple[float, ...] | None) -> lis
     series = [load_axes(name, None, None, ("climates",)) for name in climates]
     for name, one in zip(climates, series, strict=True):
         config = one.config({})
-        if config.climate.medium is not None or config.climate.ground.kind == "water":
-            raise TwilightError(f"{name}: the Prague model knows land under computed air, no table and no water")
+        if config.climate.medium is not None:
+            raise TwilightError(f"{name}: the Prague model knows computed air, no table")
     if len(series) > 1:
         if visibility_km is not None:
             raise TwilightError("--visibility: is for one climate; several climates have visibilities of their own")

@@ -35,8 +35,6 @@ TEXTS = {
     "gases.water_vapour.column_mm": "water vapour column",
     "ground.albedo": "albedo of the ground",
     "ground.altitude_km": "altitude of the ground",
-    "ground.kind": "ground",
-    "ground.wind_speed_m_s": "wind speed",
     "horizon.screen.clouds.cover": "cover of clouds beyond the horizon",
     "horizon.screen.clouds.top_km": "top of clouds beyond the horizon",
     "medium.earth_radius_km": "radius of the Earth",

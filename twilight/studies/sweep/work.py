@@ -97,7 +97,7 @@ class _Fields:
         """All chunks of the task."""
         out = [self._empty(len(skies)) for skies in self.skies]
         try:
-            scene = resolve(self.config, wavelength_nm=self.payload["wavelength_nm"], mixed=True)
+            scene = resolve(self.config, wavelength_nm=self.payload["wavelength_nm"])
             observer = Observer(altitude_km=self.skies[0][0].observer_altitude_km)
             problem = Problem(replace(scene, observer=observer))
             for index in range(len(problem.slices)):
