@@ -21,7 +21,7 @@ from twilight.base.progress import Progress, part_of
 from twilight.config.climate import climate_files
 from twilight.config.load import Series
 from twilight.config.scene import Config
-from twilight.config.vary import LATIN_HYPERCUBE, LIST
+from twilight.config.vary import DRAWS, LIST
 from twilight.engine import Problem
 from twilight.scene import resolve
 from twilight.studies.airmass import factors
@@ -120,7 +120,7 @@ def _joined(series: Series, airs: list[Dataset]) -> Dataset:
     found = airs
     for axis in reversed(series.axes):
         size = len(axis.points)
-        name = {LIST: "scene", LATIN_HYPERCUBE: "sample"}.get(axis.name) or variable_name(axis.name)
+        name = {LIST: "scene", DRAWS: "draw"}.get(axis.name) or variable_name(axis.name)
         single = all(len(point) == 1 for point in axis.points)
         values = [next(iter(point.values())) for point in axis.points] if single else list(axis.labels)
         if not all(isinstance(value, int | float) for value in values):
