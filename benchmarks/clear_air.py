@@ -12,6 +12,7 @@ model's estimate of its error on them.  `--start FILE.npz` fits the networks of 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -20,7 +21,6 @@ from typing import Any
 import numpy as np
 import results
 from clear_air_airs import MERGED, SETTINGS, drawn
-from compact import draw_beside
 from zones_error import CLIMATES
 from zones_error import errors as zones_errors
 
@@ -29,6 +29,7 @@ from twilight import __version__
 from twilight.base.errors import TwilightError
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
+from twilight.sky import colour
 from twilight.solvers.compact.clear_air import NODES, SUN_DEG, ClearAirModel
 from twilight.solvers.compact.clear_air_field import ClearAirField
 
@@ -341,6 +342,28 @@ def picture(path: Path) -> None:
         titles.append(f"luminance [%]; spectral 95 % {100 * np.percentile(np.abs(near / true - 1), 95):.1f}")
         draw_beside(figure, line, (near, true), PICTURED_NM, e, titles, 5.0)
     figure.savefig(path, dpi=80)
+
+
+def draw_beside(
+    figure: Any,
+    axes: Sequence[Any],
+    skies: tuple[np.ndarray, np.ndarray],
+    wavelength_nm: np.ndarray,
+    elevation_deg: np.ndarray,
+    titles: Sequence[str],
+    largest_percent: float,
+) -> None:
+    """Two skies (E, A, W), half a sky each, at the exposure of the second, and the difference of their luminances."""
+    xyz = [colour.spectrum_to_xyz(sky, wavelength_nm) for sky in skies]
+    ev = colour.auto_exposure_ev100(xyz[1][..., 1], np.cos(np.radians(elevation_deg)))
+    half_sky: dict[str, Any] = {"origin": "lower", "extent": (0, 180, 0, 90), "aspect": "auto"}
+    for axis, values in zip(axes, xyz, strict=False):
+        axis.imshow(colour.tone_map(colour.xyz_to_linear_rgb(values), ev), **half_sky)
+    percent = 100.0 * (xyz[0][..., 1] / xyz[1][..., 1] - 1.0)
+    image = axes[2].imshow(percent, cmap="RdBu_r", vmin=-largest_percent, vmax=largest_percent, **half_sky)
+    figure.colorbar(image, ax=axes[2])
+    for axis, title in zip(axes, titles, strict=True):
+        axis.set_title(title, fontsize=9)
 
 
 def main() -> None:

@@ -14,9 +14,9 @@ back from their tables: two climates without their aerosol, one with a Henyey-Gr
 its lines are straight, as in the solver `cells`.
 
 The tables take hours.  `check` computes every third sun and every fourth direction of a table anew, with other random
-numbers and a standard error of 2 %, and writes what it found into the table's second line: renew.py counts a table's
-age from there.  A table that has moved by more than four standard errors of the mean, or scatters by more than 1.3 of
-its stated errors, is left as it is and named, and the command ends with code 1: it is to be made anew.
+numbers and a standard error of 2 %, and writes what it found into the table's second line.  A table
+that has moved by more than four standard errors of the mean, or scatters by more than 1.3 of its stated errors, is left
+as it is and named, and the command ends with code 1: it is to be made anew.
 """
 
 from __future__ import annotations

@@ -68,18 +68,6 @@ def times() -> str:
     )
 
 
-def prague() -> str:
-    """Radiance of `zones` over that of the Prague sky model."""
-    rows = _rows("prague_sky.csv")
-    columns = [name for name in rows[0] if name.startswith("radiance_ratio_")]
-    head = [name.removeprefix("radiance_ratio_").removesuffix("nm") + " nm" for name in columns]
-    lines = ["| our air | sky | " + " | ".join(head) + " |", "|---|---|" + "---|" * len(head)]
-    for row in rows:
-        ratios = " | ".join(f"{float(row[name]):.2f}" for name in columns)
-        lines.append(f"| {row['air']} | {row['sky']} | {ratios} |")
-    return "\n".join(lines)
-
-
 def in_short() -> str:
     """One error and one time."""
     by_day, _, night = largest_errors("standard")["continental-average"]
@@ -94,7 +82,6 @@ def in_short() -> str:
 
 PARTS = {
     "docs/accuracy.md": {"errors of zones": errors, "times": times},
-    "docs/notes/prague-radiances.md": {"prague": prague},
     "README.md": {"in short": in_short},
 }
 

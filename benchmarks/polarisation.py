@@ -2,18 +2,13 @@
 
     python benchmarks/polarisation.py scalar     error of scalar theory in I, luminance and colour: polarisation.csv
     python benchmarks/polarisation.py reference  `zones` against `montecarlo` in I, Q and U: polarisation_reference.csv
-    python benchmarks/polarisation.py sky        neutral points, polarisation of the zenith: polarisation_sky.csv, and
-                                                 docs/polarisation.png
-    python benchmarks/polarisation.py volcano    the same under volcanic stratospheres: polarisation_volcano.csv, and
-                                                 docs/polarisation-volcano.png
-
     python benchmarks/polarisation.py cost       time and memory of polarised and scalar fields: polarisation_cost.csv
 
     python benchmarks/polarisation.py stored     the reference's Stokes vectors in clear air for a test of `zones`
 
 Names of climates behind limit the table to them.  Errors of the first are
 those of the scalar solution against the polarised one of the same solver, over a texture of half the sky.  `scalar`
-and `volcano` use `zones` at quality draft, polarised, whose steps cancel in the comparison, the others at standard.
+uses `zones` at quality draft, polarised, whose steps cancel in the comparison, the others at standard.
 The reference's Stokes vectors are those of reference/CLIMATE.csv, which montecarlo_reference.py makes: nine suns, 26
 directions.
 """
@@ -27,15 +22,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import montecarlo_reference
-import neutral_points as neutral
 import numpy as np
 import results
 
-import twilight
 from twilight.atmosphere.medium_table import medium_from_table
 from twilight.base.peak_memory import forget_peak, peak_mib
-from twilight.config.load import load, load_climate
-from twilight.io import write_polarisation_png
+from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import montecarlo, zones
 from twilight.studies.compare.accuracy import colour_errors
@@ -44,22 +36,8 @@ HERE = Path(__file__).parent
 STANDARD = zones.QUALITIES["standard"]
 DRAFT = replace(zones.QUALITIES["draft"], polarisation=True)
 CLIMATES = ("pure-air", "continental-average", "desert", "volcanic-extreme")
-SKY_CLIMATES = ("pure-air", "continental-average", "urban")
-STRATOSPHERES = ("background", "moderate_volcanic", "high_volcanic", "extreme_volcanic")
 EIGHT_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0)
-THREE_NM = (450.0, 550.0, 650.0)
 SUNS_DEG = (60.0, 30.0, 10.0, 5.0, 0.0, -2.0, -4.0, -6.0, -9.0, -12.0)
-SKY_SUNS_DEG = (30.0, 20.0, 10.0, 5.0, 2.0, 0.0, -1.0, -2.0, -3.0, -4.0, -5.0, -6.0, -7.0, -8.0)
-VOLCANO_SUNS_DEG = (20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -1.5, -2.0, -3.0, -3.5, -4.0, -4.5, -5.0, -6.0, -7.0, -8.0)
-VOLCANO_NM = (450.0, 550.0, 700.0)
-MAUNA_LOA_KM = 3.4
-"""Altitude of the observatory that the sky under volcanic aerosol was measured from [km]."""
-SEA_ALBEDO = 0.06
-"""Of the sea around it."""
-SKY_COLUMNS = [
-    "climate", "sun_elevation_deg", "wavelength_nm", "babinet_deg", "brewster_deg", "arago_deg", "zenith_degree",
-]  # fmt: skip
-SKY_NOTES = ["Babinet's and Brewster's points from the sun, Arago's from the antisolar point; empty: not above 0.5 deg"]
 NOISE = 2e-3
 """Standard error of I that the reference solution works to."""
 
@@ -164,40 +142,6 @@ def stored(_climates) -> None:
     results.write(HERE.parent / "tests" / "data" / "stokes_pure_air.csv", columns.split(","), rows)
 
 
-def sky(climates) -> None:
-    rows = []
-    for climate in climates or SKY_CLIMATES:
-        field = zones.prepare(climate_medium(load_climate(climate), np.array(THREE_NM)), STANDARD)
-        for sun in SKY_SUNS_DEG:
-            points, zenith = neutral.neutral_points(field, sun), neutral.zenith_polarisation(field, sun)
-            for w, nm in enumerate(THREE_NM):
-                places = ("" if np.isnan(p[w]) else f"{p[w]:.1f}" for p in points)
-                rows.append([climate, f"{sun:g}", f"{nm:g}", *places, f"{zenith[w]:.3f}"])
-                print(*rows[-1], sep="\t", flush=True)
-    results.write(HERE / "polarisation_sky.csv", SKY_COLUMNS, rows, notes=SKY_NOTES)
-    picture = twilight.render("continental-average", sun_elevation_deg=-4.0)
-    write_polarisation_png(picture, HERE.parent / "docs" / "polarisation.png")
-
-
-def volcano(_climates) -> None:
-    """Clean air seen from a high mountain in the sea, as Mauna Loa, under the stratospheres of LOWTRAN."""
-    rows, drawn = [], {}
-    for kind in STRATOSPHERES:
-        config = load("pure-air", {"ground.albedo": SEA_ALBEDO, "stratosphere.kind": kind})
-        medium = climate_medium(config.climate, np.array(VOLCANO_NM))
-        field = zones.prepare(medium, DRAFT, observer_altitude_km=MAUNA_LOA_KM)
-        for sun in VOLCANO_SUNS_DEG:
-            points, zenith = neutral.neutral_points(field, sun), neutral.zenith_polarisation(field, sun)
-            for w, nm in enumerate(VOLCANO_NM):
-                places = [p[w] for p in points]
-                drawn[kind, sun, nm] = (*places, zenith[w])
-                shown = ("" if np.isnan(p) else f"{p:.1f}" for p in places)
-                rows.append([kind, f"{sun:g}", f"{nm:g}", *shown, f"{zenith[w]:.3f}"])
-                print(*rows[-1], sep="\t", flush=True)
-    results.write(HERE / "polarisation_volcano.csv", ["stratosphere", *SKY_COLUMNS[1:]], rows, notes=SKY_NOTES)
-    draw_volcano(drawn)
-
-
 def cost(climates) -> None:
     """Processor time of a field at eight wavelengths and of a sky from it, and the memory that they need beside what
     the process had; each alone in a process, after a smaller field that compiles."""
@@ -241,34 +185,8 @@ def one_cost(arguments) -> None:
     print(solved - start, time.process_time() - solved, peak_mib() - before)
 
 
-def draw_volcano(drawn: dict) -> None:
-    """Polarisation of the zenith, Arago's and Babinet's points over the sun's elevation at the longest wavelength."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(1, 3, figsize=(15, 4.5), layout="constrained")
-    nm = VOLCANO_NM[-1]
-    for axis, k, title in (
-        (axes[0], 3, "degree of polarisation at the zenith"),
-        (axes[1], 2, "Arago's point from the antisolar point [deg]"),
-        (axes[2], 0, "Babinet's point from the sun [deg]"),
-    ):
-        for kind in STRATOSPHERES:
-            values = [drawn[kind, sun, nm][k] for sun in VOLCANO_SUNS_DEG]
-            axis.plot(VOLCANO_SUNS_DEG, values, ".-", label=kind.replace("_", " "))
-        axis.set(xlabel="sun [deg]", title=f"{title}, {nm:g} nm")
-        axis.invert_xaxis()
-        axis.grid(alpha=0.3)
-    axes[0].legend(fontsize=8)
-    figure.savefig(HERE.parent / "docs" / "polarisation-volcano.png", dpi=100)
-    pyplot.close(figure)
-
-
 if __name__ == "__main__":
-    tables = {"scalar": scalar, "reference": reference, "sky": sky, "stored": stored, "volcano": volcano}
-    tables |= {"cost": cost, "one_cost": one_cost}
+    tables = {"scalar": scalar, "reference": reference, "stored": stored, "cost": cost, "one_cost": one_cost}
     if len(sys.argv) < 2 or sys.argv[1] not in tables:
         sys.exit(f"one of {', '.join(tables)} comes first")
     tables[sys.argv[1]](sys.argv[2:])

@@ -29,11 +29,10 @@ NOT_RUN = re.compile(r"^```sh no-run\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INDENTED = re.compile(r"^    (twilight .*(?:\\\n.*)*)$", re.MULTILINE)
 MARK = "--- end of block ---"
 LONGEST_S = 600
-PLANNED = ("render", "sweep", "dataset")
+PLANNED = ("render", "sweep")
 """Commands that `--plan` runs with their own `--plan`; `HELPED` it runs with `--help`, all others as they are."""
 HELPED = (
-    "climates", "climate", "describe", "compare", "frontier", "fit", "export", "view", "animate", "validate", "visible",
-    "light", "timeline",
+    "show", "climate", "compare", "fit", "export", "view", "animate", "validate", "visible", "light", "timeline",
 )  # fmt: skip
 
 

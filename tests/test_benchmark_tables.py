@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+HERE = Path(__file__).resolve().parents[1] / "benchmarks"
 OLD = """# twilight 0.1.0, commit 11111111: python benchmarks/compare.py urban
 # a busy machine: read processor seconds
 solver,quality,sun_elevation_deg,median_percent
@@ -19,7 +20,7 @@ cie,standard,5,30.0
 
 @pytest.fixture
 def compare(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    monkeypatch.syspath_prepend(HERE)
     import compare
     import results
 
@@ -70,24 +71,12 @@ def test_a_table_of_other_columns_is_left_as_it_is(compare, tmp_path):
     assert (tmp_path / "urban.csv").read_text(encoding="utf-8") == OLD
 
 
-def test_every_benchmark_and_every_table_names_a_script_that_is_there(monkeypatch):
-    """A table that nothing can renew would stay, or `renew.py` would run a script that is gone."""
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    import renew
-
-    assert [b.command for b in renew.BENCHMARKS.values() if not (renew.HERE / b.command.split()[0]).is_file()] == []
-    stamps = [renew.STAMP.search(path.read_text(encoding="utf-8")) for path in sorted(renew.HERE.rglob("*.csv"))]
-    scripts = {stamp[2] for stamp in stamps if stamp}
-    assert len(scripts) > 20 and [script for script in scripts if not (renew.HERE / script).is_file()] == []
-
-
-def test_the_code_of_a_table_is_all_that_makes_its_numbers(monkeypatch):
-    """A table would seem new after its solver, a script that it imports, or the program that it starts has changed."""
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    import renew
-
-    importance, picture = renew.code_of("montecarlo_speed.py"), renew.code_of("phenomena.py")
-    assert {"benchmarks/montecarlo_speed.py", "twilight/solvers/montecarlo/kernel.py"} <= set(importance)
-    assert not any(file.startswith(("twilight/viewer/", "twilight/cli/")) for file in importance)
-    assert {"benchmarks/sky_phenomena.py", "twilight/solvers/zones/solve.py"} <= set(picture)
-    assert "twilight/cli/__init__.py" in renew.code_of("compare.py")
+def test_every_benchmark_and_every_table_names_a_script_that_is_there():
+    """A table that nothing can renew would stay, or README would name a script that is gone."""
+    listed = re.findall(
+        r"^\| `python benchmarks/(\S+?\.py)", (HERE / "README.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    first = (path.read_text(encoding="utf-8").partition("\n")[0] for path in HERE.rglob("*.csv"))
+    stamped = [found[1] for line in first if (found := re.search(r": python benchmarks/(\S+)", line))]
+    assert len(listed) > 20 and len(stamped) > 20
+    assert [script for script in {*listed, *stamped} if not (HERE / script).is_file()] == []

@@ -165,7 +165,7 @@ def test_what_one_file_does_not_hold_is_refused_before_anything_is_computed(plai
     assert not (tmp_path / "evening.nc").exists() and not plain.calls
 
 
-@pytest.mark.parametrize("command", ["animate", "compare", "export shader", "fit compact", "fit perez", "view"])
+@pytest.mark.parametrize("command", ["animate", "compare", "export shader", "fit perez", "view"])
 def test_commands_of_one_scene_refuse_a_series_before_anything_is_computed(plain, table, tmp_path, command):
     """A film, a page or a fit of the first of several scenes would look like that of all."""
     output = {"animate": ["--output", tmp_path / "film.mp4"]}.get(command, [])

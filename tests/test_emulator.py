@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline
 
-from twilight.base.digest import files_of
 from twilight.config import load
 from twilight.engine import run
 from twilight.numerics.grids import texture_grid
@@ -92,10 +92,25 @@ def test_the_stated_error_is_that_of_held_out_skies():
     assert tinted[0] == pytest.approx(luminance, rel=1e-6) and tinted[1] > chromaticity
 
 
-def test_a_refit_of_the_shipped_model_keeps_the_skies():
-    """No part of an emulated sky comes from it."""
-    read = files_of(
-        "twilight.studies.validate.photographs.emulator", "twilight.solvers.zones", without=("data/compact",)
-    )
-    assert {("zones", "field.py"), ("compact", "compact_sky.py")} <= {file.parts[-2:] for file in read}
-    assert not any(file.suffix == ".npz" and file.parent.name == "compact" for file in read)
+def test_splines_over_the_sky_are_those_of_scipy():
+    rng = np.random.default_rng(1)
+    e, a = rng.uniform(0.0, 90.0, 50), rng.uniform(-180.0, 540.0, 50)
+    index, value = emulator.GRID.splines(20.0, e, a)
+    assert index.min() >= 0 and index.max() < emulator.GRID.size
+    assert value.sum(axis=0) == pytest.approx(2.0)  # both sets sum to 1
+    coefficients = rng.normal(size=emulator.GRID.size)
+    got = np.sum(value * coefficients[index], axis=0)
+    n_e, n_a, n_t = emulator.GRID.elevation_intervals, emulator.GRID.azimuth_intervals, emulator.GRID.angle_intervals
+    table = coefficients[: (n_e + 3) * (n_a + 1)].reshape(n_e + 3, n_a + 1)
+    mirrored = np.concatenate([table[:, 1:2], table, table[:, -2:-1]], axis=1)
+    folded = np.abs(np.mod(a + 180.0, 360.0) - 180.0)
+    by_row = BSpline(np.arange(-3, n_e + 4), mirrored, 3)(np.sqrt(e / 90.0) * n_e)
+    expected = [
+        float(BSpline(np.arange(-3, n_a + 4), row, 3)(x / 180.0 * n_a)) for row, x in zip(by_row, folded, strict=True)
+    ]
+    cosine = np.sin(np.radians(e)) * np.sin(np.radians(20.0))
+    cosine += np.cos(np.radians(e)) * np.cos(np.radians(20.0)) * np.cos(np.radians(a))
+    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    ring = np.log1p(angle / 2.0) / np.log1p(90.0) * n_t
+    expected += BSpline(np.arange(-3, n_t + 4), coefficients[-(n_t + 3) :], 3)(ring)
+    assert got == pytest.approx(expected, abs=1e-9)

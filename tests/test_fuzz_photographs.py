@@ -1,18 +1,14 @@
-"""Damaged photographs, cameras, curves, masks and compact models: read, or refused in one sentence."""
+"""Damaged photographs, cameras, curves and masks: read, or refused in one sentence."""
 
 from __future__ import annotations
 
 import random
-import shutil
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
 from fuzzing import attempt, damaged_bytes, damaged_table
 
-from twilight.base.errors import TwilightError
-from twilight.solvers.compact.compact_sky import CompactSky, CompactSkyError
 from twilight.studies.camera.document import read_camera
 from twilight.studies.camera.image import read_image, write_exr
 from twilight.studies.camera.response import read_response
@@ -30,13 +26,6 @@ HORIZON = "azimuth_deg,elevation_deg\n0,3\n90,5\n180,2\n270,8\n"
 COUNT = 40
 
 
-def compact(path: Path) -> None:
-    try:
-        CompactSky.load(path)
-    except CompactSkyError as error:
-        raise TwilightError(str(error)) from error
-
-
 def whole(folder: Path, name: str) -> None:
     """Write a file that is right."""
     path = folder / name
@@ -50,8 +39,6 @@ def whole(folder: Path, name: str) -> None:
     elif path.suffix == ".hdr":
         flat = b"".join(bytes((*np.clip(p * 128, 0, 255).astype(int).tolist(), 129)) for p in rgb.reshape(-1, 3))
         path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 48\n" + flat)
-    elif path.suffix == ".npz":
-        shutil.copyfile(str(files("twilight") / "data" / "compact" / "continental-average.npz"), path)
     else:
         path.write_text({"camera.yaml": CAMERA, "curve.csv": CURVE, "horizon.csv": HORIZON}[name])
 
@@ -66,7 +53,6 @@ KINDS = {
     "camera.yaml": read_camera,
     "curve.csv": read_response,
     "horizon.csv": read_profile,
-    "model.npz": compact,
 }
 
 
@@ -77,7 +63,7 @@ def test_damaged_files_of_a_photograph(tmp_path, name):
     assert attempt(lambda: read(path), name) == (True, "")
     right = path.read_bytes()
     refused = 0
-    for i in range(COUNT if name != "model.npz" else COUNT // 4):
+    for i in range(COUNT):
         rng = random.Random(f"{name}/{i}")
         table = path.suffix == ".csv" and rng.random() < 0.8
         damaged = damaged_table(rng, right.decode()).encode("utf-8", "surrogatepass") if table else None

@@ -1,4 +1,4 @@
-"""The sky of zones beside published values of the Prague sky model (all thirty: benchmarks/prague_sky.py)."""
+"""The sky of zones beside published values of the Prague sky model (all thirty: docs/notes/prague-radiances.md)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SKIES = {
 """Sun's elevation [rad], direction [deg], radiance [W m-2 sr-1 nm-1] at 50 km of visibility, ground albedo 0.5:
 colour-science, colour/phenomena/sky/tests/test_wilkie2021.py (BSD 3-clause, Colour Developers)."""
 AEROSOL_DEPTH = 0.132
-"""At 550 nm: under it the transmittance of this air at 540 nm is that of theirs (benchmarks/prague_sky.csv)."""
+"""At 550 nm: under it the transmittance of this air at 540 nm is that of theirs."""
 
 
 @pytest.fixture(scope="module")

@@ -51,21 +51,6 @@ def test_an_hdf5_field_of_1e12_elements(tmp_path):
         load(path)
 
 
-@pytest.mark.parametrize("inside", ("a bomb", "a lie"))
-def test_a_compact_model_that_expands_to_a_gigabyte(tmp_path, inside):
-    from twilight.solvers.compact.compact_sky import CompactSky, CompactSkyError
-
-    path = tmp_path / "model.npz"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        with archive.open("format.npy", "w") as member:
-            member.write(npy((10**9 if inside == "a lie" else 25 * 10**6,)))
-            for _ in range(200 if inside == "a bomb" else 1):
-                member.write(bytes(2**20))
-    assert path.stat().st_size < 1e6
-    with little_memory(), pytest.raises(CompactSkyError, match=r"model.npz: says that format.npy has .* bytes"):
-        CompactSky.load(path)
-
-
 def test_a_checkpoint_and_a_library_whose_arrays_are_larger_than_the_file(tmp_path):
     from twilight.solvers.montecarlo.checkpoint import Checkpoint
 

@@ -43,28 +43,6 @@ def test_ranges_hold_their_ends_and_even_steps(toy):
     assert np.allclose(axes["aerosol.optical_depth_550nm"], 10.0 ** np.array([-2, -1.5, -1, -0.5, 0]))
 
 
-def test_a_hypercube_draws_once_from_every_part_and_again_the_same(toy):
-    ranges = {
-        "gases.ozone.column_du": {"from": 200, "to": 400},
-        "climate": ["urban", "desert", "arctic", "antarctic"],
-        "ground.albedo": {"from": 0.01, "to": 1, "scale": "log"},
-    }
-    vary = {"latin_hypercube": {"samples": 40, "seed": 3, "ranges": ranges}}
-    (axis,) = load_axes({**BASE, "vary": vary}).axes
-    columns = {key: [p[key] for p in axis.points] for key in ranges}
-    assert sorted(int((v - 200) / 5) for v in columns["gases.ozone.column_du"]) == list(range(40))
-    assert sorted(int((np.log10(v) + 2) * 20) for v in columns["ground.albedo"]) == list(range(40))
-    assert {c: columns["climate"].count(c) for c in ranges["climate"]} == dict.fromkeys(ranges["climate"], 10)
-    # independent of each other: no rank correlation beyond four standard errors
-    assert abs(np.corrcoef(columns["gases.ozone.column_du"], np.log(columns["ground.albedo"]))[0, 1]) < 4 / np.sqrt(39)
-    assert load_axes({**BASE, "vary": vary}).axes == (axis,)
-    vary["latin_hypercube"]["seed"] = 4
-    assert load_axes({**BASE, "vary": vary}).axes != (axis,)
-    vary["latin_hypercube"]["ranges"] = {"ground.albedo": ranges["ground.albedo"]}
-    vary["latin_hypercube"]["seed"] = 3
-    assert [p["ground.albedo"] for p in load_axes({**BASE, "vary": vary}).axes[0].points] == columns["ground.albedo"]
-
-
 def test_a_list_is_rendered_as_it_stands(toy):
     listed = [{"climate": "urban", "ground.albedo": 0.1}, {"ground.albedo": 0.3, "climate": "desert"}]
     cases = load_series({**BASE, "vary": {"list": listed}})
@@ -85,10 +63,6 @@ def test_a_list_is_rendered_as_it_stands(toy):
         ({"list": [{"ground.albedo": 0}, {"sun.elevation_deg": 3}]}, "same keys"),
         ({"list": {"ground.albedo": [0]}}, "list of mappings"),
         ({"list": [{"ground.albedo": 0}], "ground.albedo": [1]}, "sets ground.albedo twice"),
-        ({"latin_hypercube": {"samples": 0, "ranges": {"ground.albedo": [0]}}}, "samples must be a whole"),
-        ({"latin_hypercube": {"samples": 3}}, "ranges must map"),
-        ({"latin_hypercube": {"sample": 3}}, "did you mean samples"),
-        ({"latin_hypercube": {"samples": 2, "ranges": {"ground.albedo": {"from": 0, "to": 2}}}}, "albedo"),
         ({"texture.resolution_deg": [3, 5]}, "changes the shape of the dataset"),
         ({"wavelengths.count": [3, 5]}, "changes the shape of the dataset"),
         ({"output.width": [8, 16]}, "changes nothing in the dataset"),

@@ -1,4 +1,4 @@
-"""`sky.glsl`, which an export of layout `twilight` holds, in a headless browser against the reader in Python."""
+"""`sky.glsl`, which an export of tables holds, in a headless browser against the reader in Python."""
 
 from __future__ import annotations
 

@@ -16,7 +16,6 @@ __version__ = "0.1.0"
 
 _WHERE = {
     "Climate": "twilight.config",
-    "CompactSky": "twilight.solvers.compact.compact_sky",
     "Config": "twilight.config",
     "Direction": "twilight.engine.towards",
     "Medium": "twilight.atmosphere.medium",

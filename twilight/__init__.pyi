@@ -10,12 +10,10 @@ from twilight.config import Climate, Config, load, load_climate
 from twilight.engine import Solved
 from twilight.engine.surfaces import Surface
 from twilight.engine.towards import Direction
-from twilight.solvers.compact.compact_sky import CompactSky
 
 __version__: str
 __all__ = [
     "Climate",
-    "CompactSky",
     "Config",
     "Direction",
     "Medium",

@@ -25,7 +25,7 @@ def code_digest(*modules: str, without: tuple[str, ...] = ()) -> str:
     An import counts wherever it stands in a file, unless it is for type checkers alone.  A package's `__init__` counts
     where the package itself is imported from, not where one of its modules is.  A folder of data counts where its name
     stands in the code.  Modules of others are taken as they are, without their imports.  Modules in `without` do not
-    count, nor what they alone import, nor folders of data there, such as data/compact.
+    count, nor what they alone import.
     """
     digest = hashlib.sha256()
     for file in files_of(*modules, without=without):
@@ -50,8 +50,7 @@ def files_of(*modules: str, without: tuple[str, ...] = ()) -> list[Path]:
         imported, named = _read(file)
         waiting += imported
         folders |= named
-    read = {name for name in folders if f"data/{name}" not in without}
-    data = (file for folder in _DATA.iterdir() if folder.name in read for file in folder.rglob("*"))
+    data = (file for folder in _DATA.iterdir() if folder.name in folders for file in folder.rglob("*"))
     counted = [f for f in (*found.values(), *data) if f.is_file() and "__pycache__" not in f.parts]
     return sorted(counted, key=_name)
 

@@ -9,7 +9,6 @@ import typer
 
 from twilight.base.errors import TwilightError
 from twilight.cli import options
-from twilight.cli.fit_compact import compact
 from twilight.cli.options import argument, flag, option
 from twilight.cli.terminal import print_table, progress_bar, with_errors_as_sentences
 
@@ -198,4 +197,3 @@ def _path(output: Path | None, name: str) -> Path:
 
 app = typer.Typer(name="fit", help="Fit analytic models to computed skies.", no_args_is_help=True)
 app.command()(with_errors_as_sentences(perez))
-app.command()(with_errors_as_sentences(compact))

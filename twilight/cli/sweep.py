@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -44,6 +43,9 @@ def sweep(
     with progress_bar() as bar:
         made = Sweep(series, bar)
     warn_of_slips(made.first)
+    if (drawn := made.drawn) is not None and drawn.axis is not None:
+        held = len(drawn.axis.held_out)
+        print(f"{drawn.size - held:,} draws to train with, {held:,} for validation", file=sys.stderr if plan else None)
     name = options.file_stem(made.first.name or Path(scene).stem, "sweep")
     path = output or Path("out") / f"{name}.zarr"
     if plan:
@@ -72,14 +74,13 @@ def resources_of(
     return resources
 
 
-def run_sweep_into(made: Any, path: Path, resources: Any, begun: Callable[[Path], None] = lambda path: None) -> None:
-    """Compute what the dataset of a sweep lacks and say how it went; `begun` is called when its folder is there."""
+def run_sweep_into(made: Any, path: Path, resources: Any) -> None:
+    """Compute what the dataset of a sweep lacks and say how it went."""
     from twilight.studies.sweep.resources import connect
     from twilight.studies.sweep.run import SweepOutcome, failures, run_sweep
     from twilight.studies.sweep.store import open_store
 
     with open_store(path, made) as store, progress_bar() as bar:
-        begun(path)
         had = len(store.done)
         if store.damaged:
             print(f"twilight: {store.damaged:,} tasks whose files are damaged are computed again", file=sys.stderr)

@@ -19,7 +19,7 @@ from twilight.config.scene import Config
 from twilight.config.slips import warn_of_slips
 from twilight.config.solver import choose_solver
 from twilight.config.validate import Origins, unknown, validate
-from twilight.config.vary import Axis, axes_of
+from twilight.config.vary import DRAWING, Axis, axes_of
 
 MAX_CASES = 1000
 """Scenes of a series that is rendered to files; a sweep takes more."""
@@ -222,7 +222,9 @@ def load_axes(
     _put(draft, settings, names)
     where = Origins(draft.origins).describe(("vary",))[0]
     vary = draft.data.pop("vary", None)
-    return Series(axes_of({} if vary is None else vary, where), where, draft)
+    drawing = {name: draft.data.pop(name) for name in DRAWING if name in draft.data}
+    set_ = {name: value for name, value in drawing.items() if value is not None}
+    return Series(axes_of({} if vary is None else vary, where, set_), where, draft)
 
 
 def load_climate(
@@ -248,7 +250,8 @@ def load_climate(
     """
     draft = _read(target, ("climates",))
     _put(draft, settings, names)
-    draft.data.pop("vary", None)
+    for name in ("vary", *DRAWING):
+        draft.data.pop(name, None)
     return draft.validated(solver=False).climate
 
 

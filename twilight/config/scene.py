@@ -200,8 +200,13 @@ class Config(Section):
     vary: dict[str, Any] = key(
         dict,
         "series: dotted keys with lists, e.g. {aerosol.relative_humidity_percent: [50, 80, 95]}, or with ranges {from, "
-        "to, count, scale: linear | log}; list: mappings of keys that change together; latin_hypercube: {samples, "
-        "seed, ranges: {key: {from, to, scale} | [choices]}}",
+        "to, count, scale: linear | log}; list: mappings of keys that change together; drawn, all together: {uniform: "
+        "[low, high]}, {log_uniform: [low, high]} or {choice: [values]}",
+    )
+    draws: Integer | None = key(None, "how often the keys of vary that are drawn are drawn", unit="1", ge=1, le=100_000)
+    seed: Integer | None = key(None, "of the draws; 0", unit="1", ge=0, le=2**31 - 1)
+    validation: Number | None = key(
+        None, "fraction of the draws that a sweep marks for validation; 0.1", unit="1", ge=0.0, lt=1.0
     )
 
     @model_validator(mode="after")

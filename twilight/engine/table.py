@@ -6,7 +6,7 @@ computed for a test becomes a node.  In the end the table is compared with direc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np

@@ -40,7 +40,8 @@ LABELS = {
     "longitude": Label("longitude", "degrees_east", "", "longitude"),
     "time": Label("time (UTC)", "seconds since 1970-01-01 00:00:00", "", "time"),
     "scene": Label("scene", ""),
-    "sample": Label("sample", ""),
+    "draw": Label("draw", ""),
+    "turbidity": Label("turbidity", "1", "optical depth of air and aerosol over that of air, at 550 nm"),
     "radiance": Label(
         "radiance",
         "W m-2 nm-1 sr-1",

@@ -145,7 +145,7 @@ def fill_space(
         once = np.empty_like(light)
         for first in range(0, suns.size, SUNS_AT_ONCE):
             part = slice(first, first + SUNS_AT_ONCE)
-            once[part] = channels.of(source.single_aerosol(top, rows, azimuths, suns[part])[0]) / edge
+            once[part] = channels.of(source.single_aerosol(top, rows, azimuths, suns[part])) / edge
         once = np.minimum(once, LARGEST_FRACTION_ONCE * light)
         once += REST_IN_AUREOLE * (light - once)
         aureole = once / read_phase(phase, scattering_cosine(elevation, azimuth, suns))

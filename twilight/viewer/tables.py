@@ -137,8 +137,8 @@ def every_second(ground: int, above: int) -> np.ndarray:
 
 def _once_scattered(source: FieldSource, channels: Channels, altitude: float, row, azimuths, suns) -> np.ndarray:
     """What aerosol scattered once (S, E, A, 4); the row beyond the zenith is seen from the other side."""
-    inside = source.single_aerosol(altitude, row[:-1], azimuths, suns)[0]
-    beyond = source.single_aerosol(altitude, 180.0 - row[-1:], 180.0 - azimuths, suns)[0]
+    inside = source.single_aerosol(altitude, row[:-1], azimuths, suns)
+    beyond = source.single_aerosol(altitude, 180.0 - row[-1:], 180.0 - azimuths, suns)
     return channels.of(np.concatenate([inside, beyond], axis=1))
 
 

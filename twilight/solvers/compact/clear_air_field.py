@@ -1,16 +1,23 @@
-"""The field of the model of all clear air."""
+"""The solver compact: its settings, `prepare`, the interface of all solvers, and its field."""
 
 from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
-from twilight.solvers.base import BareField, ModelError
+from twilight.base.progress import Progress
+from twilight.solvers.base import BareField, ModelError, observer_at
 from twilight.solvers.compact.air_columns import LIMITED, AirColumns
-from twilight.solvers.compact.checks import check_medium, checked_directions, checked_observer, rows_and_columns
 from twilight.solvers.compact.clear_air import SUN_DEG, ClearAirModel
 from twilight.solvers.compact.clear_air_sky import ClearAirSkies
+
+SHIPPED = Path(__file__).resolve().parents[2] / "data" / "compact" / "clear-air.npz"
+"""The file of the model."""
 
 HIGHEST_OBSERVER_KM = 15.0
 """Highest observer above the ground."""
@@ -28,6 +35,33 @@ CACHED_OBSERVERS = 4
 """Observers whose skies are cached."""
 
 
+@dataclass(frozen=True)
+class CompactSettings:
+    """polarisation: the Stokes parameters Q and U too"""
+
+    polarisation: bool = True
+
+
+QUALITIES: dict[str, CompactSettings] = {"standard": CompactSettings()}
+
+
+@functools.lru_cache(maxsize=1)
+def _shipped_model() -> ClearAirModel:
+    return ClearAirModel.load(SHIPPED)
+
+
+def prepare(
+    medium: Medium,
+    settings: CompactSettings | None = None,
+    *,
+    observer_altitude_km: float = 0.0,
+    progress: Progress | None = None,
+) -> ClearAirField:
+    """The skies of a medium.  Errors: TwilightError for an observer, air or wavelengths that the model lacks."""
+    polarisation = (settings or QUALITIES["standard"]).polarisation
+    return ClearAirField(medium, _shipped_model(), observer_altitude_km, polarisation)
+
+
 class ClearAirField(BareField):
     """The skies of one medium for any sun from -18 to 90 deg and observers up to 15 km above the ground.
 
@@ -38,8 +72,8 @@ class ClearAirField(BareField):
     def __init__(self, medium: Medium, model: ClearAirModel, observer_altitude_km: float, polarisation: bool):
         self.medium, self.model = medium, model
         self._polarised = polarisation
-        self._altitude_km = checked_observer(medium, observer_altitude_km, HIGHEST_OBSERVER_KM)
-        check_medium(medium, "the compact model of clear air", *WAVELENGTH_NM)
+        self._altitude_km = checked_observer(medium, observer_altitude_km)
+        check_medium(medium)
         self._columns = AirColumns.of(medium)
         check_air(self._columns, model)
         self._skies: dict[float, ClearAirSkies] = {}
@@ -70,7 +104,7 @@ class ClearAirField(BareField):
         return self._light(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 3)
 
     def _light(self, sun_elevation_deg: float, elevation_deg, azimuth_deg, altitude_km, n_stokes: int) -> np.ndarray:
-        elevation, azimuth = checked_directions(sun_elevation_deg, SUN_DEG, elevation_deg, azimuth_deg)
+        elevation, azimuth = checked_directions(sun_elevation_deg, elevation_deg, azimuth_deg)
         skies = self._seen_from(self.observer_above_km(altitude_km))
         sky = skies.sky(float(sun_elevation_deg), n_stokes > 1)
         self.convergence = ModelError(sky.relative_error)
@@ -83,7 +117,7 @@ class ClearAirField(BareField):
     def observer_above_km(self, altitude_km: float | None) -> float:
         """Altitude of an observer above the ground [km]; None: as prepared."""
         altitude = self._altitude_km if altitude_km is None else altitude_km
-        return checked_observer(self.medium, altitude, HIGHEST_OBSERVER_KM) - self.medium.bottom_km
+        return checked_observer(self.medium, altitude) - self.medium.bottom_km
 
     def _seen_from(self, above: float) -> ClearAirSkies:
         """The skies of an observer above the ground [km], computed when one is asked for first."""
@@ -105,3 +139,49 @@ def check_air(columns: AirColumns, model: ClearAirModel) -> None:
                 f"the compact model of clear air is made of airs in which {what} is {max(low, 0.0):.3g} to {high:.3g}, "
                 f"and here it is {values[w]:.3g} at {columns.medium.wavelength_nm[w]:g} nm; take --solver zones"
             )
+
+
+def checked_observer(medium: Medium, altitude_km: float) -> float:
+    """The altitude of an observer [km]; TwilightError for one that the model lacks."""
+    altitude = observer_at(medium, altitude_km, medium.bottom_km)
+    high = medium.bottom_km + HIGHEST_OBSERVER_KM
+    if altitude > high:
+        raise TwilightError(
+            f"the compact solver knows the sky of observers up to {HIGHEST_OBSERVER_KM:g} km above the ground: "
+            f"observer.altitude_km is {altitude:g}, allowed is {medium.bottom_km:g} to {high:g}"
+        )
+    return altitude
+
+
+def check_medium(medium: Medium) -> None:
+    """TwilightError for water under the air, and for wavelengths outside the model's."""
+    model, (lowest_nm, highest_nm) = "the compact model of clear air", WAVELENGTH_NM
+    if medium.has_water:
+        raise TwilightError(f"{model} has land under it, and the medium has water (ground.kind)")
+    outside = medium.wavelength_nm[(medium.wavelength_nm < lowest_nm) | (medium.wavelength_nm > highest_nm)]
+    if outside.size:
+        raise TwilightError(
+            f"{model} has wavelengths from {lowest_nm:g} to {highest_nm:g} nm, and {outside[0]:g} nm is asked for"
+        )
+
+
+def checked_directions(sun_elevation_deg: float, elevation_deg, azimuth_deg) -> tuple[np.ndarray, np.ndarray]:
+    """Elevations and azimuths of one shape [deg]; TwilightError below the horizon, and for a sun beyond the model's."""
+    low, high = SUN_DEG[[0, -1]]
+    if not low <= sun_elevation_deg <= high:
+        raise TwilightError(
+            f"sun.elevation_deg is {sun_elevation_deg:g}; the compact solver allows {low:g} to {high:g}"
+        )
+    elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+    if elevation.size and not (elevation.min() >= 0.0 and elevation.max() <= 90.0):
+        raise TwilightError("the compact solver knows the sky above the horizon only: elevations from 0 to 90 deg")
+    return elevation, azimuth
+
+
+def rows_and_columns(elevation: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Elevations (E,) of the rows and azimuths (A,) of the columns of directions (E, A) that are a grid; None: they are
+    not."""
+    if elevation.ndim != 2 or not elevation.size:
+        return None
+    rows, columns = elevation[:, :1], azimuth[:1]
+    return (rows[:, 0], columns[0]) if (elevation == rows).all() and (azimuth == columns).all() else None

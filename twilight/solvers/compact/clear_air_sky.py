@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twilight.base.blas import one_blas_thread
+from twilight.numerics.interpolation import spline_matrix
 from twilight.numerics.phase import PhaseFunction, rayleigh_matrix, rayleigh_phase
 from twilight.solvers.compact.air_columns import AirColumns
 from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, ClearAirModel
-from twilight.solvers.compact.compact_sky import spline_matrix
 from twilight.solvers.compact.diffuse_light import diffuse_light, line_of_sight_radiance
 from twilight.solvers.compact.forward_peak import WidenedPeaks, forward_peaks, place_of_angle, widened
 

@@ -197,17 +197,6 @@ def possible_nu(mu, mu_s, nu):
     return min(mu * mu_s + across, max(mu * mu_s - across, nu))
 
 
-@njit(cache=True)
-def possible_nus(mus, mus_s, nus):
-    """`possible_nu` of all (S, M, N) of mus (M,), mus_s (S,) and nus (N,)."""
-    out = np.empty((mus_s.size, mus.size, nus.size))
-    for j in range(mus_s.size):
-        for i in range(mus.size):
-            for k in range(nus.size):
-                out[j, i, k] = possible_nu(mus[i], mus_s[j], nus[k])
-    return out
-
-
 @njit(cache=True, inline="always")
 def transmittance_texels(mapping, height_km, mu):
     """Positions of (r, mu) in T, for rays that do not meet the ground."""

@@ -158,4 +158,4 @@ QUALITIES: dict[str, ZonesSettings] = {
         late_polarisation_degree=6,
     ),
 }
-"""Points near the frontier of error against run time (`twilight frontier`), by `benchmarks/zones_error.py`."""
+"""Points on the frontier of error against run time (docs/accuracy.md), measured by `benchmarks/zones_error.py`."""

@@ -34,8 +34,7 @@ PEAKED_ASYMMETRY = 0.88
 PEAKED_DEPTH = 0.1
 """Vertical optical depth of such an aerosol from which on it counts."""
 HIGH_KM = 10.0
-"""Base [km] of a thin layer from which on the light that leaks along it after sunset was compared in one case alone
-(`benchmarks/zones_study.py layer`)."""
+"""Base [km] of a thin layer from which on the light that leaks along it after sunset was compared in one case alone."""
 MAX_DEPTH_RATIO = 1000.0
 """Ratio of the optical depths of two wavelengths beyond which the grid that serves both may be wrong for the thinner:
 at draft by 0.25 % where it is 10, 0.6 % at 100, 1.3 % at 1000, sun at -6 deg."""

@@ -12,7 +12,6 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
 from twilight.transport.beam import beam_at, prepare_beam
-from twilight.transport.chord import chord_depth
 from twilight.transport.lines import ALTITUDE, DISTANCE, new_line, trace_line, weight_by_species
 from twilight.transport.profile import SUDDEN_KM, prepare_profile
 from twilight.transport.scaling import delta_scaled
@@ -90,7 +89,6 @@ class FieldSource:
         self.scaled = delta_scaled(self.medium, DELTA_SCALING_DEGREE)
         self.beam = prepare_beam(self.scaled.medium, refraction=self.refracted)
         self.profile = prepare_profile(self.scaled.medium)
-        self._ground: tuple[np.ndarray, np.ndarray] | None = None
         self.phase = self._effective_phase() if self.medium.has_aerosol else None
 
     def _effective_phase(self) -> np.ndarray:
@@ -139,34 +137,8 @@ class FieldSource:
     def radiance(self, altitude_km: float, sun_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         return self.field.radiance(sun_deg, elevation_deg, azimuth_deg, observer_altitude_km=altitude_km)
 
-    def inscattered(self, altitude_km: float, sun_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
-        """Radiance (..., W) of elevations (..., 1) or (...) and azimuths less that of the ground in view."""
-        seen = self.radiance(altitude_km, sun_deg, elevation_deg, azimuth_deg)
-        elevation, azimuth = np.broadcast_arrays(np.radians(elevation_deg), np.radians(azimuth_deg))
-        down = elevation < math.radians(self.horizon_deg(altitude_km))
-        if not down.any():
-            return seen
-        sun, mu = math.radians(sun_deg), np.sin(elevation[down])
-        nu = mu * math.sin(sun) + np.cos(elevation[down]) * math.cos(sun) * np.cos(azimuth[down])
-        height = altitude_km - self.medium.bottom_km
-        r = self.medium.earth_radius_km + altitude_km
-        unique, back = np.unique(mu, return_inverse=True)
-        below = height * (2.0 * r - height)
-        distance = below / np.maximum(np.sqrt(np.maximum((r * unique) ** 2 - below, 0.0)) - r * unique, 1e-12)
-        passed = np.zeros((unique.size, self.medium.n_wavelengths))
-        for i in range(unique.size):
-            chord_depth(self.profile, altitude_km, unique[i], distance[i], passed[i])
-        passed = np.exp(-passed)
-        there = (r * math.sin(sun) + distance[back] * nu) / (r - height)
-        local = np.degrees(np.arcsin(np.clip(there, -1.0, 1.0)))
-        seen[down] = np.maximum(seen[down] - passed[back] * self.ground(local), 0.0)
-        return seen
-
-    def single_aerosol(self, altitude_km: float, elevation_deg, azimuth_deg, sun_deg) -> tuple[np.ndarray, np.ndarray]:
-        """(with the phase functions [sr^-1], without) of light that aerosol scattered once, each (S, E, A, W).
-
-        elevation_deg (E,), sun_deg (S,); azimuth_deg (A,), or (S, E, A) where they differ.
-        """
+    def single_aerosol(self, altitude_km: float, elevation_deg, azimuth_deg, sun_deg) -> np.ndarray:
+        """Light that aerosol scattered once [sr^-1] (S, E, A, W), of elevations (E,), azimuths (A,) and suns (S,)."""
         e, a, s = (np.radians(np.atleast_1d(v)) for v in (elevation_deg, azimuth_deg, sun_deg))
         a = np.ascontiguousarray(np.broadcast_to(a, (s.size, e.size, a.shape[-1])))
         parts = np.zeros((len(self.medium.phase_functions), *a.shape, self.medium.n_wavelengths))
@@ -176,17 +148,7 @@ class FieldSource:
         light = np.zeros(parts.shape[1:])
         for part, phase, f in zip(parts, self.medium.phase_functions, self.scaled.forward_fraction, strict=True):
             light += np.moveaxis(phase(cosine), 0, -1) / (1.0 - f) * part
-        return light, parts.sum(axis=0)
-
-    def ground(self, sun_deg: np.ndarray) -> np.ndarray:
-        """Radiance (..., W) of the ground under suns [deg], looking down at it; interpolated in its logarithm."""
-        if self._ground is None:
-            low = max(-30.0, float(getattr(self.field, "sun_range_deg", (-90.0, 90.0))[0]))
-            suns = np.concatenate([np.arange(low, 10.0, 0.5), np.linspace(10.0, 90.0, 33)])
-            seen = np.array([self.radiance(self.medium.bottom_km, sun, -90.0, 0.0) for sun in suns])
-            self._ground = suns, np.log(np.maximum(seen, 1e-30))
-        nodes, logs = self._ground
-        return np.stack([np.exp(np.interp(sun_deg, nodes, column)) for column in logs.T], axis=-1)
+        return light
 
 
 def read_phase(table: np.ndarray, cosine: np.ndarray) -> np.ndarray:

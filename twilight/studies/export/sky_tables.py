@@ -190,7 +190,7 @@ def fill(source: FieldSource, sizes: SkyTableSizes, facts: dict, progress: Calla
             sky[i, j] = source.radiance(altitude, float(sun), *grid)[..., ::-1]
             progress(f"altitude {altitude:g} km", (i + (j + 1) / suns.size) / shape[0])
         if source.phase is not None:
-            light = source.single_aerosol(altitude, elevation, azimuths, suns)[0][..., ::-1]
+            light = source.single_aerosol(altitude, elevation, azimuths, suns)[..., ::-1]
             e, s = np.radians(elevation), np.radians(suns)[:, None, None]
             cosine = np.sin(s) * np.sin(e)[:, None] + np.cos(s) * np.cos(e)[:, None] * np.cos(np.radians(azimuths))
             # what is taken out must leave something to take a logarithm of

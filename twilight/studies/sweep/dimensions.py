@@ -11,12 +11,12 @@ from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.config.scene import Config
 from twilight.config.sun import SunElevations, SunInterval, SunTimes
-from twilight.config.vary import LATIN_HYPERCUBE, LIST, Axis
+from twilight.config.vary import DRAWING, DRAWS, LIST, Axis
 from twilight.scene.suns import count_suns
 
 SHAPE_KEYS = ("texture", "wavelengths")
 """Sections that set the shape of the dataset, which is one for all scenes."""
-IDLE_KEYS = ("output", "name", "description", "version", "vary", "solar_spectrum")
+IDLE_KEYS = ("output", "name", "description", "version", "vary", *DRAWING, "solar_spectrum")
 """Keys that change nothing in the dataset."""
 PLACE_KEYS = ("sun.latitude_deg", "sun.longitude_deg", "sun.distance_au")
 """What may vary beside several suns: their number stays."""
@@ -51,7 +51,7 @@ def dimensions_of(axes: tuple[Axis, ...], first: Config, where: str) -> tuple[Di
     every_observer = serves_every_observer(axes, first)
     made = []
     for axis in axes:
-        names = {LIST: "scene", LATIN_HYPERCUBE: "sample"}
+        names = {LIST: "scene", DRAWS: "draw"}
         shared = all(shares_field_along(key, every_observer) for key in _keys([axis]))
         made.append(Dimension(names.get(axis.name) or variable_name(axis.name), len(axis.points), axis, shared))
     own = _own_suns(axes, first, where)

@@ -37,6 +37,8 @@ COMPUTED = 1
 """Value of `status` of a scene whose sky is there."""
 REFUSED = 2
 """Value of `status` of a scene that its solver refused."""
+PARTS = {"train": 0, "validation": 1}
+"""Values of `split`, the part of each draw, by the names that users give."""
 RESERVE_BYTES = 64 * 2**20
 """Free space beside the dataset's without which a sweep is not begun."""
 COMPRESSED_FRACTION = 0.4
@@ -49,7 +51,8 @@ _DIRECTIONS = ("elevation", "azimuth", "wavelength")
 class Store:
     """An open dataset, written by this process alone.
 
-    done: what the journal says of each finished task by its key: {"refused": {scene: sentence}, "cpu_s", "wall_s"}.
+    done: what the journal says of each finished task by its key: {"refused": {scene: sentence}, "turbidity", "cpu_s",
+        "wall_s"}.
     """
 
     def __init__(self, path: Path, sweep: Sweep, group: Any, journal: Journal):
@@ -72,7 +75,10 @@ class Store:
                 scenes = list(block.scenes())
                 for i, reason in found.refused.items():
                     refused[",".join(map(str, scenes[i]))] = reason
-            entry = {"refused": refused, "cpu_s": round(result.cpu_s, 3), "wall_s": round(result.wall_s, 3)}
+            entry: dict[str, Any] = {"refused": refused}
+            if np.isfinite(result.turbidity):
+                entry["turbidity"] = round(result.turbidity, 6)
+            entry |= {"cpu_s": round(result.cpu_s, 3), "wall_s": round(result.wall_s, 3)}
             self._journal.write({"task": task.key, **entry})
         except OSError as error:
             raise TwilightError(f"{self.path}: cannot be written ({error.strerror or error})") from error
@@ -104,16 +110,19 @@ class Store:
         return True
 
     def write_status(self) -> None:
-        """Bring the variable `status` up to date with the journal."""
+        """Bring the variables `status` and `turbidity` up to date with the journal."""
         status = np.zeros(self.sweep.shape, np.int8)
+        turbidity = np.full(self.sweep.shape[: len(self.sweep.outer)], np.nan)
         for task in self.sweep.tasks:
             if task.key in self.done:
                 for block in task.blocks:
                     status[block.region] = COMPUTED
+                    turbidity[block.index] = self.done[task.key].get("turbidity", np.nan)
         for scene, _ in self.refused():
             status[scene] = REFUSED
         with suppress(OSError):  # the journal knows it all; this may come after a full disk
             self._group["status"][...] = status
+            self._group["turbidity"][...] = turbidity
 
     def refused(self) -> Iterator[tuple[tuple[int, ...], str]]:
         """Index and sentence of each scene that its solver refused."""
@@ -179,7 +188,7 @@ def _check_same(path: Path, sweep: Sweep) -> None:
         raise TwilightError(f"{path}: is there and is not the dataset of a sweep; give another --output") from None
     if stored_hash != sweep.hash:
         asked = json.loads(to_json(sweep.document))
-        parts = ("dimensions", "configuration", "version", "code")
+        parts = ("dimensions", "held_out", "configuration", "version", "code")
         found = (next(differences(stored.get(part), asked[part], (part,)), None) for part in parts)
         changed = next((".".join(one[0]) for one in found if one is not None), "a task")
         if changed == "code":
@@ -268,6 +277,8 @@ def _results(group: Any, sweep: Sweep) -> None:
         flag_values=[MISSING, COMPUTED, REFUSED],
         flag_meanings="missing computed refused",
     )
+    outer = [d.name for d in sweep.outer]
+    _array(group, "turbidity", outer, np.full([d.size for d in sweep.outer], np.nan), **attributes("turbidity"))
 
 
 def _coordinates(group: Any, sweep: Sweep) -> None:
@@ -287,6 +298,10 @@ def _coordinates(group: Any, sweep: Sweep) -> None:
         for key in dimension.axis.points[0]:
             values = _plain([point[key] for point in dimension.axis.points])
             _array(group, variable_name(key), (dimension.name,), values, **key_attributes(key))
+    if (drawn := sweep.drawn) is not None and drawn.axis is not None:
+        held = [int(i in drawn.axis.held_out) for i in range(drawn.size)]
+        about = {"long_name": "part of the draw", "flag_values": [*PARTS.values()], "flag_meanings": " ".join(PARTS)}
+        _array(group, "split", (drawn.name,), np.array(held, np.int8), **about)
     _sun_positions(group, sweep)
 
 

@@ -19,12 +19,14 @@ from twilight.config.climate import climate_files
 from twilight.config.load import Series
 from twilight.config.scene import Config
 from twilight.config.solver import complete_solver
+from twilight.config.vary import DRAWS
 from twilight.engine.memory import check_size
 from twilight.io.provenance import configuration_hash, to_json
 from twilight.numerics.grids import half_of, texture_centres
 from twilight.scene.medium import climate_medium, name_by_content, wavelengths_of
 from twilight.scene.suns import suns_of
 from twilight.studies.sweep.dimensions import (
+    Dimension,
     check_keys,
     dimensions_of,
     serves_every_observer,
@@ -89,6 +91,11 @@ class Sweep:
         self.fields = len(set(field_keys.values()))
         self.document = self._document()
         self.hash = configuration_hash([self.document, [task.key for task in self.tasks]])
+
+    @property
+    def drawn(self) -> Dimension | None:
+        """The dimension of the draws."""
+        return next((d for d in self.dimensions if d.axis is not None and d.axis.name == DRAWS), None)
 
     @property
     def bytes(self) -> int:
@@ -261,6 +268,7 @@ class Sweep:
                 d.name: self.first.sun.model_dump(mode="json") if d.axis is None else list(d.axis.points)
                 for d in self.dimensions
             },
+            "held_out": sorted(d.axis.held_out) if (d := self.drawn) is not None and d.axis is not None else [],
         }
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -17,6 +19,7 @@ from twilight.engine.answer import Answer
 from twilight.engine.block import Block
 from twilight.engine.solve import Problem
 from twilight.scene import resolve
+from twilight.solvers.analytic.turbidity import turbidity_of
 from twilight.studies.sweep.task import STANDARD_ERROR, STOKES, STOKES_ERROR, ScenePosition, code_of
 
 _ONE_AT_A_TIME = threading.Lock()
@@ -44,9 +47,10 @@ class BlockResult:
 
 @dataclass(frozen=True)
 class TaskResult:
-    """Chunks of a task, and the processor and wall seconds that they took."""
+    """Chunks of a task, the turbidity of their air, NaN where it has none, and the processor and wall seconds."""
 
     blocks: list[BlockResult]
+    turbidity: float
     cpu_s: float
     wall_s: float
 
@@ -63,8 +67,9 @@ def compute(payload: dict[str, Any], threads: int | None = None) -> TaskResult:
     with _ONE_AT_A_TIME:
         _set_threads(threads)
         begin = time.process_time(), time.perf_counter()
-        blocks = _Fields(payload).blocks()
-        return TaskResult(blocks, time.process_time() - begin[0], time.perf_counter() - begin[1])
+        fields = _Fields(payload)
+        blocks = fields.blocks()
+        return TaskResult(blocks, fields.turbidity, time.process_time() - begin[0], time.perf_counter() - begin[1])
 
 
 def forget() -> None:
@@ -92,6 +97,7 @@ class _Fields:
         self.payload = payload
         self.config = Config.model_validate(payload["config"])
         self.skies: list[list[ScenePosition]] = payload["blocks"]
+        self.turbidity = math.nan
 
     def blocks(self) -> list[BlockResult]:
         """All chunks of the task."""
@@ -99,6 +105,8 @@ class _Fields:
         try:
             scene = resolve(self.config, wavelength_nm=self.payload["wavelength_nm"])
             observer = Observer(altitude_km=self.skies[0][0].observer_altitude_km)
+            with suppress(TwilightError):  # no air, no turbidity
+                self.turbidity = turbidity_of(scene.medium)
             problem = Problem(replace(scene, observer=observer))
             for index in range(len(problem.slices)):
                 self._wavelengths(problem, index, out)

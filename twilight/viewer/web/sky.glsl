@@ -1,4 +1,4 @@
-// Reads the tables of `twilight export tables --layout twilight`; for GLSL ES 3.00 and GLSL 3.30 or later.
+// Reads the tables of `twilight export tables`; for GLSL ES 3.00 and GLSL 3.30 or later.
 //
 //   skyTable, aureoleTable  sky.bin, aureole.bin: 3-D textures RGB32F of azimuths x rows x (suns * altitudes), where
 //                           rows = ground + sky, filtered linearly (WebGL 2: OES_texture_float_linear), clamped to the

@@ -2,7 +2,7 @@
 
 A photograph tells the air to some percent.  A climate is therefore solved once for a window of suns, by its solver at
 QUALITY where it has that and at eight wavelengths at most, and evaluated in some 200 directions for each sun of the
-window.  ln(XYZ) becomes coefficients of the splines of `twilight.solvers.compact.compact_sky`, in elevation, in azimuth
+window.  ln(XYZ) becomes coefficients of the splines of `sky_splines`, in elevation, in azimuth
 and around the sun, and these are splined over the suns: whole skies of any sun in the window follow in milliseconds.
 How far they are off is found from computed skies of climates, suns and directions that they were not made from
 (`library.make_library`).
@@ -31,12 +31,12 @@ from twilight.engine.solve import Problem
 from twilight.engine.sunbeam import Sunbeam
 from twilight.io.provenance import configuration_hash
 from twilight.numerics import spectrum
+from twilight.numerics.interpolation import spline_matrix
 from twilight.scene import resolve
 from twilight.sky import colour
 from twilight.sky.night import night_radiance
-from twilight.solvers.compact.compact_sky import SkySplines, spline_matrix
-from twilight.solvers.compact.splines import spline_coefficients
 from twilight.studies.validate.photographs.photo import OBSERVER
+from twilight.studies.validate.photographs.sky_splines import SkySplines, spline_coefficients
 
 QUALITY = "draft"
 WINDOWS = (
@@ -185,8 +185,7 @@ def key_of(*about: object) -> str:
     """A hash of configurations and numbers, and of the code that computes them."""
     config = next(one for one in about if isinstance(one, Config))
     solver = solvers.SOLVERS[config.chosen_solver.name]
-    # its grids are used, the model that ships is not
-    code = code_digest("twilight.studies.validate.photographs.emulator", solver, without=("data/compact",))
+    code = code_digest("twilight.studies.validate.photographs.emulator", solver)
     values = [one.model_dump(mode="json") if isinstance(one, Config) else one for one in about]
     return configuration_hash([code, *values])
 

@@ -1,0 +1,178 @@
+"""Drawn airs: the same seed draws the same, parts by draw, turbidity beside them, and what the loader hands out."""
+
+from __future__ import annotations
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+import xarray as xr
+from sweeping import BASE, planned, swept
+from typer.testing import CliRunner
+
+from twilight.base.errors import TwilightError
+from twilight.cli.app import app
+from twilight.config.load import load_axes
+from twilight.scene.medium import climate_medium
+from twilight.solvers.analytic.turbidity import turbidity_of
+from twilight.studies.sweep.loader import load_skies
+
+DRAWN = {"ground.albedo": {"uniform": [0.0, 0.8]}, "atmosphere.profile": {"choice": ["tropical", "us_standard"]}}
+SUNS = {"sun.elevation_deg": [5.0, -4.0, -12.0]}
+
+
+@pytest.fixture(scope="module")
+def written(toy, client, tmp_path_factory):
+    """Six draws under three suns, one of which the toy solver refuses for its depth."""
+    path = tmp_path_factory.mktemp("drawn") / "skies.zarr"
+    swept(planned(DRAWN | SUNS, draws=6, seed=1, validation=0.3), client, path)
+    return path, toy
+
+
+def axis_of(vary, **drawing):
+    return load_axes({**BASE, "vary": vary, **drawing}).axes[0]
+
+
+def test_every_part_of_a_distribution_is_drawn_from_once_and_the_same_seed_draws_the_same(toy):
+    """Draws would leave gaps, depend on each other, or change when a key is added."""
+    vary = {
+        "gases.ozone.column_du": {"uniform": [200, 400]},
+        "climate": {"choice": ["urban", "desert", "arctic", "antarctic"]},
+        "ground.albedo": {"log_uniform": [0.01, 1]},
+    }
+    axis = axis_of(vary, draws=40, seed=3)
+    columns = {key: [p[key] for p in axis.points] for key in vary}
+    assert sorted(int((v - 200) / 5) for v in columns["gases.ozone.column_du"]) == list(range(40))
+    assert sorted(int((np.log10(v) + 2) * 20) for v in columns["ground.albedo"]) == list(range(40))
+    assert {c: columns["climate"].count(c) for c in vary["climate"]["choice"]} == dict.fromkeys(columns["climate"], 10)
+    # independent of each other: no rank correlation beyond four standard errors
+    assert abs(np.corrcoef(columns["gases.ozone.column_du"], np.log(columns["ground.albedo"]))[0, 1]) < 4 / np.sqrt(39)
+    assert axis_of(vary, draws=40, seed=3) == axis != axis_of(vary, draws=40, seed=4)
+    alone = axis_of({"ground.albedo": vary["ground.albedo"]}, draws=40, seed=3)
+    assert [p["ground.albedo"] for p in alone.points] == columns["ground.albedo"]
+
+
+@pytest.mark.parametrize(
+    "draws, validation, held", [(30, 1 / 3, 10), (20, None, 2), (2, 0.01, 1), (2, 0.99, 1), (1, 0.5, 0), (9, 0, 0)]
+)
+def test_so_many_draws_are_held_out(toy, draws, validation, held):
+    """A part would be empty, or hold all."""
+    drawing = {"draws": draws, "seed": 4} | ({} if validation is None else {"validation": validation})
+    axis = axis_of(DRAWN, **drawing)
+    assert len(axis.held_out) == held and axis.held_out <= set(range(draws))
+    assert axis_of(DRAWN, **drawing).held_out == axis.held_out
+
+
+@pytest.mark.parametrize(
+    "changes, says",
+    [
+        ({}, "vary: ground.albedo is drawn; set how often, e.g. draws: 200"),
+        ({"draws": 0}, "draws must be a whole number from 1"),
+        ({"draws": 5, "seed": -1}, "seed must be a whole number from 0"),
+        ({"draws": 5, "validation": 1}, "validation must be a number from 0 to below 1, got 1"),
+        ({"draws": 5, "vary": SUNS}, "draws: nothing in vary is drawn"),
+        ({"vary": SUNS, "seed": 3}, "seed: nothing in vary is drawn"),
+        ({"draws": 5, "vary": {"ground.albedo": {"uniform": [0.5]}}}, "albedo.uniform must be two numbers"),
+        ({"draws": 5, "vary": {"ground.albedo": {"uniform": [0.5, 0.1]}}}, "the lower one first"),
+        ({"draws": 5, "vary": {"ground.albedo": {"uniform": [0, "x"]}}}, "uniform must be a number, got 'x'"),
+        ({"draws": 5, "vary": {"ground.albedo": {"log_uniform": [0, 1]}}}, "two numbers above 0"),
+        ({"draws": 5, "vary": {"ground.albedo": {"choice": []}}}, "choice must be a list of 1 to"),
+        ({"draws": 5, "vary": {"ground.albedo": {"uniform": [0, 1], "choice": [1]}}}, "one distribution"),
+        ({"draws": 5, "vary": {"ground.albedo": {"unifrom": [0, 1]}}}, "did you mean uniform"),
+        ({"draws": 5, "vary": {"ground.albedo": {"uniform": [0, 2]}}}, "ground.albedo"),
+        ({"draws": 5, "vary": {"texture.resolution_deg": {"choice": [3, 5]}}}, "changes the shape of the dataset"),
+    ],
+)
+def test_what_cannot_be_drawn_is_one_sentence_before_anything_is_computed(toy, tmp_path, changes, says):
+    """A sweep would end in a traceback, or after hours."""
+    path = tmp_path / "scenes.yaml"
+    path.write_text(json.dumps({**BASE, "vary": DRAWN, **changes}))
+    found = CliRunner().invoke(app, ["sweep", str(path), "--output", str(tmp_path / "a.zarr")])
+    assert found.exit_code == 2 and says in found.stderr and len(found.stderr.strip().splitlines()) == 1
+    assert [file.name for file in tmp_path.iterdir()] == ["scenes.yaml"]
+
+
+def test_a_plan_says_how_many_draws_are_held_out(tmp_path):
+    more = ["--output", str(tmp_path / "a.zarr"), "--plan", "--set", "texture.resolution_deg=15"]
+    found = CliRunner().invoke(app, ["sweep", "sweep-drawn", *more])
+    assert found.exit_code == 0 and "240 skies of 20 fields" in found.stdout and not list(tmp_path.iterdir())
+    assert "18 draws to train with, 2 for validation" in found.stderr
+
+
+def test_xarray_sees_parts_and_turbidity(written):
+    """A column would be missing, or of another air."""
+    with xr.open_zarr(written[0]) as data:
+        assert data.split.dims == ("draw",) and int(data.split.sum()) == 2
+        assert data.split.attrs["flag_meanings"] == "train validation"
+        assert data.turbidity.dims == ("draw",) and bool((data.turbidity == 1.0).all())  # this air has no aerosol
+
+
+@pytest.mark.slow
+def test_the_turbidity_is_that_of_the_air(client, tmp_path):
+    """Airs of one load would get each other's column."""
+    vary = {"aerosol.optical_depth_550nm": {"uniform": [0.05, 0.5]}, "sun.elevation_deg": [20.0, 5.0]}
+    scene = {"climate": "continental-average", "solver": {"name": "compact"}}
+    sweep = planned(vary, draws=3, **scene)
+    swept(sweep, client, tmp_path / "a.zarr")
+    with xr.open_zarr(tmp_path / "a.zarr") as data:
+        for i, found in enumerate(data.turbidity.values):
+            config = sweep.series.config(sweep.drawn.axis.points[i])
+            assert found == pytest.approx(turbidity_of(climate_medium(config.climate, sweep.wavelength_nm)), rel=1e-4)
+        assert np.all(np.diff(data.turbidity.values[np.argsort(data.aerosol_optical_depth_550nm.values)]) > 0.0)
+
+
+def test_another_split_is_another_sweep(written, client):
+    """Skies that were held out would be trained with."""
+    with pytest.raises(TwilightError, match=r"holds another sweep \(held_out"):
+        swept(planned(DRAWN | SUNS, draws=6, seed=1, validation=0.5), client, written[0])
+
+
+def test_skies_are_those_of_their_inputs(written):
+    """A loader would pair a sky with another one's air or sun."""
+    path, toy = written
+    for part in ("train", "validation"):
+        skies = load_skies(path, part)
+        albedo, sun = skies.names.index("ground_albedo"), skies.names.index("solar_elevation_angle")
+        assert "turbidity" in skies.names and "sun_elevation_deg" not in skies.names
+        e, a = np.meshgrid(skies.elevation_deg, skies.azimuth_deg, indexing="ij")
+        for i in range(len(skies)):
+            numbers, target = skies[i]
+            exact = toy.truth(1.0, numbers[albedo], numbers[sun], 0.0, e, a, skies.wavelength_nm)
+            np.testing.assert_allclose(target, exact, rtol=1e-5)
+            np.testing.assert_array_equal(numbers, skies.inputs[i])
+        assert np.log(target) == pytest.approx(load_skies(path, part, logarithm=True)[len(skies) - 1][1])
+
+
+def test_no_draw_is_in_both_parts_and_refused_skies_in_none(written):
+    """What is measured would be a new sun of a known air."""
+    train, held, every = (load_skies(written[0], part) for part in ("train", "validation", "all"))
+    assert not set(train.draws) & set(held.draws) and set(train.draws) | set(held.draws) == set(range(6))
+    assert len(set(held.draws)) == 2 and len(train) == 4 * 2 and len(train) + len(held) == len(every) == 12
+    assert every.inputs[:, every.names.index("solar_elevation_angle")].min() == -4.0  # -12 was refused
+    assert len(every.texts["atmosphere_profile"]) == 2
+
+
+def test_a_loader_s_processes_get_the_same_and_batches_hold_every_sky_once(written):
+    """Workers of a loader would read other skies, or an epoch leave some out."""
+    skies = load_skies(written[0])
+    again = pickle.loads(pickle.dumps(skies))
+    np.testing.assert_array_equal(again[3][1], skies[3][1])
+    batches = list(skies.batches(3, seed=2))
+    assert [len(inputs) for inputs, _ in batches] == [3, 3, 2]
+    found = np.concatenate([inputs for inputs, _ in batches])
+    assert sorted(map(tuple, found)) == sorted(map(tuple, skies.inputs))
+    with pytest.raises(IndexError, match="8 skies"):
+        skies[8]
+    np.testing.assert_array_equal(skies[-1][1], skies[7][1])
+
+
+def test_what_the_loader_cannot_read_is_one_sentence(toy, client, tmp_path):
+    swept(planned({"ground.albedo": [0.1]}), client, tmp_path / "plain.zarr")
+    for path, part, says in (
+        (tmp_path / "none.zarr", "all", "is not the dataset of a sweep"),
+        (tmp_path / "plain.zarr", "all", "is no sweep with draws"),
+        (tmp_path / "plain.zarr", "test", "part: test is not known"),
+    ):
+        with pytest.raises(TwilightError, match=says):
+            load_skies(path, part)

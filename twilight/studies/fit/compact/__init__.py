@@ -1,1 +1,0 @@
-"""A compact sky: computed skies of one climate, decomposed into a few arrays."""
