@@ -151,19 +151,6 @@ BENCHMARKS = {
         "moonlight.csv, ../docs/moonlight.png",
         "moonlit nights against a dark site's meter",
     ),
-    "crescent": Benchmark(
-        "visibility.py crescent",
-        "visibility_crescent.csv, ../docs/crescent.png",
-        "the young moon beside Yallop's and Odeh's criteria",
-    ),
-    "arcus": Benchmark(
-        "visibility.py arcus",
-        "visibility_arcus.csv",
-        "arcus visionis of Sirius, Venus and Saturn beside historical values",
-    ),
-    "first_light": Benchmark(
-        "visibility.py dawn", "visibility_dawn.csv", "contrast of a desert's dawn beside the eye's threshold"
-    ),
     "circular": Benchmark("circular.py", "circular.csv", "how large circular polarisation is"),
     "limb": Benchmark("limb.py", "limb.csv", "the limb by light scattered once and by all light, beside sasktran2"),
     "stars": Benchmark(

@@ -24,7 +24,6 @@ from twilight.cli import (
     times,
     validate,
     view,
-    visible,
 )
 from twilight.cli.terminal import with_errors_as_sentences
 
@@ -48,7 +47,6 @@ commands = (
     timeline.timeline,
     light.light,
     fluxes.fluxes,
-    visible.visible,
     limb.limb,
     show.climates,
     show.configs,
