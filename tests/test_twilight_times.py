@@ -22,7 +22,7 @@ OF_NREL = [
     (-33.9, 18.4, "05:05:57", "10:47:25", "16:28:24"),
     (64.1, -21.9, "06:10:18", "13:28:35", "20:48:52"),
 ]
-"""Latitude, longitude, and sunrise, transit and sunset (UTC) on 2026-04-11 by NREL's own search for them (Reda & Andreas
+"""Latitude, longitude; sunrise, transit and sunset (UTC) on 2026-04-11 by NREL's own search for them (Reda & Andreas
 2008, NREL/TP-560-34302, section A.2; by `sun_rise_set_transit_spa` of pvlib 0.16.1)."""
 BERLIN = {"latitude_deg": 52.5, "longitude_deg": 13.4, "time_zone": "Europe/Berlin"}
 
