@@ -22,7 +22,7 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-PAGES = ("first-sky", "jobs/observatory", "jobs/data-set", "jobs/two-codes")
+PAGES = ("first-sky", "jobs/data-set", "jobs/two-codes")
 """Pages whose blocks are run when the site is built, and shown with what they print."""
 FENCE = re.compile(r"^```(sh|yaml|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NOT_RUN = re.compile(r"^```sh no-run\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -32,7 +32,7 @@ LONGEST_S = 600
 PLANNED = ("render", "sweep")
 """Commands that `--plan` runs with their own `--plan`; `HELPED` it runs with `--help`, all others as they are."""
 HELPED = (
-    "show", "climate", "compare", "fit", "export", "view", "animate", "validate", "visible", "light", "timeline",
+    "show", "climate", "compare", "fit", "export", "view", "animate", "validate", "light", "timeline",
 )  # fmt: skip
 
 

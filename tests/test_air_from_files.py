@@ -29,7 +29,7 @@ def run(*arguments):
 def test_the_command_prints_a_climate_and_says_what_is_from_where(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     made = [air_files.wyoming(tmp_path / "w.txt"), air_files.era5(tmp_path / "e.nc")]
-    made += [air_files.aeronet(tmp_path / "a.lev15"), air_files.woudc(tmp_path / "o.csv")]
+    made += [air_files.aeronet(tmp_path / "a.lev15"), air_files.cams(tmp_path / "cams.nc")]
     result = run(*made, *ASKED)
     assert result.exit_code == 0, result.output
     (tmp_path / "mine.yaml").write_text(result.stdout)
@@ -37,7 +37,8 @@ def test_the_command_prints_a_climate_and_says_what_is_from_where(tmp_path, monk
     sources = climate.air.sources
     assert sources["pressure and temperature"].startswith("to 30 km sounding w.txt")
     assert all(words in sources["pressure and temperature"] for words in ("above to 49", "climate's own"))
-    assert sources["ozone column"].startswith("318 DU, WOUDC o.csv") and climate.gases.ozone.column_du == 318.0
+    assert sources["ozone column"].startswith("320 DU, map cams.nc")
+    assert climate.gases.ozone.column_du == pytest.approx(320.0, abs=0.05)
     assert sources["aerosol sizes and index"] == "the climate's own, continental_average"
     assert "water vapour, 21 mm" in sources["not used"]
     for name, words in sources.items():
@@ -104,16 +105,16 @@ def test_the_section_air_reads_beside_its_file_and_its_record_needs_no_files(tmp
 @pytest.mark.parametrize(
     ("air", "words"),
     [
-        ({"sounding": "o.csv", **PLACE}, "; air.sounding takes a sounding"),
+        ({"sounding": "a.lev15", **PLACE}, "; air.sounding takes a sounding"),
         ({"sounding": "gone.txt"}, "air.sounding: there is no file"),
-        ({"sondage": "o.csv"}, "sondage is not a key; did you mean sounding"),
+        ({"sondage": "a.lev15"}, "sondage is not a key; did you mean sounding"),
         ({"ozone": "climatology", "at": "2026-06-21T18:30"}, "at needs its offset"),
         ({"ozone": "climatology", "latitude_deg": 3.0}, "both latitude_deg and longitude_deg"),
         ({"ozone": "climatology"}, "needs a place and a date"),
     ],
 )
 def test_the_section_air_refuses_in_one_sentence(tmp_path, air, words):
-    air_files.woudc(tmp_path / "o.csv")
+    air_files.aeronet(tmp_path / "a.lev15")
     (tmp_path / "c.yaml").write_text(yaml.safe_dump({"version": 1, "name": "c", "air": air}))
     with pytest.raises(TwilightError, match=words):
         load(tmp_path / "c.yaml")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -53,9 +54,7 @@ def test_a_time_of_any_kind_is_the_same_sun(noon):
 
 
 def test_places_are_those_of_pvlib_and_astropy_or_a_pair_of_numbers(noon):
-    from pvlib.location import Location
-
-    place = Location(52.5, 13.4, tz="Europe/Berlin", altitude=34)
+    place = SimpleNamespace(latitude=52.5, longitude=13.4, tz="Europe/Berlin", altitude=34)  # as pvlib's Location
     sky = twilight.render("continental-average", at="2026-06-21T12:00", place=place, **FEW)
     assert (sky.sun_elevation_deg, sky.sun_azimuth_deg) == pytest.approx(noon, abs=1e-3)
     assert sky.observer_altitude_km == 0.034 and sky.latitude_deg == 52.5

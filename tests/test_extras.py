@@ -16,6 +16,8 @@ from twilight.base.extras import REQUIREMENTS, is_installed, missing
 from twilight.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[1]
+BROUGHT_BY = {"numcodecs": "zarr", "pandas": "xarray"}
+"""Modules that come with a dependency which cannot do without them."""
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
@@ -41,7 +43,7 @@ def test_what_the_program_imports_is_installed_with_it_or_asked_for():
     here = {distribution(text) for text in PROJECT["dependencies"]}
     distributions = packages_distributions()
     for module, files in imports().items():
-        if module not in REQUIREMENTS and not (module == "numcodecs" and "zarr" in here):
+        if module not in REQUIREMENTS and BROUGHT_BY.get(module) not in here:
             names = {name.lower().replace("_", "-") for name in distributions.get(module, [module])}
             assert names & here, f"{module}, which {files} import, is no dependency: {names}"
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-HEAVY = {"numba", "scipy", "colour", "matplotlib", "pvlib", "pandas", "xarray", "h5py", "PIL", "OpenEXR", "mitsuba"}
+HEAVY = {"numba", "scipy", "colour", "matplotlib", "pandas", "erfa", "xarray", "h5py", "PIL", "OpenEXR", "mitsuba"}
 
 
 def modules_after(statement: str) -> set[str]:

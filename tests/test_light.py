@@ -183,29 +183,6 @@ def test_the_command_prints_what_the_call_returns(tmp_path):
     assert f"{value:.5g}" in done.output and "mag arcsec-2" in done.output
 
 
-def test_a_planner_takes_the_brightness_of_the_sky_as_a_constraint():
-    pytest.importorskip("astroplan")
-    from astroplan import Observer
-    from astropy import units
-    from astropy.coordinates import EarthLocation, SkyCoord
-    from astropy.time import Time
-    from astropy.utils import iers
-
-    from twilight.api.planning import SkyBrightnessConstraint
-
-    place = EarthLocation.from_geodetic(PLACE[1] * units.deg, PLACE[0] * units.deg)
-    times = Time(["2026-03-20T19:43", "2026-03-20T19:50"])
-    high = SkyCoord(100.0 * units.deg, 28.0 * units.deg)
-    down = SkyCoord(280.0 * units.deg, -28.0 * units.deg)
-    with iers.conf.set_temp("auto_download", False):
-        at = Observer(place).altaz(times[0], high)
-        bright = float(twilight.light(PLACE, DUSK, (at.alt.deg, at.az.deg), "V", AIR))
-        for fainter, expected in ((0.1, False), (-0.1, True)):
-            constraint = SkyBrightnessConstraint(bright + fainter, "V", AIR)
-            assert bool(constraint(Observer(place), high, times=times)[0]) is expected
-        assert not np.any(SkyBrightnessConstraint(0.0, "V", AIR)(Observer(place), down, times=times))
-
-
 @pytest.mark.slow
 def test_the_moon_lights_the_night_as_in_a_render():
     """A full moon 57 deg up: less than the 0.32 lx that it never exceeds (Kyba, Mohar & Posch 2017); its sky is a

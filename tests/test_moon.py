@@ -111,14 +111,14 @@ def test_meeus_example():
 def test_total_eclipse_of_2024():
     """Dallas, 8 April 2024, 18:42 UTC: the sun is totally eclipsed, so the moon covers it (NASA's circumstances)."""
     site = Sites([dt.datetime(2024, 4, 8, 18, 42, 40, tzinfo=dt.UTC)], 32.7767, -96.7970)
-    moon, sun = site.body("moon"), site.sun()
+    moon, sun = site.moon(), site.sun()
     apart = np.degrees(np.arccos(np.clip((moon.towards * sun.towards).sum(), -1, 1)))
     assert apart < 0.012
     assert 0.27 < Moon(0, 0, 180.0, float(moon.distance_au[0] * 1.495978707e8)).radius_deg < 0.285
 
 
 def test_places_are_those_of_astropy():
-    """Moon and planets over a place: astropy's get_body with its built-in ephemeris, to 4 arcsec."""
+    """Sun and moon over a place: astropy's get_body with its built-in ephemeris, to 4 arcsec."""
     coordinates = pytest.importorskip("astropy.coordinates")
     from astropy import units
     from astropy.time import Time
@@ -132,9 +132,8 @@ def test_places_are_those_of_astropy():
         where = coordinates.EarthLocation(lat=48.0 * units.deg, lon=11.0 * units.deg, height=0.5 * units.km)
         time = Time(moment.replace(tzinfo=None), scale="utc")
         local = coordinates.AltAz(obstime=time, location=where, pressure=0.0 * units.hPa)
-        for name in ("moon", "venus", "jupiter", "saturn"):
+        for name, ours in (("moon", site.moon()), ("sun", site.sun())):
             theirs = coordinates.get_body(name, time, where, ephemeris="builtin").transform_to(local)
-            ours = site.body(name)
             assert ours.elevation_deg[0] == pytest.approx(theirs.alt.deg, abs=4.0 / 3600.0)
             assert ours.azimuth_deg[0] == pytest.approx(theirs.az.deg, abs=8.0 / 3600.0)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
 
@@ -14,20 +13,13 @@ from typer.testing import CliRunner
 
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
-from twilight.config import load
-from twilight.engine.light_setup import field_for
-from twilight.engine.visibility import NakedEye
 from twilight.numerics import spectrum
 from twilight.sky.ephemeris import sun_position
-from twilight.sky.quantities.catalogue import quantity
 from twilight.sky.quantities.measure import Spectra
-from twilight.sky.quantities.responses import response
 from twilight.studies.timeline import timeline as work
-from twilight.studies.timeline.columns import Setup, column
+from twilight.studies.timeline.columns import column
 from twilight.studies.timeline.files import draw, shades, write_dataset, write_table
-from twilight.studies.timeline.flats import Flats
 from twilight.studies.timeline.presets import PRESETS
-from twilight.studies.visible.night import sightings
 
 PLACE = (28.3, -16.5)
 NM = np.arange(380.0, 721.0, 20.0)
@@ -107,90 +99,6 @@ def test_every_preset_has_columns_conditions_and_a_source():
         assert any(f"({year}" in preset.about or f" {year}" in preset.about for year in range(1940, 2030))
 
 
-def test_a_flat_takes_as_long_as_its_photons_say():
-    flats = Flats("V", aperture_m=2.0, obstruction_m=1.0, pixel_arcsec=1.0, throughput=0.5, gain=2.0,
-                  level_counts=1000.0)  # fmt: skip
-    # 0.75 pi m^2, one square arcsecond 2.3504e-11 sr: 2.77e-11 electrons of one photon per s m^2 sr
-    assert float(flats.electrons_per_s(np.array(1e12))) == pytest.approx(0.75 * np.pi * 2.35044e-11 * 0.5e12, rel=1e-5)
-    assert float(flats.exposures_s(np.array(1e12))) == pytest.approx(2000.0 / 27.69, rel=1e-3)
-    # an exposure of that length has the counts wanted, in a larger one the pixel saturates
-    for exposure_s, counts in ((2000.0 / 27.69, 1000.0), (1e4, 5000.0)):
-        fixed = replace(flats, exposure_s=exposure_s, saturation_counts=5000.0)
-        assert float(fixed.counts(np.array(1e12))) == pytest.approx(counts, rel=1e-3)
-    for wrong, sentence in (({"obstruction_m": 2.0}, "--obstruction-m"), ({"exposure_s": 0.0}, "--exposure-s"),
-                            ({"level_counts": 7e4}, "is not below the saturation, 65535")):  # fmt: skip
-        with pytest.raises(TwilightError, match=sentence):
-            Flats(**wrong)
-
-
-@pytest.mark.parametrize("band", ["V", "r"])
-def test_the_throughput_of_flats_is_that_at_the_bands_maximum(band):
-    """LSST's curves have optics, detector and air in them, Bessell's are of energy: a detector of the throughput 1 and
-    the band's shape in photons counts a known light, by quadrature apart."""
-    found = response(band)
-    assert (found.per, round(found.value.max(), 2)) == {"V": ("energy", 1.0), "r": ("photon", 0.58)}[band]
-    shape = found.value / (found.wavelength_nm if found.per == "energy" else 1.0)
-    nm = np.arange(480.0, 721.0)
-    seen = np.interp(nm, found.wavelength_nm, shape / shape.max(), left=0.0, right=0.0)
-    photons = spectrum.solar_at(nm) * seen * nm / 1.98644586e-16  # h c [J nm]
-    flats = Flats(band, throughput=1.0, saturation_counts=1e30)
-    moments = work.moments_at([28.3], [-16.5], evening()[:1])
-    light = float(np.exp(moments.sun_elevation_deg[0]))
-    expected = light * photons.sum() * 0.25 * np.pi * 0.25 * 2.35044e-11
-    counts = column("flat_counts", Setup(flats=flats)).values(Slope(), moments)[0]
-    assert counts == pytest.approx(expected, rel=2e-3)
-
-
-def test_flats_are_columns_with_conditions():
-    """Exposures times counts of one second are the level; the light falls by e for a degree of the sun."""
-    setup = Setup(flats=Flats("V", exposure_s=1.0, level_counts=100.0, saturation_counts=1e30))
-    times = evening()
-    columns = [column(text, setup) for text in ("flat_counts", "flat_exposure")]
-    bright = work.timeline(Slope(), *PLACE, times, columns)
-    assert bright.values[0] * bright.values[1] == pytest.approx(100.0)
-    assert [one.variable for one in columns] == ["flat_counts_V_zenith", "flat_exposure_V_s_zenith"]
-    level = float(bright.values[0][10])
-    made = work.timeline(Slope(), *PLACE, times, [], [work.condition(f"flat_counts < {level!r}", setup)])
-    assert abs((made.outcomes[0].crossings[0].time - times[10]).total_seconds()) <= 1.0
-    with pytest.raises(TwilightError, match="goes with --for flats"):
-        column("flat_exposure")
-
-
-@pytest.fixture(scope="module")
-def dusk():
-    config = load("continental-average",
-                  {"solver.quality": "draft", "wavelengths.list_nm": [440.0, 500.0, 550.0, 600.0, 660.0]})  # fmt: skip
-    return field_for(config, [quantity("luminance")])
-
-
-def test_stars_and_planets_come_out_to_the_second(dusk):
-    """The limit of stars by the column is the eye's; where it passes Sirius's place, Sirius is seen."""
-    place = (52.5, 13.4)
-    start = datetime(2026, 3, 20, 16, 30, tzinfo=UTC)
-    times = work.rows(start, start + timedelta(hours=2), timedelta(minutes=20))
-    columns = [column("limiting_magnitude"), column("margin@sirius")]
-    made = work.timeline(dusk, *place, times, columns, [work.condition("margin@sirius > 0")])
-    limit, margin = made.values
-    assert (np.diff(limit) > 0).all() and limit[0] < -2.0 and limit[-1] > 4.0
-    [out] = made.outcomes[0].crossings
-    found = sightings(NakedEye(dusk), *place, ["Sirius"], times[0], times[-1], 60.0)["Sirius"].sightings[0]
-    assert out.begins and abs((out.time - found.first).total_seconds()) < 5.0
-    assert np.isfinite(margin).all() and (np.diff(margin[:4]) > 0).all()
-    keen = work.timeline(dusk, *place, times[:1] * 2, [column("limiting_magnitude", Setup(field_factor=1.0))])
-    assert keen.values[0][0] - limit[0] == pytest.approx(2.5 * np.log10(2.0), abs=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [("margin@stars", "is of several objects"), ("margin@pluto", "'pluto' is not known"),
-     ("limiting_magnitude@horizontal", "not of a surface"), ("dawn_contrast@zenith", "takes no @"),
-     ("limitng_magnitude", "is not known; .* also dawn_contrast, limiting_magnitude and margin@OBJECT")],
-)  # fmt: skip
-def test_what_no_column_is(text, sentence):
-    with pytest.raises(TwilightError, match=sentence):
-        column(text)
-
-
 def test_shades_begin_with_the_twilights_between_the_rows():
     """Rows an hour apart: sunset and dusks within two minutes of those of `twilight times`, for the sun's arc bends."""
     start = datetime(2026, 3, 20, 17, 0, tzinfo=UTC)
@@ -218,9 +126,7 @@ def test_files_hold_what_the_table_holds(tmp_path):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [(["--at", "soon"], "--at: soon is not a date"), (["--for", "tea"], "--for: tea"), (["--step", "x"], "--step"),
-     (["--when", "V"], "--when"), (["--gain", "2"], "--gain: belongs to --for flats"),
-     (["--field-factor", "1.4"], "--field-factor: belongs to the columns limiting_magnitude"),
-     (["--for", "darkness", "--aperture-m", "2"], "--aperture-m: belongs to --for flats"),
+     (["--when", "V"], "--when"),
      (["--output", __file__ + "/night"], "is not a folder"),
      (["--quantity", "y"], "y: .* beyond the wavelengths of the air")],
 )  # fmt: skip

@@ -94,7 +94,7 @@ def test_the_moons_place_is_that_of_twilight(page):
         state = {"mode": "clock", "date": when[:10], "hours": moment.hour + moment.minute / 60.0, "zone": 0}
         shown.evaluate("s => twilight.set(s)", {**BARE, **state, "latitude": latitude, "longitude": longitude})
         found = shown.evaluate("twilight.theMoon()")
-        place = Sites([moment], latitude, longitude).body("moon")
+        place = Sites([moment], latitude, longitude).moon()
         azimuth, elevation = azimuth_elevation(np.array(found["direction"]))
         turn = (azimuth - place.azimuth_deg[0] + 180.0) % 360.0 - 180.0
         exact = moon_over(moment, latitude, longitude, 0.0)

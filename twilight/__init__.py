@@ -25,7 +25,6 @@ _WHERE = {
     "Surface": "twilight.engine.surfaces",
     "TwilightError": "twilight.base.errors",
     "TwilightWarning": "twilight.base.errors",
-    "irradiance": "twilight.api.irradiance",
     "light": "twilight.api.light",
     "load": "twilight.config",
     "load_climate": "twilight.config",

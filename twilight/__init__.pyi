@@ -1,7 +1,6 @@
 """Types of the public names, which `__init__.py` loads when they are used."""
 
 from twilight.api.calls import medium, render, solve, solver
-from twilight.api.irradiance import irradiance
 from twilight.api.light import light
 from twilight.api.representation import Sky, SkySeries, open_dataset, read_sky
 from twilight.atmosphere.medium import Medium
@@ -24,7 +23,6 @@ __all__ = [
     "TwilightError",
     "TwilightWarning",
     "__version__",
-    "irradiance",
     "light",
     "load",
     "load_climate",

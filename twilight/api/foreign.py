@@ -1,4 +1,4 @@
-"""Light as other libraries hold it: astropy's quantities, pandas' series, an astroplan constraint."""
+"""Light as other libraries hold it: astropy's quantities, pandas' series."""
 
 from __future__ import annotations
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from twilight.base.errors import TwilightError
 
 REQUIREMENTS = {
-    "astroplan": "astroplan>=0.10,<1",
     "astropy": "astropy>=6.1,<9",
     "cfgrib": "cfgrib>=0.9.15,<0.10",
     "colour_hdri": "colour-hdri>=0.2.6,<0.3",

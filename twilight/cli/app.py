@@ -19,7 +19,6 @@ from twilight.cli import (
     times,
     validate,
     view,
-    visible,
 )
 from twilight.cli.terminal import with_errors_as_sentences
 
@@ -39,7 +38,6 @@ commands = (
     times.times,
     timeline.timeline,
     light.light,
-    visible.visible,
     show.climates,
     show.configs,
     show.describe,

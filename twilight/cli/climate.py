@@ -18,7 +18,7 @@ app = typer.Typer(name="climate", help="Make climates.", no_args_is_help=True, r
 
 def from_files(
     files: Annotated[
-        list[Path] | None, argument("FILE...", "Soundings, reanalyses, AERONET, ozone, SAGE: known by what they hold.")
+        list[Path] | None, argument("FILE...", "Soundings, reanalyses, AERONET: known by what they hold.")
     ] = None,
     at: Annotated[
         str | None, option("TIME", "Date and time, e.g. 2026-06-21T21:45 or '2026-06-21 civil dusk'; needs a place.")
@@ -39,13 +39,12 @@ def from_files(
     import yaml
 
     from twilight.config import load_climate
-    from twilight.config.air import CLIMATOLOGY
     from twilight.config.measured import assemble, read
 
     if not files and ozone is None:
         raise TwilightError("climate from: needs a file, or --ozone climatology")
-    if ozone not in (None, CLIMATOLOGY):
-        raise TwilightError(f"--ozone: must be {CLIMATOLOGY}, got {ozone}; a file of ozone stands among the files")
+    if ozone not in (None, "climatology"):
+        raise TwilightError(f"--ozone: must be climatology, got {ozone}")
     wanted = _wanted(at, latitude, longitude, time_zone)
     climate = load_climate(base, *options.settings_of(settings))
     readings = [read(str(path), wanted) for path in files or ()]

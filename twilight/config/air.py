@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import field_validator, model_validator
 
 from twilight.config.base import Number, Section, key, one_line
 from twilight.config.sun import Moment
 
-AIR_FILES = ("sounding", "reanalysis", "aeronet", "ozone", "stratosphere")
+AIR_FILES = ("sounding", "reanalysis", "aeronet")
 """Keys that name a file, or a list of files."""
-
-CLIMATOLOGY = "climatology"
-"""In place of a file of ozone: the usual column of the place and date."""
 
 Files = str | tuple[str, ...] | None
 
@@ -22,7 +19,7 @@ Files = str | tuple[str, ...] | None
 class Air(Section):
     """Files that pressure, temperature, gases and particles are taken from; the rest is as the climate has it.
 
-    What they hold becomes atmosphere.levels, gases, aerosol.optical_depths or modes, and stratosphere.levels.
+    What they hold becomes atmosphere.levels, gases, clouds, and aerosol.optical_depths or modes.
     """
 
     sounding: Files = key(
@@ -32,12 +29,9 @@ class Air(Section):
         None, "ERA5, CAMS or MERRA-2 in netCDF or GRIB: t, q, o3, z on pressure levels; aod550, tco3", min_length=1
     )
     aeronet: Files = key(None, "AERONET version 3: optical depths, or an inversion with all products", min_length=1)
-    ozone: Files = key(
-        None,
-        "WOUDC's extended CSV, OMPS or OMI maps; or climatology: the usual column of latitude and date (McPeters 2007)",
-        min_length=1,
+    ozone: Literal["climatology"] | None = key(
+        None, "climatology: the usual column of latitude and date (McPeters 2007), where no file has one"
     )
-    stratosphere: Files = key(None, "SAGE III/ISS, OSIRIS, or CSV with altitude_km, 520nm, ... in km^-1", min_length=1)
     at: Moment | None = key(None, "date and time with its offset, 2026-06-21T21:45+02:00; unset: the (first) sun's")
     latitude_deg: Number | None = key(None, "north positive; unset: the sun's place", unit="deg", ge=-90.0, le=90.0)
     longitude_deg: Number | None = key(None, "east positive; unset: the sun's place", unit="deg", ge=-360.0, le=360.0)
@@ -63,13 +57,12 @@ class Air(Section):
         for name in AIR_FILES:
             value = getattr(self, name)
             for path in (value,) if isinstance(value, str) else value or ():
-                if (name, path) != ("ozone", CLIMATOLOGY):
-                    yield name, path
+                yield name, path
 
     @property
     def asks(self) -> bool:
         """Whether anything is still to be taken from files or the climatology."""
-        return any(getattr(self, name) for name in AIR_FILES)
+        return self.ozone is not None or any(getattr(self, name) for name in AIR_FILES)
 
 
 def air_files(climate: Any) -> Iterator[tuple[Any, tuple[str, ...], Any, None]]:
@@ -79,7 +72,7 @@ def air_files(climate: Any) -> Iterator[tuple[Any, tuple[str, ...], Any, None]]:
         return
     for name in AIR_FILES:
         value = air.get(name)
-        if isinstance(value, str) and value and (name, value) != ("ozone", CLIMATOLOGY):
+        if isinstance(value, str) and value:
             yield air, ("air",), name, None
         elif isinstance(value, list | tuple):
             for i, path in enumerate(value):

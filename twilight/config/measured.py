@@ -1,8 +1,7 @@
 """From files of measurements to the sections of a climate.
 
 What several files hold is taken from the one that measured it: pressure, temperature and humidity of a sounding up to
-its top, of a reanalysis above, of the climate above that; ozone's column of an ozone file before a reanalysis'; optical
-depths of a sun photometer before a reanalysis'.
+its top, of a reanalysis above, of the climate above that; optical depths of a sun photometer before a reanalysis'.
 """
 
 from __future__ import annotations
@@ -22,23 +21,21 @@ import numpy as np
 from twilight.atmosphere.aerosols import optical_depth_at
 from twilight.atmosphere.clouds import MAX_DEPTH
 from twilight.atmosphere.measured.decks import OVERCAST, decks, most_cover
-from twilight.atmosphere.measured.join import join, tropopause_km
+from twilight.atmosphere.measured.join import join
 from twilight.atmosphere.measured.ozone import climatological_column_du, climatology_source
 from twilight.atmosphere.measured.parts import (
     AerosolDepth,
     AirColumn,
     CloudWater,
-    ExtinctionProfile,
     OzoneColumn,
     Reading,
     SizeDistribution,
     WaterColumn,
 )
 from twilight.atmosphere.opac import opac_type
-from twilight.atmosphere.profiles import AirProfile
-from twilight.atmosphere.stratosphere import LOWTRAN_KINDS, measured_kind, sage_extinction_per_km
+from twilight.atmosphere.stratosphere import measured_kind
 from twilight.base.errors import TwilightError
-from twilight.config.air import CLIMATOLOGY, Air
+from twilight.config.air import Air
 from twilight.config.climate import Climate
 from twilight.config.profile import air_profile
 from twilight.config.scene import Config
@@ -51,15 +48,10 @@ DIGITS = 6
 BIN_WIDTH = 0.5
 """ln sigma of the narrow mode that stands for one bin of a size distribution, in bins: they add up to within 2 %."""
 
-ABOVE_TROPOPAUSE_KM = 1.0
-"""A measured stratosphere begins so far above the tropopause: below, extinction is the troposphere's, or a cirrus'."""
-
 OWN_HEIGHT_KM = 2.0
 """Layer over which a column's particles are spread for their number density, which optical depths scale anyway."""
 
 OWN = "the climate's own"
-COLUMNS_ALONE = {"ozone": OzoneColumn, "aeronet": AerosolDepth}
-"""A reanalysis may stand under these keys too: its columns alone are taken then."""
 
 
 def place_and_time_of(config: Config) -> PlaceAndTime:
@@ -84,13 +76,9 @@ def with_measured_air(climate: Climate, wanted: PlaceAndTime) -> dict[str, Any]:
     for name, path in air.files():
         reading = read(path, wanted)
         if reading.kind != name:
-            only = COLUMNS_ALONE.get(name) if reading.kind == "reanalysis" else None
-            parts = tuple(part for part in reading.parts if only is not None and isinstance(part, only))
-            if not parts:
-                raise TwilightError(f"{path}: is {KINDS[reading.kind]}; air.{name} takes {KINDS[name]}")
-            reading = Reading(name, parts)
+            raise TwilightError(f"{path}: is {KINDS[reading.kind]}; air.{name} takes {KINDS[name]}")
         readings.append(reading)
-    return assemble(climate, readings, wanted, usual_ozone=air.ozone == CLIMATOLOGY)
+    return assemble(climate, readings, wanted, usual_ozone=air.ozone is not None)
 
 
 def read(path: str, wanted: PlaceAndTime) -> Reading:
@@ -133,11 +121,11 @@ def assemble(
         raise TwilightError(f"{climate.name}: is a table of coefficients (medium), which has no air to replace")
     data = deepcopy(climate.model_dump(mode="json", exclude_unset=True))
     made = _Assembly(climate, data)
-    order = {kind: i for i, kind in enumerate(("ozone", "aeronet", "sounding", "stratosphere", "reanalysis"))}
+    order = {kind: i for i, kind in enumerate(("aeronet", "sounding", "reanalysis"))}
     readings = sorted(readings, key=lambda reading: order[reading.kind])
     parts = [part for reading in readings for part in reading.parts]
     # an inversion has optical depths too: better than a reanalysis', not than those measured at the same time
-    at = sum(len(reading.parts) for reading in readings if reading.kind in ("ozone", "aeronet"))
+    at = sum(len(reading.parts) for reading in readings if reading.kind == "aeronet")
     of_sizes = [
         AerosolDepth(p.source, p.wavelength_nm, p.optical_depth) for p in parts if isinstance(p, SizeDistribution)
     ]
@@ -147,11 +135,11 @@ def assemble(
     def all_of(kind: type) -> list[Any]:
         return [part for part in parts if isinstance(part, kind)]
 
-    profile = _put_profile(made, all_of(AirColumn))
+    _put_profile(made, all_of(AirColumn))
     _put_ozone(made, all_of(OzoneColumn), all_of(AirColumn), wanted, usual_ozone)
     _put_water(made, all_of(WaterColumn), all_of(AirColumn))
     _put_aerosol(made, all_of(SizeDistribution), all_of(AerosolDepth))
-    _put_stratosphere(made, all_of(ExtinctionProfile), profile)
+    _put_stratosphere(made)
     _put_clouds(made, all_of(CloudWater))
     if made.not_used:
         made.sources["not used"] = "; ".join(made.not_used)
@@ -160,7 +148,7 @@ def assemble(
     return data
 
 
-def _put_profile(made: _Assembly, columns: list[AirColumn]) -> AirProfile:
+def _put_profile(made: _Assembly, columns: list[AirColumn]) -> None:
     own = f"{OWN}, {made.climate.atmosphere.profile if made.climate.atmosphere.levels is None else 'atmosphere.levels'}"
     around = air_profile(made.climate)
     words, humid, ozone = [own], [own], [own]
@@ -176,7 +164,7 @@ def _put_profile(made: _Assembly, columns: list[AirColumn]) -> AirProfile:
     for name, of in (("pressure and temperature", words), ("humidity", humid), ("ozone profile", ozone)):
         made.sources[name] = ", above ".join(of) if len(of) > 1 else of[0]
     if not columns:
-        return around
+        return
     part = 1e6 / around.air_per_cm3
     made.section("atmosphere")["levels"] = {
         "altitude_km": _rounded(around.altitude_km),
@@ -185,7 +173,6 @@ def _put_profile(made: _Assembly, columns: list[AirColumn]) -> AirProfile:
         "water_vapour_ppm": _rounded(around.h2o_per_cm3 * part),
         "ozone_ppm": _rounded(around.o3_per_cm3 * part),
     }
-    return around
 
 
 def _put_ozone(
@@ -305,7 +292,7 @@ def _modes(one: SizeDistribution) -> list[dict[str, Any]]:
     return modes
 
 
-def _put_stratosphere(made: _Assembly, profiles: list[ExtinctionProfile], air: AirProfile) -> None:
+def _put_stratosphere(made: _Assembly) -> None:
     climate = made.climate
     own: str | None = climate.stratosphere.kind if climate.stratosphere is not None else None
     if own is None and climate.aerosol is not None:
@@ -313,30 +300,6 @@ def _put_stratosphere(made: _Assembly, profiles: list[ExtinctionProfile], air: A
             climate.aerosol.stratosphere, climate.aerosol.stratosphere
         )
     made.sources["stratospheric aerosol"] = f"{OWN}, {own or 'none'}"
-    if not profiles:
-        return
-    one, *others = profiles
-    bottom = tropopause_km(air) + ABOVE_TROPOPAUSE_KM
-    above = one.altitude_km >= bottom
-    if np.count_nonzero(above) < 2:
-        raise TwilightError(
-            f"{one.source}: reaches from {one.altitude_km[0]:g} to {one.altitude_km[-1]:g} km; needed are 2 altitudes "
-            f"above {bottom:.1f} km, {ABOVE_TROPOPAUSE_KM:g} km above the tropopause"
-        )
-    rows = one.extinction_per_km[above]
-    if one.wavelength_nm.size > 1:  # what a channel lacks is bridged
-        rows = sage_extinction_per_km(rows, one.wavelength_nm, one.wavelength_nm)
-    levels: dict[str, Any] = {
-        "altitude_km": _rounded(one.altitude_km[above]),
-        "wavelength_nm": _rounded(one.wavelength_nm),
-        "extinction_per_km": [_rounded(row) for row in rows],
-    }
-    if one.median_radius_um is not None:
-        levels["median_radius_um"] = _rounded(one.median_radius_um[above])
-    kind = own if own is not None and own not in (*LOWTRAN_KINDS, "opac", "none") else None
-    made.data["stratosphere"] = {"kind": kind or measured_kind(climate.atmosphere.profile), "levels": levels}
-    made.sources["stratospheric aerosol"] = f"from {float(one.altitude_km[above][0]):g} km {one.source}"
-    made.not_used += [f"{other.source}: stratospheric aerosol" for other in others]
 
 
 def _put_clouds(made: _Assembly, waters: list[CloudWater]) -> None:

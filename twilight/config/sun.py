@@ -126,7 +126,7 @@ class SunAt(_Place):
             return value
         if not all(isinstance(value.get(name), int | float) for name in ("latitude_deg", "longitude_deg")):
             return value
-        from twilight.sky.twilight_times import time_of  # start-up: pvlib takes pandas
+        from twilight.sky.twilight_times import time_of  # start-up
 
         place = float(value["latitude_deg"]), float(_longitude(value["longitude_deg"]))
         try:

@@ -52,10 +52,9 @@ class Moments(NamedTuple):
     sun_azimuth_deg: np.ndarray
     distance_au: np.ndarray
 
-    def part(self, chosen: slice | np.ndarray) -> Moments:
-        """Some of them, by a slice or their numbers."""
-        which = np.arange(len(self.places))[chosen]
-        return Moments(tuple(self.places[n] for n in which), *(values[which] for values in self[1:]))
+    def part(self, chosen: slice) -> Moments:
+        """Some of them."""
+        return Moments(self.places[chosen], *(values[chosen] for values in self[1:]))
 
 
 def moments_at(

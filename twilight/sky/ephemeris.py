@@ -1,4 +1,4 @@
-"""Where the sun stands: place and time to true elevation, azimuth and distance (offline, NREL SPA through pvlib)."""
+"""Where the sun stands: place and time to true elevation, azimuth and distance."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from twilight.base.errors import TwilightError
-
-LAST_YEAR = 6000
-"""Last year for which NREL's algorithm is stated (Reda & Andreas 2004); datetime itself begins in year 1."""
+from twilight.sky.bodies import Sites
 
 
 class SunPosition(NamedTuple):
@@ -33,13 +31,6 @@ def zone_of(name: str) -> ZoneInfo:
         return ZoneInfo(name)
     except (KeyError, ValueError, OSError):
         raise TwilightError(f"time zone: '{name}' is not an IANA name such as Europe/Berlin or UTC") from None
-
-
-def delta_t_s(moments: Sequence[dt.datetime]) -> np.ndarray:
-    """TT - UT1 of moments in UTC [s], by the polynomials of Espenak and Meeus."""
-    from pvlib import spa  # start-up: pvlib takes pandas
-
-    return spa.calculate_deltat(*np.array([(m.year, m.month) for m in moments], dtype=float).reshape(-1, 2).T)
 
 
 def parse_time(time: dt.datetime | str, time_zone: str | None = None) -> dt.datetime:
@@ -88,8 +79,8 @@ def sun_position(
     time: see :func:`parse_time`.  latitude_deg: geodetic, -90..90, north positive.  longitude_deg: -180..360, east
     positive.  altitude_km: above the ellipsoid, -1..100 (parallax only).  Elevation is without refraction.
 
-    Uncertainty 0.0003 deg for the years -2000 to 6000 (NREL's own figure); TT - UT1 from the polynomials of Espenak and
-    Meeus, UT1 taken as UTC (0.004 deg at most).  Source: Reda & Andreas, Solar Energy 76 (2004) 577, by pvlib.
+    By `twilight.sky.bodies`, for the years 1000 to 3000: within 0.7 arcsec of NREL's SPA (Reda & Andreas, Solar Energy
+    76 (2004) 577) from 1900 to 2200; UT1 is taken as UTC (0.004 deg at most).
     """
     for name, value, low, high in (
         ("latitude_deg", latitude_deg, -90.0, 90.0),
@@ -104,21 +95,9 @@ def sun_position(
         raise TwilightError(f"time: expected a time or a sequence of times, not {type(time).__name__}")
     times: Sequence[dt.datetime | str] = [time] if single else list(time)  # type: ignore[list-item,arg-type]
     moments = [parse_time(t, time_zone) for t in times]
-    for t, m in zip(times, moments, strict=True):
-        if m.year > LAST_YEAR:
-            raise TwilightError(f"time: {t} is outside the years 1 to {LAST_YEAR}")
-    from pvlib import spa  # start-up: pvlib takes pandas
-
-    epoch = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
-    unix = np.array([(m - epoch) / dt.timedelta(seconds=1) for m in moments], dtype=float)
-    delta_t = delta_t_s(moments)
-    # pressure and refraction 0: the apparent elevation of SPA is not used
-    _, _, _, elevation, azimuth, _ = spa.solar_position_numpy(
-        unix, float(latitude_deg), longitude, 1000.0 * float(altitude_km), 0.0, 12.0, delta_t, 0.0, numthreads=1
-    )
-    distance = spa.solar_position_numpy(
-        unix, float(latitude_deg), longitude, 0.0, 0.0, 12.0, delta_t, 0.0, numthreads=1, esd=True
-    )[0]
+    site = Sites(moments, float(latitude_deg), longitude, float(altitude_km))
+    sun = site.sun()
+    distance = np.linalg.norm(site.earth, axis=-1)
     if single:
-        return SunPosition(float(elevation[0]), float(azimuth[0] % 360.0), float(distance[0]))
-    return SunPosition(elevation, azimuth % 360.0, distance)
+        return SunPosition(float(sun.elevation_deg[0]), float(sun.azimuth_deg[0]), float(distance[0]))
+    return SunPosition(sun.elevation_deg, sun.azimuth_deg, distance)

@@ -158,17 +158,3 @@ def _continued(
     fade = 1.0 - part * part * (3.0 - 2.0 * part)  # 1 to 0 with slope 0 at both ends
     out[above] = outer[above] + (out[above] - np.interp(top, fine, outer)) * fade
     return out
-
-
-def tropopause_km(air: AirProfile) -> float:
-    """Altitude [km] of the lowest tropopause of a profile: WMO 1957.
-
-    The lowest altitude from 5 km up where temperature falls by 2 K/km or less on average to all within 2 km above.
-    """
-    z = np.arange(5.0, 22.0, 0.1)
-    t = air.at(z).temperature_k
-    for i in range(z.size - 21):
-        above = slice(i + 1, i + 21)
-        if np.all((t[i] - t[above]) / (z[above] - z[i]) <= 2.0):
-            return float(z[i])
-    return float(z[-1])

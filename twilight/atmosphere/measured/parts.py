@@ -66,20 +66,6 @@ class SizeDistribution:
 
 
 @dataclass(frozen=True)
-class ExtinctionProfile:
-    """Extinction (n, C) [km^-1] of the stratosphere's aerosol at altitudes (n,) [km] and wavelengths (C,) [nm].
-
-    Both increase; NaN where there is none.  median_radius_um: (n,), of the droplets, None where not known.
-    """
-
-    source: str
-    altitude_km: np.ndarray
-    wavelength_nm: np.ndarray
-    extinction_per_km: np.ndarray
-    median_radius_um: np.ndarray | None = None
-
-
-@dataclass(frozen=True)
 class CloudWater:
     """Clouds above a place at Z altitudes from the lowest up; all arrays have shape (Z,).
 
@@ -95,7 +81,7 @@ class CloudWater:
     ice_kg_per_m2: np.ndarray
 
 
-Part = AirColumn | OzoneColumn | WaterColumn | AerosolDepth | SizeDistribution | ExtinctionProfile | CloudWater
+Part = AirColumn | OzoneColumn | WaterColumn | AerosolDepth | SizeDistribution | CloudWater
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Maps over time: reanalyses (ERA5, CAMS, MERRA-2) in netCDF or GRIB, and daily maps of ozone (OMPS, OMI).
+"""Maps over time: reanalyses (ERA5, CAMS, MERRA-2) in netCDF or GRIB.
 
 Quantities are known by their names: ECMWF's short names (ERA5 and CAMS from the Copernicus data stores, and what cfgrib
 makes of GRIB), and MERRA-2's (Bosilovich et al. 2016, GMAO Office Note 9).  In place and time they are interpolated
@@ -10,7 +10,6 @@ Copernicus Climate Change Service, ERA5 hourly data on pressure levels: t (K), q
 air), z (m^2 s^-2), pressure_level or level (hPa), valid_time or time.  Copernicus Atmosphere Monitoring Service, EAC4:
 go3, aod469 to aod1240, gtco3 (kg m^-2).  MERRA-2: T, QV, RH, O3 (kg/kg), H (m), lev (hPa); TOTEXTTAU, TOTANGSTR, TO3
 (DU), TQV.
-OMPS NMTO3-L3-DAILY: ColumnAmountO3 (DU) over Latitude and Longitude.
 """
 
 from __future__ import annotations
@@ -40,8 +39,8 @@ from twilight.io.air.lines import reason
 from twilight.io.air.place_and_time import PlaceAndTime, spoken
 
 COORDINATES = {
-    "latitude": ("latitude", "lat", "Latitude"),
-    "longitude": ("longitude", "lon", "Longitude"),
+    "latitude": ("latitude", "lat"),
+    "longitude": ("longitude", "lon"),
     "time": ("valid_time", "time"),
     "pressure": ("pressure_level", "isobaricInhPa", "level", "lev", "plev"),
 }
@@ -59,7 +58,7 @@ RELATIVE_HUMIDITY = ("r", "RH")
 """Over water [%], or of MERRA-2 1."""
 OZONE_MASS = ("o3", "go3", "O3")
 """kg of ozone in a kg of air."""
-OZONE_DU = ("ColumnAmountO3", "TO3")
+OZONE_DU = ("TO3",)
 """Ozone column [DU]."""
 OZONE_KG = ("tco3", "gtco3")
 """Ozone column [kg m^-2]."""
@@ -131,7 +130,7 @@ def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
     if not parts:
         raise TwilightError(
             f"{path}: has none of the variables that are used: t, q, o3 and z (ERA5, CAMS), T, QV, O3 and H (MERRA-2) "
-            "on pressure levels, aod550, TOTEXTTAU, tcwv, tco3, gtco3, TO3, ColumnAmountO3"
+            "on pressure levels, aod550, TOTEXTTAU, tcwv, tco3, gtco3, TO3"
         )
     left = [one for one in columns if one in CLOUDS or one.startswith(AEROSOL_MASSES)]
     words = []
@@ -140,8 +139,7 @@ def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
         words.append(f"clouds ({', '.join(clouds)})")
     if masses := [one for one in left if one not in CLOUDS]:
         words.append(f"mixing ratios of aerosol ({', '.join(masses)})")
-    only_ozone = all(isinstance(part, OzoneColumn) for part in parts)
-    return Reading("ozone" if only_ozone else "reanalysis", tuple(parts), tuple(f"{source}: {w}" for w in words))
+    return Reading("reanalysis", tuple(parts), tuple(f"{source}: {w}" for w in words))
 
 
 def _open(path: Path, content: str) -> list[Any]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from twilight.atmosphere.measured.parts import Reading
 from twilight.base.errors import TwilightError
-from twilight.io.air import aeronet, extinction, gridded, sounding, woudc
+from twilight.io.air import aeronet, gridded, sounding
 from twilight.io.air.lines import read_bytes, read_lines
 from twilight.io.air.place_and_time import PlaceAndTime
 
@@ -14,8 +14,6 @@ KINDS = {
     "sounding": "a sounding (University of Wyoming's text list, IGRA version 2)",
     "reanalysis": "a reanalysis (ERA5, CAMS, MERRA-2; netCDF or GRIB)",
     "aeronet": "AERONET version 3 (optical depths, or an inversion with all products)",
-    "ozone": "an ozone column (WOUDC's extended CSV, OMPS or OMI in HDF5)",
-    "stratosphere": "extinction of the stratosphere (SAGE III/ISS, OSIRIS, or CSV with altitude_km, 520nm, ...)",
 }
 """Kinds of files, as a configuration names them, and what each can be."""
 
@@ -44,17 +42,10 @@ def read_air_file(path: Path, wanted: PlaceAndTime) -> Reading:
     if head.startswith(NETCDF3):
         return gridded.read_gridded(path, "netcdf3", wanted)
     if head.startswith(HDF5):
-        kind = extinction.hdf5_kind(path)
-        if kind == "map":
-            return gridded.read_gridded(path, "netcdf", wanted)
-        return extinction.read_extinction(path, kind, wanted)
+        return gridded.read_gridded(path, "netcdf", wanted)
     lines = read_lines(path)
     if aeronet.is_aeronet(lines):
         return aeronet.read_aeronet(path, wanted)
     if sounding.is_igra(lines) or sounding.is_wyoming(lines):
         return sounding.read_sounding(path, wanted)
-    if woudc.is_woudc(lines):
-        return woudc.read_woudc(path, wanted)
-    if extinction.is_table(lines):
-        return extinction.read_extinction(path, "table", wanted)
     raise TwilightError(f"{path}: is none of the files that are read: {'; '.join(KINDS.values())}")

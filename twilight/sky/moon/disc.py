@@ -118,10 +118,6 @@ def towards_sun(moon: Moon, sun_elevation_deg: float) -> tuple[float, float]:
     return (float(right) / length, float(up) / length) if length > 1e-12 else (0.0, 1.0)
 
 
-LIT_NODES = (24, 8)
-"""Parts of the lit disc along the limb and across it, for what the eye sums up."""
-
-
 def surface(x: np.ndarray, y: np.ndarray, towards_sun: tuple[float, float], phase_angle_deg: float) -> np.ndarray:
     """Brightness mu0 / (mu0 + mu) of a sphere (Lommel and Seeliger) at places x, y of its disc of radius 1.
 
@@ -161,19 +157,3 @@ class MoonSeen:
         """Its light behind a filter."""
         disc = None if self.disc is None else replace(self.disc, path=self.disc.path.dimmed(factor))
         return replace(self, direct_irradiance=factor * self.direct_irradiance, disc=disc)
-
-
-def lit_parts(phase_angle_deg: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places x (towards the sun), y and fractions of the light of LIT_NODES parts of the lit disc of radius 1.
-
-    Gauss-Legendre in the angle along the limb and between terminator and limb, by the brightness of `surface`.
-    """
-    angle, weight = np.polynomial.legendre.leggauss(LIT_NODES[0])
-    along = 0.5 * np.pi * angle
-    across, weight_across = np.polynomial.legendre.leggauss(LIT_NODES[1])
-    c = -np.cos(np.radians(min(phase_angle_deg, 179.9)))
-    x = np.cos(along)[:, None] * (c + (1.0 - c) * 0.5 * (across + 1.0))
-    y = np.broadcast_to(np.sin(along)[:, None], x.shape)
-    area = (weight * np.cos(along) ** 2)[:, None] * weight_across
-    light = surface(x, y, (1.0, 0.0), min(phase_angle_deg, 179.9)) * area
-    return x.ravel(), y.ravel(), (light / light.sum()).ravel()

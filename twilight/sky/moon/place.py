@@ -23,7 +23,7 @@ def moon_over(
     Errors: TwilightError for other years.
     """
     site = Sites([moment], latitude_deg, longitude_deg, altitude_km)
-    found, sun = site.body("moon"), site.sun()
+    found, sun = site.moon(), site.sun()
     # the evening moon waxes
     east_of_sun = float(np.cross(sun.towards[0], found.towards[0]) @ ECLIPTIC_NORTH)
     return Moon(

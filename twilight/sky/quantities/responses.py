@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
@@ -76,12 +76,6 @@ class Response:
     def energy_weight(self) -> np.ndarray:
         """Its response to energy at `grid_nm`, (G,); of a response to photons with the wavelength [nm] as a factor."""
         return self.on_grid() * self.grid_nm if self.per == "photon" else self.on_grid()
-
-    def of_photons(self) -> Response:
-        """The same curve as a response to photons, 1 where that is largest: of a filter, optics and detector."""
-        nm = self.grid_nm
-        value = self.energy_weight() / nm
-        return replace(self, wavelength_nm=nm, value=value / value.max(), per="photon")
 
 
 @lru_cache(maxsize=1)

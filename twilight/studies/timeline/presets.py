@@ -20,13 +20,6 @@ PRESETS = {
         "the zenith of a dark site without moon is at V 21.6 at solar maximum (Paranal, Patat 2003), where a Sky "
         "Quality Meter has read 21.9 in the mean of seven years (Cosmic Campground); 21 is within a magnitude of it",
     ),
-    "dawn": Preset(
-        ("dawn_contrast", "luminance@5/sun", "luminance@5/sun+180"),
-        ("dawn_contrast > 0.1", "dawn_contrast > 1", "dawn_contrast > 2"),
-        "luminance 5 deg above the horizon at the sun's azimuth over that opposite, less 1, zodiacal light in it; 0.1 "
-        "is what an eye adapted to a night sky sees of something large with an edge (Crumey 2014); dawn has none: at "
-        "the sun of -14.7 deg where keen observers in a desert saw first light (Hassan & Abdel-Hadi 2015) it is 2",
-    ),
     "reading": Preset(
         ("illuminance", "cct"),
         ("illuminance < 450", "illuminance < 3.4"),
@@ -40,4 +33,3 @@ PRESETS = {
         "PLoS Biol. 20, e3001571)",
     ),
 }
-"""`flats` has columns and conditions of its own (`flats.Flats`)."""

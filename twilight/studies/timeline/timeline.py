@@ -14,7 +14,7 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.engine.light import LightField, Moments, moments_at
 from twilight.sky.twilight_times import TwilightTime, twilight_times
-from twilight.studies.timeline.columns import USUAL, Column, Setup, column, number
+from twilight.studies.timeline.columns import Column, column
 
 MAX_ROWS = 20_000
 """Most rows of a table."""
@@ -78,13 +78,18 @@ class TimeSeries:
     outcomes: tuple[Outcome, ...] = field(default=())
 
 
-def condition(text: str, setup: Setup = USUAL) -> Condition:
+def condition(text: str) -> Condition:
     """The condition of a text such as `V@zenith > 21`; TwilightError for another."""
     found = _CONDITION.fullmatch(text)
     if found is None:
         raise TwilightError(f"--when: '{text}' is not QUANTITY[@WHERE] < VALUE or > VALUE, e.g. 'V@zenith > 21'")
-    made = column(found["column"], setup)
-    return Condition(made, found["sign"], number(found["value"].strip(), "--when"))  # type: ignore[arg-type]
+    try:
+        value = float(found["value"])
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise TwilightError(f"--when: '{found['value'].strip()}' is not a number")
+    return Condition(column(found["column"]), found["sign"], value)  # type: ignore[arg-type]
 
 
 def step_of(text: str) -> timedelta:
