@@ -22,7 +22,7 @@ from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, Clear
 from twilight.solvers.compact.clear_air_field import SHIPPED
 from twilight.solvers.compact.clear_air_sky import azimuth_splines, elevation_splines
 from twilight.solvers.compact.diffuse_light import POLAR, rays_of_all_layers
-from twilight.solvers.compact.refracted_shells import ALTITUDE_KM, RefractedShells, sublayers
+from twilight.transport.shells import ALTITUDE_KM, RefractedShells, sublayers
 
 WAVELENGTH_NM = [380.0, 450.0, 550.0, 650.0]
 SUNS_DEG = (50.0, 10.0, 0.0, -4.0, -8.0, -14.0)

@@ -60,4 +60,4 @@ def test_the_picture_from_ten_kilometres_shows_the_horizon_below_zero():
     assert sky.illuminance_lux() == pytest.approx(
         sky.resample(np.arange(5.0, 90.0, 10.0), sky.azimuth_deg).illuminance_lux(), rel=0.05
     )
-    assert sky.solid_angle_sr().sum() * sky.azimuth_deg.size == pytest.approx(4 * np.pi)
+    assert sky.solid_angle_sr().sum() == pytest.approx(4 * np.pi)

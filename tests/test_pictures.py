@@ -15,7 +15,7 @@ from twilight.sky import colour
 
 def metered(sky):
     """The exposure value of `exposure="auto"` for a picture of the whole sky."""
-    weight = np.broadcast_to(sky.solid_angle_sr()[:, None], sky.luminance().shape)
+    weight = sky.solid_angle_sr()
     return colour.auto_exposure_ev100(colour.sky_to_xyz(sky)[..., 1], weight)
 
 

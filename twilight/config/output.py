@@ -55,7 +55,7 @@ class Output(Section):
         "openexr", "whose environment map sky.rgb.exr is"
     )
     disc: Flag = key(False, "whether the sun's disc is in the environment maps; it needs sun.disc")
-    width: Integer = key(1024, "of sky.rgb.exr, unless texture.latlong_width sets it", unit="pixel", ge=8, le=16384)
+    width: Integer = key(1024, "of sky.rgb.exr", unit="pixel", ge=8, le=16384)
     spectral_width: Integer = key(256, "of sky.spectral.exr", unit="pixel", ge=8, le=16384)
     views: tuple[Literal["wide", "panorama", "fisheye"], ...] = key(
         ("wide",),

@@ -89,38 +89,40 @@ class Wavelengths(Section):
 
 
 class Texture(Section):
-    """The directions of the sky texture, and an optional latitude-longitude picture of its own."""
+    """Directions of plain samples of the sky, in place of rows and columns that lie as close as its light needs."""
 
-    azimuth_count: Integer = key(120, "columns over 360 deg; 120 is 3 deg", unit="1", ge=4, le=7200)
-    elevation_count: Integer = key(30, "rows from the horizon to the zenith; 30 is 3 deg", unit="1", ge=2, le=1800)
+    azimuth_count: Integer | None = key(
+        None, "columns over 360 deg; unset: as light needs, and 120 in sweeps and where light has noise", unit="1", ge=4,
+        le=7200,
+    )  # fmt: skip
+    elevation_count: Integer | None = key(
+        None, "rows from the horizon to the zenith; unset: as light needs, and 30 in sweeps and where light has noise",
+        unit="1", ge=2, le=1800,
+    )  # fmt: skip
     resolution_deg: Number | None = key(
         None, "sets both counts: 360 and 90 divided by it, instead of them", unit="deg", ge=0.05, le=45.0
-    )
-    latlong_width: Integer | None = key(
-        None,
-        "width of the latitude-longitude picture, computed direction by direction; unset: resampled",
-        unit="1",
-        ge=8,
-        le=16384,
     )
 
     @model_validator(mode="after")
     def _check(self) -> Texture:
         step = self.resolution_deg
         if step is not None:
-            if self.model_fields_set & {"azimuth_count", "elevation_count"}:
+            if self.azimuth_count is not None or self.elevation_count is not None:
                 raise ValueError("takes either resolution_deg or azimuth_count and elevation_count, not both")
             if abs(90.0 / step - round(90.0 / step)) > 1e-9:
                 raise ValueError(f"resolution_deg must divide 90, as 3 or 1.5 do; got {step:g}")
-        if self.latlong_width is not None and self.latlong_width % 4:
-            raise ValueError(f"latlong_width must be a multiple of 4; got {self.latlong_width}")
         return self
 
     @property
+    def plain(self) -> bool:
+        """Whether an equal grid of samples was asked for."""
+        return (self.resolution_deg, self.azimuth_count, self.elevation_count) != (None, None, None)
+
+    @property
     def shape(self) -> tuple[int, int]:
-        """(elevations, azimuths)."""
+        """(elevations, azimuths) of the equal grid."""
         if self.resolution_deg is None:
-            return self.elevation_count, self.azimuth_count
+            return self.elevation_count or 30, self.azimuth_count or 120
         return round(90.0 / self.resolution_deg), 4 * round(90.0 / self.resolution_deg)
 
 

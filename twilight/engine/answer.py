@@ -12,6 +12,7 @@ from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
 from twilight.engine.sunbeam import Direct
 from twilight.sky.sky import Sky
+from twilight.sky.table import SkyTable
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,15 @@ def answer_of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Ans
 def sum_terms(answer: Answer, bands: GasBands) -> Answer:
     """The answer for wavelengths from that for the terms of their exponential sums."""
     return Answer(*(None if part is None else bands.sum_terms(part) for part in vars(answer).values()))  # type: ignore[arg-type]
+
+
+def answer_of_table(table: SkyTable, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> Answer:
+    """The answer on rows (E,) and columns (A,) [deg] that a table of one sun gives."""
+    radiance = table.on_grid(elevation_deg, azimuth_deg)
+    if table.stokes is None:
+        return Answer(radiance)
+    fraction = table.fractional_stokes(elevation_deg[:, None], azimuth_deg)
+    return Answer(radiance, None, fraction * radiance[..., None, :])
 
 
 def make_sky(

@@ -17,8 +17,11 @@ from twilight.base.progress import Progress
 from twilight.engine.answer import Answer, answer_of_stokes, join, sum_terms
 from twilight.engine.field_cache import field_key
 from twilight.engine.sunbeam import Direct, Sunbeam
+from twilight.engine.table import fill, first_rows, row_breaks
 from twilight.numerics.grids import half_of
+from twilight.sky.table import SkyTable
 from twilight.solvers.base import Field, Interpolation
+from twilight.transport.scattered_once import ScatteredOnce
 
 if TYPE_CHECKING:
     from twilight.engine.solve import Problem
@@ -67,6 +70,7 @@ class Block:
         self.sunbeam = Sunbeam(self.term_medium, self.capabilities.numpy_only or problem.numpy_only_sun)
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
+        self._once: ScatteredOnce | None = None
 
     @classmethod
     def solve(
@@ -225,6 +229,29 @@ class Block:
         mirrored = half.polarisation[:, back]
         mirrored[:, azimuth_deg > 180.0, 1] *= -1.0
         return Answer(half.radiance[:, back], None, mirrored)
+
+    def table(
+        self,
+        sun_elevation_deg: float,
+        observer_altitude_km: float | None = None,
+        *,
+        rows_deg: np.ndarray | None = None,
+        columns_deg: np.ndarray | None = None,
+        **limits: Any,
+    ) -> SkyTable:
+        """The sky of one sun on nodes that are as close as its light needs: `twilight.engine.table.fill`.
+
+        rows_deg, columns_deg: nodes to begin with, those of another table; None: the usual.  limits: as of `fill`.
+        """
+        altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
+        if self._once is None or self._once.altitude_km != altitude:
+            self._once = ScatteredOnce(self.medium, self.bands, altitude, aerosol=not self.capabilities.formula)
+        rows = first_rows(*row_breaks(self.scene, altitude)) if rows_deg is None else rows_deg
+
+        def light(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> Answer:
+            return self.texture(sun_elevation_deg, elevation_deg, azimuth_deg, altitude)
+
+        return fill(light, self._once, sun_elevation_deg, rows, columns_deg, **limits)
 
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         """The sun's direct light at an observer."""

@@ -1,21 +1,28 @@
-"""The rows and columns of a scene's texture: those of the sky, and for a high observer those down to the nadir."""
+"""The directions of a scene's plain samples."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from twilight.engine.table import HIGH_FROM_KM
 from twilight.numerics.grids import texture_centres
 from twilight.scene.scene import Scene
 from twilight.transport.apparent_rays import horizon_dip_deg
 
-HIGH_FROM_KM = 0.1
-"""Height above the ground from which rows go below the horizontal; lower down the horizon dips by 0.3 deg at most."""
 _NEAR_HORIZON_DEG = np.array([0.04, 0.15, 0.4, 0.9, 1.8, 3.5, 7.0, 14.0, 28.0, 56.0])
 """Distances of rows from the horizon: there the light changes at once, and radiance is evaluated on both sides."""
 
 
+def equal_grid(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
+    """Rows (E,) and columns (A,) [deg] of plain samples, where they were asked for or light has noise; else None."""
+    texture = scene.configuration.texture
+    if not (texture.plain or scene.capabilities.standard_error):
+        return None
+    return texture_rows(scene), texture_centres(texture.shape)[1]
+
+
 def texture_rows(scene: Scene) -> np.ndarray:
-    """Elevations [deg] of the texture's rows: those of the sky, and from high up more, to the horizon and the nadir.
+    """Elevations [deg] of equal rows: those of the sky, and from high up more, to the horizon and the nadir.
 
     Rows below 0 deg need a solver that serves every observer; they bracket the horizon, whose dip is that of the
     refracted ray that touches the ground.

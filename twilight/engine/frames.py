@@ -14,9 +14,9 @@ from twilight import __version__
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.progress import PhasedProgress, Progress, silent
 from twilight.config.sun import SunAt
-from twilight.engine.answer import Answer, join, make_sky
+from twilight.engine.answer import Answer, answer_of_table, join, make_sky
 from twilight.engine.block import Block
-from twilight.engine.directions import texture_rows
+from twilight.engine.directions import equal_grid
 from twilight.engine.disc import make_disc
 from twilight.engine.memory import check_size
 from twilight.engine.moon import moon_light, warn_of_the_moon, with_moon
@@ -26,7 +26,6 @@ from twilight.engine.sunbeam import Direct
 from twilight.engine.view import ViewRadiance, check_view, join_views, landscape, view_radiance, with_night, with_sun
 from twilight.io.provenance import configuration_hash
 from twilight.io.rendered import ViewPixels, ViewSource
-from twilight.numerics.grids import latlong_grid, texture_centres
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.scene.moons import moon_of
 from twilight.scene.record import resolved_configuration
@@ -35,18 +34,18 @@ from twilight.scene.suns import SceneSun
 from twilight.sky.moon import Moon
 from twilight.sky.night import night_radiance
 from twilight.sky.sky import Sky
+from twilight.sky.table import SkyTable, plain_grid
+from twilight.sky.table import join as join_tables
 from twilight.terrain.heights import Standpoint
 from twilight.transport.apparent_rays import horizon_dip_deg
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One sky of a sequence: a name for its folder, the sky, its latitude-longitude picture and its view where asked
-    for."""
+    """One sky of a sequence: a name for its folder, the sky, and its view where asked for."""
 
     name: str
     sky: Sky
-    panorama: Sky | None = None
     view: ViewSource | None = None
 
 
@@ -139,15 +138,15 @@ def _standpoint(sun: SceneSun) -> Standpoint | None:
 
 @dataclass
 class _SunResult:
-    """What the blocks give for one sun: on the texture, in the panorama's own directions, of the sun itself.
+    """What the blocks give for one sun: its table, or plain samples, and the sun itself.
 
     by_moon: the same under the moon of that moment, where the moon stands high enough to light the air.
     """
 
     moon: Moon | None
     by_moon: _SunResult | None = None
-    texture: list[Answer] = field(default_factory=list)
-    panorama: list[Answer] = field(default_factory=list)
+    tables: list[SkyTable] = field(default_factory=list)
+    samples: list[Answer] = field(default_factory=list)
     view: list[ViewRadiance] = field(default_factory=list)
     landscape: list[ViewPixels] = field(default_factory=list)
     direct: list[Direct] = field(default_factory=list)
@@ -179,8 +178,12 @@ class _SunResult:
     ) -> None:
         """Evaluate a block under a light, away_deg from the azimuth from which directions and standpoint count."""
         config = block.scene.configuration
-        elevation, azimuth = _grid(block.scene)
-        self.texture.append(block.texture(sun.elevation_deg, elevation, np.mod(azimuth - away_deg, 360.0)))
+        grid = equal_grid(block.scene)
+        if grid is not None:
+            self.samples.append(block.texture(sun.elevation_deg, grid[0], np.mod(grid[1] - away_deg, 360.0)))
+        else:
+            nodes: dict[str, Any] = {} if not self.tables else _nodes(self.tables[-1])
+            self.tables.append(block.table(sun.elevation_deg, **nodes))
         if block.scene.observer.view is not None:
             seen = view_radiance(block, block.scene.observer.view, sun.elevation_deg, away_deg)
             if config.terrain is None:
@@ -188,11 +191,17 @@ class _SunResult:
             else:
                 where = config.terrain, sun.elevation_deg, standpoint or _standpoint(sun), away_deg
                 self.landscape.append(landscape(block, seen.whole(), *where))
-        if config.texture.latlong_width is not None:
-            own = None if sun.azimuth_deg is None else sun.azimuth_deg - away_deg
-            rows, columns = latlong_grid(config.texture.latlong_width, own)
-            self.panorama.append(block.texture(sun.elevation_deg, rows, np.mod(columns - away_deg, 360.0)))
         self.direct.append(block.direct(sun.elevation_deg))
+
+    def on(self, grid: tuple[np.ndarray, np.ndarray], away_deg: float = 0.0) -> Answer:
+        """The light on rows and columns, whose azimuths count from away_deg before that of the light."""
+        if self.samples:
+            return join(self.samples)
+        return answer_of_table(join_tables(self.tables), grid[0], np.mod(grid[1] - away_deg, 360.0))
+
+
+def _nodes(table: SkyTable) -> dict[str, Any]:
+    return {"rows_deg": table.elevation_deg, "columns_deg": table.azimuth_deg}
 
 
 def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> Frame:
@@ -202,60 +211,69 @@ def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> F
     if config.sun.disc:
         disc = make_disc(scene.medium, sun.elevation_deg, scene.altitude_km, sun.distance_au, scene.bands)
     place = sun.section if isinstance(sun.section, SunAt) else None
+    by_moon = found.by_moon
     moon = None
     if found.moon is not None:
-        seen_by_moon = None if found.by_moon is None else found.by_moon.direct
+        seen_by_moon = None if by_moon is None else by_moon.direct
         moon = moon_light(scene, found.moon, seen_by_moon, sun.elevation_deg, sun.distance_au)
-    about: dict[str, Any] = {
-        "sun_azimuth_deg": sun.azimuth_deg,
-        "distance_au": sun.distance_au,
-        "latitude_deg": place.latitude_deg if place else None,
-        "longitude_deg": place.longitude_deg if place else None,
-        "time": sun.time,
-        "solar_spectrum": config.solar_spectrum,
-        "disc": disc,
-        "moon": None if moon is None else moon.seen,
-        "provenance": _provenance(scene, sun, found, set_up_s),
-    }
-
-    def sky(answers: list[Answer], by_moon: list[Answer], grid: tuple[np.ndarray, np.ndarray]) -> Sky:
-        night = _night(scene, sun, *grid)
-        if moon is not None and by_moon:
-            moonlight = join(by_moon).radiance * moon.irradiance
-            night = moonlight if night is None else night + moonlight
-        return make_sky(
-            scene.medium,
-            grid,
-            join(answers),
-            direct,
-            sun.elevation_deg,
-            scene.altitude_km,
-            night_radiance=night,
-            **about,
-        )
-
-    width = config.texture.latlong_width
-    by_moon = found.by_moon or _SunResult(None)
-    panorama = None if width is None else sky(found.panorama, by_moon.panorama, latlong_grid(width, sun.azimuth_deg))
-    night = _night_of_view(scene, sun)
-    moonlit = None if moon is None or not by_moon.view else (join_views(by_moon.view, None), moon)
-    view: ViewSource | None = replace(join_views(found.view, direct), night=night, moon=moonlit) if found.view else None
+    grid = equal_grid(scene)
+    if grid is None:
+        grid = plain_grid(join_tables(found.tables))
+        if by_moon is not None and found.moon is not None:
+            grid = _merged(grid, plain_grid(join_tables(by_moon.tables)), found.moon.azimuth_deg)
+    night = _night(scene, sun, *grid)
+    if moon is not None and by_moon is not None and found.moon is not None:
+        away = 0.0 if by_moon.samples else found.moon.azimuth_deg
+        moonlight = by_moon.on(grid, away).radiance * moon.irradiance
+        night = moonlight if night is None else night + moonlight
+    sky = make_sky(
+        scene.medium,
+        grid,
+        found.on(grid),
+        direct,
+        sun.elevation_deg,
+        scene.altitude_km,
+        night_radiance=night,
+        sun_azimuth_deg=sun.azimuth_deg,
+        distance_au=sun.distance_au,
+        latitude_deg=place.latitude_deg if place else None,
+        longitude_deg=place.longitude_deg if place else None,
+        time=sun.time,
+        solar_spectrum=config.solar_spectrum,
+        disc=disc,
+        moon=None if moon is None else moon.seen,
+        provenance=_provenance(scene, sun, found, set_up_s),
+    )
+    night_of_view = _night_of_view(scene, sun)
+    moonlit = None
+    if moon is not None and by_moon is not None and by_moon.view:
+        moonlit = (join_views(by_moon.view, None), moon)
+    view: ViewSource | None = None
+    if found.view:
+        view = replace(join_views(found.view, direct), night=night_of_view, moon=moonlit)
     if found.landscape:
         seen = _whole(found.landscape)
-        seen = seen if night is None else with_night(seen, night)
-        if moon is not None and by_moon.landscape:
+        seen = seen if night_of_view is None else with_night(seen, night_of_view)
+        if moon is not None and by_moon is not None and by_moon.landscape:
             seen = with_moon(seen, _whole(by_moon.landscape).radiance, moon)
         view = with_sun(seen, direct, sun.elevation_deg)
-    return Frame(sun.name, sky(found.texture, by_moon.texture, _grid(scene)), panorama, view)
+    return Frame(sun.name, sky, view)
+
+
+def _merged(
+    grid: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray], away_deg: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of two grids, the azimuths of the other counted from away_deg; close ones once."""
+    rows, columns = (np.unique(np.round(np.concatenate(two), 3)) for two in (
+        (grid[0], other[0]), (grid[1], np.mod(other[1] + away_deg, 360.0) % 360.0)
+    ))  # fmt: skip
+    columns = columns[columns < 360.0]
+    return rows, columns
 
 
 def _whole(parts: list[ViewPixels]) -> ViewPixels:
     """A picture at the wavelengths of all blocks."""
     return replace(parts[0], radiance=np.concatenate([one.radiance for one in parts], axis=-1))
-
-
-def _grid(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    return texture_rows(scene), texture_centres(scene.configuration.texture.shape)[1]
 
 
 def _provenance(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> dict[str, Any]:
@@ -289,10 +307,9 @@ def _night(scene: Scene, sun: SceneSun, elevation_deg: np.ndarray, azimuth_deg: 
     night = scene.configuration.night
     if night is None:
         return None
-    rows = np.maximum(elevation_deg, 0.0)
     found = night_radiance(
         scene.medium,
-        rows,
+        np.maximum(elevation_deg, 0.0),
         azimuth_deg,
         levels_of(night),
         sun_elevation_deg=sun.elevation_deg,

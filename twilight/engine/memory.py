@@ -48,6 +48,12 @@ FILES_S = 1.0
 """Processor seconds of a sun's files: pictures 0.7, environment maps and HDF5 0.3."""
 
 
+USUAL_GRID = (90, 140)
+"""Rows and columns of a sky where no texture is asked for, about (`twilight.sky.table.plain_grid`)."""
+USUAL_NODES = 1150
+"""Directions of the table that it is read from, about (`twilight.engine.table.fill`)."""
+
+
 @dataclass(frozen=True)
 class SceneCost:
     """What a scene costs.
@@ -89,11 +95,7 @@ def full_cost(scene: Scene) -> SceneCost:
     of_blocks = [int(problem.term_counts[part].sum()) for part in problem.slices]
     in_band = [bool((problem.term_counts[part] > 1).any()) for part in problem.slices]
     field = max(found.n_bytes(n, band) for n, band in zip(of_blocks, in_band, strict=True))
-    rows, columns = config.texture.shape
-    directions = rows * (columns // 2 + 1)
-    width = config.texture.latlong_width
-    if width is not None:
-        directions += width // 4 * (width // 2 + 1)
+    directions = _directions(config)
     pixels = 0
     if config.observer.view is not None:
         directions += most_nodes(config.observer.view, scene.altitude_km - scene.medium.bottom_km)
@@ -125,6 +127,14 @@ def full_cost(scene: Scene) -> SceneCost:
     )
 
 
+def _directions(config: Config) -> int:
+    """Directions in which a sky is evaluated."""
+    if not config.texture.plain:
+        return USUAL_NODES
+    rows, columns = config.texture.shape
+    return rows * (columns // 2 + 1)
+
+
 def interpolated_from(problem: Problem) -> dict[bool, int]:
     """Wavelengths outside bands (False), and terms in bands (True), at which light is solved for the others."""
     nodes = {False: 0, True: 0}
@@ -136,8 +146,8 @@ def interpolated_from(problem: Problem) -> dict[bool, int]:
 def cost(config: Config) -> SceneCost:
     """What a configuration's skies cost, without their field; a table's wavelengths, which are in its file, count as
     one."""
-    rows, columns = config.texture.shape
-    width, spectral_width = config.texture.latlong_width or config.output.width, config.output.spectral_width
+    rows, columns = config.texture.shape if config.texture.plain else USUAL_GRID
+    width, spectral_width = config.output.width, config.output.spectral_width
     wavelength_nm = wavelengths_of(config)
     n_wavelengths = 1 if wavelength_nm is None else len(wavelength_nm)
     name, _, settings = config.chosen_solver
@@ -145,8 +155,6 @@ def cost(config: Config) -> SceneCost:
     values = rows * columns * n_wavelengths * (2 if able.standard_error else 1)
     if able.stokes and settings.polarisation:
         values *= 3
-    if config.texture.latlong_width is not None:
-        values += width * width // 4 * n_wavelengths
     arrays = ARRAYS_AT_ONCE + (NIGHT_ARRAYS if config.night is not None or config.moon is not None else 0)
     max_wavelengths = min(able.wavelengths_at_once, n_wavelengths)
     return SceneCost(
@@ -180,7 +188,7 @@ def check_size(config: Config) -> None:
         raise TwilightError(
             f"{config.title}: texture ({rows} x {columns} directions), {sizes.wavelengths} wavelengths and the "
             f"pictures need {sizes.sky_bytes / 1e9:.3g} GB, {available} a larger "
-            f"texture.resolution_deg, fewer wavelengths or a smaller texture.latlong_width or output.spectral_width"
+            f"texture.resolution_deg, fewer wavelengths or a smaller output.spectral_width"
         )
 
 

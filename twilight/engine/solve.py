@@ -20,15 +20,18 @@ from numpy.typing import ArrayLike
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
-from twilight.engine.answer import Answer, join, make_sky
+from twilight.engine.answer import Answer, answer_of_table, join, make_sky
 from twilight.engine.block import Block
 from twilight.engine.disc import make_disc
 from twilight.engine.field_light import FieldLight
 from twilight.engine.sunbeam import Direct
+from twilight.numerics.grids import texture_centres
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene.scene import Scene
 from twilight.sky.disc import Disc
 from twilight.sky.sky import BrowserPage, Sky
+from twilight.sky.table import SkyTable, plain_grid
+from twilight.sky.table import join as join_tables
 from twilight.solvers.base import Cost, Interpolation
 
 FIELD_BYTES = 1.0e9
@@ -224,17 +227,56 @@ class Solved(FieldLight):
         altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
         return make_disc(self.medium, sun_elevation_deg, altitude, distance_au, self.scene.bands)
 
+    def table(self, sun_elevation_deg: float, observer_altitude_km: float | None = None, **nodes: Any) -> SkyTable:
+        """The sky of one sun on nodes that are as close as its light needs; nodes, limits: as of `Block.table`."""
+        tables: list[SkyTable] = []
+        for block in self.blocks:
+            if tables:
+                nodes = {**nodes, "rows_deg": tables[-1].elevation_deg, "columns_deg": tables[-1].azimuth_deg}
+            tables.append(block.table(sun_elevation_deg, observer_altitude_km, **nodes))
+        return join_tables(tables)
+
     def sky(
         self,
         sun_elevation_deg: float,
-        elevation_deg: np.ndarray,
-        azimuth_deg: np.ndarray,
+        elevation_deg: np.ndarray | None = None,
+        azimuth_deg: np.ndarray | None = None,
         observer_altitude_km: float | None = None,
         **facts: Any,
     ) -> Sky:
-        """The sky on a grid of rows (E,) and columns (A,) [deg]; `facts` are further fields of `Sky`."""
+        """The sky of a sun.
+
+        Parameters
+        ----------
+        sun_elevation_deg
+            True elevation of the sun [deg].
+        elevation_deg, azimuth_deg
+            Rows (E,) and columns (A,) [deg] on which light is computed; None: where it changes, so that straight lines
+            do between them.
+        observer_altitude_km
+            Above sea level [km]; None: the scene's observer.
+        **facts
+            Further fields of `Sky`.
+
+        Returns
+        -------
+        Sky
+
+        Raises
+        ------
+        TwilightError
+            For what the solver cannot do.
+        """
         altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
-        answer = join([b.texture(sun_elevation_deg, elevation_deg, azimuth_deg, altitude) for b in self.blocks])
+        if elevation_deg is None and azimuth_deg is None and not self.scene.capabilities.standard_error:
+            table = self.table(sun_elevation_deg, altitude)
+            elevation_deg, azimuth_deg = plain_grid(table)
+            answer = answer_of_table(table, elevation_deg, azimuth_deg)
+        else:
+            rows, columns = texture_centres((30, 120))
+            elevation_deg = rows if elevation_deg is None else elevation_deg
+            azimuth_deg = columns if azimuth_deg is None else azimuth_deg
+            answer = join([b.texture(sun_elevation_deg, elevation_deg, azimuth_deg, altitude) for b in self.blocks])
         direct = self.direct(sun_elevation_deg, altitude)
         return make_sky(self.medium, (elevation_deg, azimuth_deg), answer, direct, sun_elevation_deg, altitude, **facts)
 

@@ -7,14 +7,19 @@ computed for a test becomes a node.  In the end the table is compared with direc
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from itertools import pairwise
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from twilight.engine.answer import Answer
 from twilight.numerics.orientation import scattering_angle_rad
 from twilight.sky.table import SkyTable, split
+from twilight.transport.apparent_rays import horizon_dip_deg
 from twilight.transport.scattered_once import ScatteredOnce
+
+if TYPE_CHECKING:
+    from twilight.scene.scene import Scene
 
 FIRST_ROWS = 17
 """Rows from the horizon to the zenith that are computed first; all of them are halved once."""
@@ -54,6 +59,32 @@ BESIDE_BREAK_DEG = 1e-3
 """How far from a break the rows next to it stand [deg]."""
 
 
+HIGH_FROM_KM = 0.1
+"""Height above the ground from which rows go below the horizontal; lower down the horizon dips by 0.3 deg at most."""
+
+SUDDEN_FALL = 0.2
+"""Part of the extinction that is lost within a hundredth of a kilometre where a layer has an edge."""
+
+
+def row_breaks(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
+    """The lowest row of a scene's table, and where light of the rows is not smooth [deg].
+
+    Seen from high up by a solver that can look down: the horizon, and the rays that graze the edges of layers below.
+    """
+    medium = scene.medium
+    above_ground_km = altitude_km - medium.bottom_km
+    if above_ground_km <= HIGH_FROM_KM or not (scene.capabilities.every_observer and scene.capabilities.looks_down):
+        return 0.0, []
+    z = medium.altitude_km
+    level = 0.5 * (z[1:] + z[:-1])
+    extinction = medium.extinction_per_km.max(axis=1)
+    sudden = (
+        (np.diff(z) <= 0.01) & (np.diff(extinction) < -SUDDEN_FALL * extinction[:-1]) & (level < altitude_km - 0.01)
+    )
+    edges = [-horizon_dip_deg(medium, altitude_km, float(k)) for k in level[sudden]]
+    return -90.0, sorted({-horizon_dip_deg(medium, altitude_km), *(round(e, 4) for e in edges)})
+
+
 class Light(Protocol):
     """What a table is filled with: the answer of rows (E,) and columns (A,), (E, A, W), under one sun."""
 
@@ -61,10 +92,10 @@ class Light(Protocol):
 
 
 def first_rows(low_deg: float, breaks_deg: Sequence[float], count: int = FIRST_ROWS) -> np.ndarray:
-    """Rows from low_deg to the zenith, closest above the last break and each one twice; low_deg: a break or the least."""
+    """Rows from low_deg to the zenith, closest at the last break; every break stands twice."""
     edges = [low_deg, *(b for b in sorted(breaks_deg) if low_deg < b < 90.0), 90.0]
     parts = []
-    for n, (below, above) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for n, (below, above) in enumerate(pairwise(edges)):
         last = n == len(edges) - 2
         u = np.linspace(0.0, 1.0, count if last else max(5, count // 2))
         rise = u**ROW_POWER if last else 1.0 - (1.0 - u) ** ROW_POWER

@@ -22,7 +22,7 @@ def write_rgb(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
 def write_spectral(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
     """``sky.spectral.exr``."""
     chosen = _map_options(options, options.spectral_width)
-    return [write_spectral_exr(rendered.fine, folder / "sky.spectral.exr", **chosen)]
+    return [write_spectral_exr(rendered.sky, folder / "sky.spectral.exr", **chosen)]
 
 
 def _map_options(options: Options, width: int) -> dict[str, Any]:

@@ -18,7 +18,6 @@ def write_outputs(
     sky: Sky,
     folder: str | Path,
     *,
-    panorama: Sky | None = None,
     view: ViewSource | None = None,
     files: Sequence[str] | None = None,
     views: Sequence[str] = (DEFAULT_VIEW,),
@@ -26,9 +25,7 @@ def write_outputs(
 ) -> list[Path]:
     """Write files of a sky into a folder, which is made if it is not there; each is whole or absent.  Returns them.
 
-    sky: what ``sky.h5`` holds.  panorama: the same sky on a finer grid, from which pictures and environment maps are
-    made (None: from `sky`); one of `twilight.numerics.grids.latlong_grid` goes into the RGB EXR pixel by pixel.
-    view: what `engine.view` saw, for the file `view`.  files: names of `twilight.base.formats.FORMATS`; None: all of
+    sky: what ``sky.h5`` holds, and pictures and environment maps are made from.  view: what `engine.view` saw, for the file `view`.  files: names of `twilight.base.formats.FORMATS`; None: all of
     them, without pictures of the polarisation, the disc and a view where there is none; with `view` those of a view
     alone.  views, options: as of `twilight.io.rendered.Options`.
     Errors: TwilightError for an unknown option, and where the folder cannot be written.
@@ -58,7 +55,7 @@ def write_outputs(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise TwilightError(f"{folder}: the folder cannot be made ({error.strerror or error})") from error
-    rendered = Rendered(sky, sky if panorama is None else panorama, o.polariser_deg, view)
+    rendered = Rendered(sky, o.polariser_deg, view)
     written = [path for name in chosen for path in FORMATS.load(name)(rendered, folder, o)]
     for path in written:
         if path.name not in file_names():

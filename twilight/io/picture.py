@@ -146,7 +146,7 @@ def develop_view(
         shown = picture[np.broadcast_to(elevation > min(lower, 0.0), picture.shape[:2])][:, 1]
         ev100 = colour.auto_exposure_ev100(shown, None, tone.highlights_over_mean) + WIDE_EXPOSURE_STEPS
     else:
-        weight = np.broadcast_to(sky.solid_angle_sr()[:, None], seen.shape[:2])
+        weight = sky.solid_angle_sr()
         ev100 = colour.auto_exposure_ev100(seen[..., 1], weight, tone.highlights_over_mean)
     if view not in ("panorama", "fisheye"):
         ground = tone.see(ground_factor(sky), sky.wavelength_nm, light_of(sky))

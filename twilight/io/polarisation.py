@@ -94,4 +94,4 @@ def _coloured(fraction: np.ndarray, colours: str) -> np.ndarray:
 
 def write_polarisation(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
     """``sky.polarisation.png``."""
-    return [write_polarisation_png(rendered.fine, folder / "sky.polarisation.png")]
+    return [write_polarisation_png(rendered.sky, folder / "sky.polarisation.png")]

@@ -94,14 +94,13 @@ class ViewSource(Protocol):
 
 @dataclass(frozen=True)
 class Rendered:
-    """A sky on its texture, on the finer grid of pictures and environment maps, and in a view, where there is one."""
+    """A sky, and a view of it where there is one."""
 
     sky: Sky
-    fine: Sky
     polariser_deg: float | None = None
     view: ViewSource | None = None
 
     @cached_property
     def seen(self) -> Sky:
-        """The fine sky as the pictures see it: behind the polariser where there is one."""
-        return self.fine if self.polariser_deg is None else self.fine.through_polariser(self.polariser_deg)
+        """The sky as the pictures see it: behind the polariser where there is one."""
+        return self.sky if self.polariser_deg is None else self.sky.through_polariser(self.polariser_deg)

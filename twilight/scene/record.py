@@ -20,9 +20,7 @@ def resolved_configuration(config: Config, section: SunElevation | SunAt) -> dic
     data = config.model_copy(update={"sun": section, "vary": {}}).model_dump(mode="json", exclude_none=True)
     data["solver"] = complete_solver(config.solver)
     rows, columns = config.texture.shape
-    data["texture"] = {"elevation_count": rows, "azimuth_count": columns}
-    if config.texture.latlong_width is not None:
-        data["texture"]["latlong_width"] = config.texture.latlong_width
+    data["texture"] = {"elevation_count": rows, "azimuth_count": columns} if config.texture.plain else {}
     wavelength_nm = wavelengths_of(config)
     if wavelength_nm is not None:
         data["wavelengths"] = {"list_nm": wavelength_nm.tolist()}

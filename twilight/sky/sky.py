@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twilight.base.errors import TwilightError
-from twilight.numerics import interpolation, spectrum
+from twilight.numerics import spectrum
 from twilight.sky.comparison import SkyComparison
 from twilight.sky.disc import Disc
 from twilight.sky.moon.disc import MoonSeen
 from twilight.sky.quantities.sky_light import SkyLight
+from twilight.sky.table import SkyTable
 
 if TYPE_CHECKING:
     import xarray
@@ -36,8 +37,7 @@ class Sky(SkyLight):
 
     wavelength_nm (W,): increasing.
     elevation_deg (E,): row centres, increasing, within -90..90 (negative rows: seen from high up).
-    azimuth_deg (A,): relative to the sun, clockwise, uniform over the circle, increasing in [0, 360), the first within
-        one step of 0 (0 in the default texture).
+    azimuth_deg (A,): relative to the sun, clockwise, increasing in [0, 360), all round the circle.
     sun_normalised_radiance (E, A, W): L / F0 [sr^-1], finite, not negative.
     sun_elevation_deg: true (unrefracted) elevation of the disc's centre.
     sun_azimuth_deg: clockwise from north; None = not known, and pictures of the world then show the sun in the north
@@ -102,9 +102,8 @@ class Sky(SkyLight):
             raise TwilightError("sky: wavelength_nm must be positive and increase")
         if np.any(np.diff(elevation) <= 0) or elevation[0] < -90 or elevation[-1] > 90:
             raise TwilightError("sky: elevation_deg must increase within -90 to 90")
-        step = 360.0 / azimuth.size
-        if not 0 <= azimuth[0] < step or np.abs(np.diff(azimuth) - step).max(initial=0.0) > 1e-6:
-            raise TwilightError("sky: azimuth_deg must be uniform over 0 to 360, the first within one step of 0")
+        if azimuth[0] < 0.0 or azimuth[-1] >= 360.0 or np.any(np.diff(azimuth) <= 0.0):
+            raise TwilightError("sky: azimuth_deg must increase within 0 to 360, 360 left out")
         stokes = (*shape[:2], 2, shape[2])
         for key, expected, lowest in (
             ("standard_error", shape, 0.0),
@@ -175,10 +174,32 @@ class Sky(SkyLight):
         bottom = 0.0 if e[0] >= 0 else max(-90.0, 2 * e[0] - middle[0] if middle.size else -90.0)
         return np.concatenate([[bottom], middle, [90.0]])
 
+    @property
+    def _azimuth_weights(self) -> np.ndarray:
+        """Part of the circle that each column stands for [rad], (A,)."""
+        a = np.radians(self.azimuth_deg)
+        step = np.diff(np.append(a, a[0] + 2.0 * np.pi))
+        return 0.5 * (step + np.roll(step, 1))
+
+    def _elevation_weights(self, power: int, lowest_rad: float = 0.0) -> np.ndarray:
+        """Integrals from an elevation to the zenith of cos sin^power times the part of each row in a straight line between
+        rows, (E,); outside the rows light is as at the outermost."""
+        e = np.radians(self.elevation_deg)
+        edges = np.unique(np.concatenate([[lowest_rad], np.clip(e, lowest_rad, 0.5 * np.pi), [0.5 * np.pi]]))
+        x, w = np.polynomial.legendre.leggauss(6)
+        half = 0.5 * np.diff(edges)[:, None]
+        at = 0.5 * (edges[1:] + edges[:-1])[:, None] + half * x
+        weight = (half * w * np.cos(at) * np.sin(at) ** power).ravel()
+        k = np.clip(np.searchsorted(e, at.ravel(), side="right") - 1, 0, max(e.size - 2, 0))
+        if e.size == 1:
+            return np.array([weight.sum()])
+        f = np.clip((at.ravel() - e[k]) / (e[k + 1] - e[k]), 0.0, 1.0)
+        return np.bincount(k, (1.0 - f) * weight, e.size) + np.bincount(k + 1, f * weight, e.size)
+
     def solid_angle_sr(self) -> np.ndarray:
-        """Solid angle of one cell of every row [sr], (E,); over all cells of a hemisphere they sum to 2 pi."""
-        edges = np.sin(np.radians(self.elevation_edges_deg))
-        return 2 * np.pi / self.azimuth_deg.size * np.diff(edges)
+        """Solid angle that every sample stands for [sr], (E, A); they sum to 2 pi, or 4 pi where rows go below 0 deg."""
+        lowest = -0.5 * np.pi if self.elevation_deg[0] < 0.0 else 0.0
+        return self._elevation_weights(0, lowest)[:, None] * self._azimuth_weights
 
     @property
     def solar_irradiance(self) -> np.ndarray:
@@ -253,18 +274,19 @@ class Sky(SkyLight):
         )
 
     def sample_fractional_stokes(self, elevation_deg, azimuth_deg) -> np.ndarray:
-        """`fractional_stokes` in any direction, (..., 2, W): `interpolation.interpolate_stokes`."""
-        return interpolation.interpolate_stokes(
-            self.elevation_deg, self.azimuth_deg, self.fractional_stokes, elevation_deg, azimuth_deg
-        )
+        """`fractional_stokes` in any direction, (..., 2, W)."""
+        both = self.fractional_stokes
+        table = SkyTable.of_signed(self.elevation_deg, self.azimuth_deg, both.reshape(*both.shape[:2], -1))
+        found = table.light(elevation_deg, azimuth_deg)
+        return found.reshape(*found.shape[:-1], 2, -1)
 
     # Directions -------------------------------------------------------------------------------------------------
 
     def sample(self, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> np.ndarray:
         """Radiance of sun and night together over F0, in any direction.
 
-        The sun's part and the night are interpolated each for itself (`interpolate_bilinear`), as `resample` does, of
-        which `luminance_at` is the luminance.
+        The sun's part and the night are interpolated each for itself (`twilight.sky.table`), as `resample` does, of which
+        `luminance_at` is the luminance.
 
         Parameters
         ----------
@@ -296,7 +318,7 @@ class Sky(SkyLight):
             raise TwilightError(f"sample: elevation_deg must be between {lower:g} and 90 and not NaN")
         if not np.isfinite(azimuth).all():
             raise TwilightError("sample: azimuth_deg must be finite")
-        return interpolation.interpolate_bilinear(self.elevation_deg, self.azimuth_deg, values, elevation, azimuth)
+        return self.smooth(values, elevation, azimuth)
 
     def resample(self, elevation_deg, azimuth_deg) -> Sky:
         """The sky on another grid (elevation_deg (E',), azimuth_deg (A',)), by ``sample``.
@@ -328,22 +350,27 @@ class Sky(SkyLight):
         )
 
     def smooth(self, values: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
-        """Values (E, A, K) >= 0 on this sky's grid in broadcast directions, (..., K): `interpolate_cubic`."""
-        return interpolation.interpolate_cubic(self.elevation_deg, self.azimuth_deg, values, elevation_deg, azimuth_deg)
+        """Values (E, A, K) >= 0 on this sky's grid in broadcast directions, (..., K), by the rule of `SkyTable`.
+
+        Elevations (n, 1) with azimuths (1, m), the rows and columns of a picture, are fastest.
+        """
+        elevation, azimuth = np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float)
+        table = SkyTable.of_samples(self.elevation_deg, self.azimuth_deg, np.asarray(values))
+        if elevation.ndim == azimuth.ndim == 2 and elevation.shape[1] == azimuth.shape[0] == 1:
+            return table.on_grid(elevation[:, 0], azimuth[0])
+        return table.light(elevation, azimuth)
 
     # Integrals --------------------------------------------------------------------------------------------------
 
     def irradiance_factor(self, horizontal: bool = True, direct: bool = False) -> np.ndarray:
         """Irradiance from the upper hemisphere divided by F0, (W,); a uniform radiance of 1 gives pi exactly.
 
-        ``horizontal``: on a horizontal plane, else on a sphere (fluence).  Radiance is constant over each cell, the
-        cosine and the solid angle are integrated exactly.  ``direct`` adds the sun's beam (TwilightError where the sky
-        does not know it).
+        ``horizontal``: on a horizontal plane, else on a sphere (fluence).  Between rows radiance is a straight line in
+        elevation, the cosine and the solid angle are integrated exactly.  ``direct`` adds the sun's beam (TwilightError
+        where the sky does not know it).
         """
-        edges = np.radians(np.clip(self.elevation_edges_deg, 0.0, 90.0))
-        antiderivative = 0.5 * np.sin(edges) ** 2 if horizontal else np.sin(edges)
-        weight = 2 * np.pi * np.diff(antiderivative)
-        result = np.einsum("e,ew->w", weight, self.normalised_radiance.mean(axis=1, dtype=float))
+        rows, columns = self._elevation_weights(1 if horizontal else 0), self._azimuth_weights
+        result = np.einsum("e,a,eaw->w", rows, columns, self.normalised_radiance.astype(float), optimize=True)
         if direct:
             if self.direct_irradiance is None:
                 raise TwilightError("irradiance: this sky does not know the sun's direct_irradiance")

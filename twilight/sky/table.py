@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,6 +46,8 @@ class SkyTable:
     log_phase (PHASE_COUNT, W): ln P at PHASE_ANGLE_RAD [sr^-1], or None
     stokes (S, R, C, 2, W): Q / L and U / L (signs: `twilight.base.conventions`), or None
     mirrored: whether the other half of the sky is the mirror image about the sun's vertical, where U changes its sign
+    logarithmic: else S is the light itself, of samples with noise or without light, and there is no A
+    signed: whether a light that is itself held may be negative
     error, worst: relative error at 95 % of directions that no node stands in, and the largest of them; nan: not known
     """
 
@@ -57,6 +60,8 @@ class SkyTable:
     log_phase: np.ndarray | None = None
     stokes: np.ndarray | None = None
     mirrored: bool = True
+    logarithmic: bool = True
+    signed: bool = False
     error: float = float("nan")
     worst: float = float("nan")
 
@@ -67,7 +72,7 @@ class SkyTable:
         matrix = hermite_matrix(self.sun_elevation_deg, np.array([sun_elevation_deg]))[0]
         used = np.flatnonzero(matrix)
 
-        def mixed(values: np.ndarray | None) -> np.ndarray | None:
+        def mixed(values: Any) -> Any:
             if values is None:
                 return None
             if used.size == 1:
@@ -93,8 +98,8 @@ class SkyTable:
         for k in range(0, flat_e.size, DIRECTIONS_AT_ONCE):
             part = slice(k, k + DIRECTIONS_AT_ONCE)
             place, weight = self._stencil(flat_e[part], flat_a[part])
-            angle = scattering_angle_rad(self.apparent_sun_deg[0], flat_e[part], flat_a[part])
-            out[part] = self._sum(*(self._gathered(layer, place, weight) for layer in self._layers), angle)
+            parts = [self._gathered(layer, place, weight) for layer in self._layers]
+            out[part] = self._sum(parts, flat_e[part], flat_a[part])
         return out.reshape(*elevation.shape, -1)
 
     def on_grid(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
@@ -110,8 +115,7 @@ class SkyTable:
             for layer in layers:
                 along = np.tensordot(rows[part], layer, axes=1)
                 parts.append(np.matmul(across, along))
-            angle = scattering_angle_rad(self.apparent_sun_deg[0], elevation_deg[part][:, None], azimuth_deg)
-            out[part] = self._sum(*parts, angle)
+            out[part] = self._sum(parts, elevation_deg[part][:, None], azimuth_deg)
         return out
 
     def fractional_stokes(self, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> np.ndarray:
@@ -136,7 +140,7 @@ class SkyTable:
 
     @property
     def _columns(self):
-        """Columns with neighbours beyond either end, and a function that gives values (R, C, ...) the same neighbours."""
+        """Columns with neighbours beyond either end, and a function that gives values (R, C, ...) the same."""
         a, n = self.azimuth_deg, self.azimuth_deg.size
         if n == 1:
             return a, lambda values: values
@@ -171,14 +175,14 @@ class SkyTable:
         flat = layer[0].reshape(-1, layer.shape[-1])
         return np.einsum("dk,dkw->dw", weight, flat[place])
 
-    def _sum(self, smooth: np.ndarray, *rest: np.ndarray) -> np.ndarray:
-        """exp(S) + P exp(A) from logarithms (..., W) and scattering angles (...)."""
-        *aureole, angle = rest
-        out = np.exp(smooth, out=smooth)
-        if aureole:
-            [log] = aureole
-            log += self._log_phase_at(angle)
-            out += np.exp(log, out=log)
+    def _sum(self, parts: list[np.ndarray], elevation: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+        """exp(S) + P exp(A) of directions (...), from S and A (..., W)."""
+        if not self.logarithmic:
+            return parts[0] if self.signed else np.maximum(parts[0], 0.0)
+        out = np.exp(parts[0], out=parts[0])
+        if self.aureole is not None:
+            parts[1] += self._log_phase_at(scattering_angle_rad(self.apparent_sun_deg[0], elevation, azimuth))
+            out += np.exp(parts[1], out=parts[1])
         out[out <= 2.0 * self._darkest] = 0.0
         return out
 
@@ -196,9 +200,42 @@ class SkyTable:
         table = self.log_phase.astype(np.float32, copy=False)
         return (1.0 - f) * table[k] + f * table[k + 1]
 
+    # From samples -----------------------------------------------------------------------------------------------
+
+    @classmethod
+    def of_samples(cls, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, values: np.ndarray) -> SkyTable:
+        """The table of plain samples (E, A, K) >= 0 over the whole circle.
+
+        Logarithms are interpolated where all samples are positive.  Below the first row a straight line goes on by half
+        a row, beyond the last one the rows of the other side of the zenith follow.
+        """
+        logarithmic = bool((values > 0.0).all())
+        made = cls.of_signed(elevation_deg, azimuth_deg, np.log(values) if logarithmic else values)
+        return replace(made, logarithmic=logarithmic, signed=False)
+
+    @classmethod
+    def of_signed(cls, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, values: np.ndarray) -> SkyTable:
+        """The same of values of either sign, as of Stokes parameters that refer to the vertical."""
+        rows, layer = elevation_deg, values
+        if rows.size > 1 and rows[-1] < 90.0:
+            columns = np.concatenate([azimuth_deg[-2:] - 360.0, azimuth_deg, azimuth_deg[:2] + 360.0])
+            around = np.concatenate([layer[-2:, -2:], layer[-2:], layer[-2:, :2]], axis=1)[::-1]
+            first = azimuth_deg[0]
+            across = hermite_matrix(columns, first + np.mod(azimuth_deg + 180.0 - first, 360.0))
+            layer = np.concatenate([layer, np.matmul(across, around)])
+            rows = np.concatenate([rows, 180.0 - rows[-2:][::-1]])
+        if elevation_deg.size > 1 and elevation_deg[0] > 0.0:
+            low = max(0.0, 1.5 * rows[0] - 0.5 * rows[1])
+            f = (rows[0] - low) / (rows[1] - rows[0])
+            layer = np.concatenate([(1.0 + f) * layer[:1] - f * layer[1:2], layer])
+            rows = np.concatenate([[low], rows])
+        sun = np.zeros(1)
+        layer = layer[None].astype(np.float32)
+        return cls(sun, sun, rows, azimuth_deg, layer, mirrored=False, logarithmic=False, signed=True)
+
     # Other tables of the same sky -------------------------------------------------------------------------------
 
-    def in_channels(self, weight: np.ndarray, log: bool = False) -> SkyTable:
+    def in_channels(self, weight: np.ndarray) -> SkyTable:
         """The table of sums over wavelengths, channels (K,) by weights (W, K) of the light, not negative."""
         light = np.exp(self.smooth.astype(float)) @ weight
         if self.aureole is None or self.log_phase is None:
@@ -225,7 +262,7 @@ class SkyTable:
             rows[n, twice[0] if twice.size else np.argmin(np.abs(self.elevation_deg - elevation_deg[n]))] = 1.0
         across = hermite_matrix(columns, azimuth_deg)
 
-        def read(layer: np.ndarray | None) -> np.ndarray | None:
+        def read(layer: Any) -> Any:
             if layer is None:
                 return None
             flat = layer.reshape(*layer.shape[:3], -1)
@@ -252,7 +289,7 @@ def join(tables: Sequence[SkyTable]) -> SkyTable:
     columns = np.unique(np.concatenate([t.azimuth_deg for t in tables]))
     parts = [t.at_nodes(rows, columns) for t in tables]
 
-    def all_of(name: str) -> np.ndarray | None:
+    def all_of(name: str) -> Any:
         values = [getattr(part, name) for part in parts]
         return None if any(value is None for value in values) else np.concatenate(values, axis=-1)
 

@@ -60,14 +60,15 @@ class ApparentRays:
         return true, passed
 
 
-def horizon_dip_deg(medium: Medium, altitude_km: float) -> float:
+def horizon_dip_deg(medium: Medium, altitude_km: float, level_km: float | None = None) -> float:
     """How far below the horizontal the refracted ray leaves that touches the ground [deg], in the middle wavelength.
 
-    Bouguer's invariant n r cos(elevation) is the same at the ground and at the observer.
+    level_km: the altitude that the ray touches; None: the ground's.  Bouguer's invariant n r cos(elevation) is the same
+    there and at the observer.
     """
     bottom, z = medium.bottom_km, max(altitude_km, medium.bottom_km)
     w = medium.n_wavelengths // 2
     profile = ray_profile(medium)
-    touching = refractive_radius(profile, w, bottom)
+    touching = refractive_radius(profile, w, bottom if level_km is None else level_km)
     here = refractive_radius(profile, w, z)
     return float(np.degrees(np.arccos(min(1.0, touching / here))))

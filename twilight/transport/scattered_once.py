@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twilight.numerics.orientation import PHASE_ANGLE_RAD, scattering_angle_rad
-from twilight.solvers.compact.refracted_shells import ALTITUDE_KM, RefractedShells, sublayers
+from twilight.transport.shells import ALTITUDE_KM, RefractedShells, sublayers
 
 if TYPE_CHECKING:
     from twilight.atmosphere.bands import GasBands
@@ -27,11 +27,13 @@ LOWEST_OBSERVER_KM = 1e-4
 class ScatteredOnce:
     """Light scattered once by the aerosol of a medium, for one observer.
 
-    medium, bands: as of the engine's block of wavelengths; altitude_km: of the observer above sea level
+    medium, bands: as of the engine's block of wavelengths; altitude_km: of the observer above sea level; aerosol: whether
+    its light is wanted, else the sun's apparent place alone
     log_phase (PHASE_COUNT, W): ln of the phase function of the column's aerosol; None without aerosol or above the air
     """
 
-    def __init__(self, medium: Medium, bands: GasBands | None, altitude_km: float):
+    def __init__(self, medium: Medium, bands: GasBands | None, altitude_km: float, *, aerosol: bool = True):
+        self.altitude_km = altitude_km
         height = max(altitude_km - medium.bottom_km, 0.0)
         self._bands = bands
         terms = medium if bands is None else bands.expand(medium)
@@ -45,25 +47,25 @@ class ScatteredOnce:
         scattering = fine.aerosol_extinction_per_km * fine.aerosol_single_scattering_albedo
         kinds = [_in_layers(z, scattering * f, boundary) for f in fine.aerosol_phase_fraction]
         shape = (len(self._phases), boundary.size - 1, terms.n_wavelengths)
-        aerosol = np.reshape(kinds, shape)
+        scatters = np.reshape(kinds, shape)
         rest = fine.air_scattering_per_km + fine.absorption_per_km + fine.aerosol_extinction_per_km
         peak = np.zeros(shape[1:])
         if self._phases:
             forward = np.array([p.legendre_moments(PEAK_DEGREE)[:, PEAK_DEGREE] for p in self._phases])
-            peak = np.einsum("kw,klw->lw", np.clip(forward, 0.0, 0.999), aerosol)
+            peak = np.einsum("kw,klw->lw", np.clip(forward, 0.0, 0.999), scatters)
         middle = terms.n_wavelengths // 2
         self._shells = RefractedShells(
             boundary,
             _in_layers(z, rest, boundary) - peak,
-            aerosol,
+            scatters,
             peak,
             terms.at(sublayers(boundary) + terms.bottom_km).refractivity[:, middle],
             min(height, ALTITUDE_KM[-1]),
             terms.earth_radius_km + terms.bottom_km,
         )
-        column = np.einsum("klw,l->kw", aerosol, np.diff(boundary))
+        column = np.einsum("klw,l->kw", scatters, np.diff(boundary))
         self.log_phase = None
-        if self._phases and within and column.any():
+        if aerosol and self._phases and within and column.any():
             each = np.stack([p(np.cos(PHASE_ANGLE_RAD)).T for p in self._phases])
             total = column.sum(axis=0)
             weight = np.where(total > 0.0, column / np.where(total > 0.0, total, 1.0), 1.0 / len(column))

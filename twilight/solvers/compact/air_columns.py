@@ -9,7 +9,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.numerics.phase import TABLE, PhaseFunction, table_angles_rad
 from twilight.solvers.compact.diffuse_light import BOUNDARY_KM, ORDERS, DiffuseCoefficients
-from twilight.solvers.compact.refracted_shells import ALTITUDE_KM, RefractedShells, sublayers
+from twilight.transport.shells import ALTITUDE_KM, RefractedShells, sublayers
 
 SPLIT_KM = 12.0
 """Altitude above the ground up to which the aerosol has the lower one of two phase functions [km]."""

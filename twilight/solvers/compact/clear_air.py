@@ -3,7 +3,7 @@
     L / F0 = sum_k P_k(angle from the sun) Q_k  +  M,        M = M_0 exp(sum_n c_n v_n(sun, elevation, azimuth))
 
 - Q_k, of scattering by air and by each aerosol: integrals along refracted lines of sight in spherical shells
-  (:mod:`twilight.solvers.compact.refracted_shells`); P_k are the phase functions, their forward peaks widened
+  (:mod:`twilight.transport.shells`); P_k are the phase functions, their forward peaks widened
   (:mod:`twilight.solvers.compact.forward_peak`).
 - M_0: orders of scattering in spherical shells, the first and the last with their direction, isotropic ones between
   (:mod:`twilight.solvers.compact.diffuse_light`).

@@ -154,10 +154,8 @@ def checked_observer(medium: Medium, altitude_km: float) -> float:
 
 
 def check_medium(medium: Medium) -> None:
-    """TwilightError for water under the air, and for wavelengths outside the model's."""
+    """TwilightError for wavelengths outside the model's."""
     model, (lowest_nm, highest_nm) = "the compact model of clear air", WAVELENGTH_NM
-    if medium.has_water:
-        raise TwilightError(f"{model} has land under it, and the medium has water (ground.kind)")
     outside = medium.wavelength_nm[(medium.wavelength_nm < lowest_nm) | (medium.wavelength_nm > highest_nm)]
     if outside.size:
         raise TwilightError(

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.base.conventions import EARTH_RADIUS_KM
-from twilight.solvers.compact.refracted_shells import (
+from twilight.transport.shells import (
     SUBLAYERS,
     RefractedShells,
     lit_fraction,

@@ -112,7 +112,7 @@ def from_sky(sky: Sky) -> ColourSky:
     rows = sky.elevation_deg >= 0
     factor = sky.sun_normalised_radiance[rows]
     e, a = np.meshgrid(sky.elevation_deg[rows], sky.azimuth_deg, indexing="ij")
-    weight = np.repeat(sky.solid_angle_sr()[rows], sky.azimuth_deg.size)
+    weight = sky.solid_angle_sr()[rows].ravel()
     flat = factor.reshape(-1, factor.shape[-1])
     return colour_sky(flat, sky.wavelength_nm, e.ravel(), a.ravel(), weight, sky.sun_elevation_deg)
 

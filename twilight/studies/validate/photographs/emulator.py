@@ -31,7 +31,7 @@ from twilight.engine.solve import Problem
 from twilight.engine.sunbeam import Sunbeam
 from twilight.io.provenance import configuration_hash
 from twilight.numerics import spectrum
-from twilight.numerics.interpolation import spline_matrix
+from twilight.numerics.splines import spline_matrix
 from twilight.scene import resolve
 from twilight.sky import colour
 from twilight.sky.night import night_radiance
