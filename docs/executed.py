@@ -32,7 +32,7 @@ LONGEST_S = 600
 PLANNED = ("render", "sweep", "dataset")
 """Commands that `--plan` runs with their own `--plan`; `HELPED` it runs with `--help`, all others as they are."""
 HELPED = (
-    "climates", "climate", "describe", "compare", "frontier", "fit", "export", "view", "animate", "validate", "visible",
+    "climate", "show", "compare", "frontier", "fit", "export", "view", "animate", "validate", "visible",
     "airmass", "light", "timeline", "eclipse", "fluxes", "limb",
 )  # fmt: skip
 

@@ -52,6 +52,15 @@ def scene_names(incomplete: str) -> list[str]:
     return climate_names(incomplete) + config_names(incomplete)
 
 
+SHOWN = ("climates", "configs", "solvers", "schema")
+"""What `twilight show` knows beside names."""
+
+
+def shown_names(incomplete: str) -> list[str]:
+    """Names that the shell completes for what is shown."""
+    return [word for word in SHOWN if word.startswith(incomplete)] + scene_names(incomplete)
+
+
 def solver_names(incomplete: str) -> list[str]:
     """Names that the shell completes for a solver."""
     from twilight.solvers import SOLVERS
@@ -69,7 +78,7 @@ SCENE = argument("CLIMATE_OR_CONFIG", "Name or file of a climate or configuratio
 CLIMATE = argument("CLIMATE", "Name or file of a climate or configuration.", scene_names)
 SCENE_BY_FILE = argument("CLIMATE_OR_CONFIG", "Name or file of a climate, or file of a configuration.", scene_names)
 SETTINGS = option("KEY=VALUE", "Any key; may be repeated.", "--set")
-SOLVER = option("NAME", "See `twilight solvers`.", complete=solver_names)
+SOLVER = option("NAME", "See `twilight show solvers`.", complete=solver_names)
 QUALITY = option("NAME", "Preset of the solver.")
 QUALITY_LISTED = option("NAME", "Preset of the solver: draft, standard, reference.")
 LATITUDE = option("DEG", "North positive.")

@@ -4,8 +4,8 @@ A new solver is two files: its module (or package), and one line in the registry
 has what `Solver` lists:
 
 - `CAPABILITIES`, what the solver can do beyond the least, as `Capabilities`; nothing outside asks in another way;
-- `QUALITIES`, its presets by name: frozen dataclasses whose docstring explains each option (`twilight solvers` prints
-  it) and whose `__post_init__` refuses what is out of range with a TwilightError; `standard` is one of them;
+- `QUALITIES`, its presets by name: frozen dataclasses whose docstring explains each option (`twilight show solvers`
+  prints it) and whose `__post_init__` refuses what is out of range with a TwilightError; `standard` is one of them;
 - `prepare(medium, settings, *, observer_altitude_km, progress)`, which computes what depends on neither sun nor
   direction and returns a `Field`, or raises TwilightError.
 
