@@ -143,8 +143,8 @@ def check_polarised(config: Any) -> None:
     if config.output.polariser_deg is not None:
         wanted.append("output.polariser_deg")
     name, quality, settings = config.chosen_solver
-    if wanted and not (solvers.load(name).CAPABILITIES.stokes and settings.polarisation):
-        able = ", ".join(n for n in solvers.SOLVERS if solvers.load(n).CAPABILITIES.stokes)
+    if wanted and not getattr(settings, "polarisation", False):
+        able = ", ".join(solvers.with_option("polarisation"))
         raise TwilightError(
             f"{config.title}: {wanted[0]} needs polarised light, and {name} ({quality}) computes none; set "
             f"solver.polarisation: true with one of {able}"

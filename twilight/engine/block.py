@@ -65,7 +65,7 @@ class Block:
         self.capabilities = problem.scene.capabilities
         self.from_disk = False
         self.term_medium = medium if bands is None else bands.expand(medium)
-        self.sunbeam = Sunbeam(self.term_medium, self.capabilities.numpy_only or problem.numpy_only_sun)
+        self.sunbeam = Sunbeam(self.term_medium, self.capabilities.kind == "fitted" or problem.numpy_only_sun)
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
         self._derivatives: tuple[Field, tuple[str, bytes], Derivatives] | None = None
@@ -91,7 +91,7 @@ class Block:
             )
 
         settings = scene.settings
-        if not self.problem.cached or not self.capabilities.field_file or settings.field_file:
+        if not self.problem.cached or not hasattr(settings, "field_file") or settings.field_file:
             return solved(settings)
         key = self.key(altitude_km)
         path = cache.find(cache.FIELDS, key)

@@ -6,12 +6,10 @@ from twilight.solvers.compact.derivatives import differentiate
 from twilight.solvers.compact.field import QUALITIES, CompactSettings, prepare, recorded
 
 CAPABILITIES = Capabilities(
+    kind="fitted",
     every_sun=True,
     every_observer=True,
     looks_down=False,
-    stokes=True,
-    reads_files=True,
-    numpy_only=True,
     differentiate=differentiate,
 )
 

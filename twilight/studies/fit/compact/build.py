@@ -131,7 +131,7 @@ def fit_compact(config: Config, depths: Sequence[float] | None = None, progress:
 def _fits(name: str) -> bool:
     """Whether a solver's skies can be fitted: all suns at once, and not from a fit themselves."""
     able = solvers.load(name).CAPABILITIES
-    return able.every_sun and not able.numpy_only
+    return able.every_sun and able.kind != "fitted"
 
 
 def air_of_climate(config: Config, depths: Sequence[float]) -> dict[str, np.ndarray]:
