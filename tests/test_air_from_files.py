@@ -44,7 +44,7 @@ def test_the_command_prints_a_climate_and_says_what_is_from_where(tmp_path, monk
     for name, words in sources.items():
         assert f"{name}: {words}" in result.stderr
     assert yaml.safe_load(result.stdout)["atmosphere"]["levels"]["pressure_hpa"][0] == pytest.approx(1013.0, abs=0.2)
-    described = CliRunner().invoke(app, ["describe", "mine.yaml", "--output", "p.png"])
+    described = CliRunner().invoke(app, ["show", "mine.yaml", "--output", "p.png"])
     assert described.exit_code == 0 and "source of humidity" in described.stdout
 
 

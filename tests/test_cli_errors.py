@@ -85,12 +85,12 @@ def test_an_output_that_cannot_be_written_is_refused_before_anything_is_computed
         result = call("render", table, "--output", folder)
         assert result.exit_code == 2 and str(folder) in result.stderr and "not a folder" in result.stderr
     for name in ("file/profile.png", "profile.svg"):
-        result = call("describe", table, "--output", tmp_path / name)
+        result = call("show", table, "--output", tmp_path / name)
         assert result.exit_code == 2 and len(result.stderr.strip().splitlines()) == 1
-    for command, name in (("describe", "a.png"), ("fit perez", "a.yaml")):
+    for command, name in (("show", "a.png"), ("fit perez", "a.yaml")):
         (tmp_path / name).mkdir()
         result = call(
-            *command.split(), table if command == "describe" else "continental-average", "--output", tmp_path / name
+            *command.split(), table if command == "show" else "continental-average", "--output", tmp_path / name
         )
         assert result.exit_code == 2 and result.stderr.strip().endswith(f"{name}: is a folder, not a file"), command
         (tmp_path / name).rmdir()

@@ -106,17 +106,17 @@ def test_the_scalar_error_of_the_plan_is_that_of_the_table():
 
 
 def test_lists_and_descriptions():
-    result = call("configs")
+    result = call("show", "configs")
     assert result.exit_code == 0
     assert "saarbruecken-2003-12-08\t31\t" in result.stdout
     assert "humidity\t3\t" in result.stdout and "three-climates\t3\t" in result.stdout
     for document in ("climate", "configuration"):
-        assert json.loads(call("schema", document).stdout)["additionalProperties"] is False
-    assert call("schema", "sky").exit_code == 2
+        assert json.loads(call("show", "schema", document).stdout)["additionalProperties"] is False
+    assert call("show", "schema", "sky").exit_code == 2
 
 
 def test_solvers_are_listed_with_their_options(plain):
-    result = call("solvers")
+    result = call("show", "solvers")
     assert "plain\tbrightness\t0.01" in result.stdout and "plain (default)\tquality\tstandard, bright" in result.stdout
     assert "cells\tazimuth_cells\t" in result.stdout
 
@@ -130,18 +130,18 @@ def test_every_option_of_every_solver_is_explained(plain):
         why = explain_options(settings)
         assert set(why) == {f.name for f in fields(settings)}, name
         assert all(len(text) > 5 and ": " not in text[:3] for text in why.values()), name
-    lines = call("solvers", "zones").stdout.splitlines()
+    lines = call("show", "solvers", "zones").stdout.splitlines()
     assert lines[0] == "option\tdraft\tstandard\treference\twhat it is"
     expert = lines.index("solver.expert\tdraft\tstandard\treference\twhat it is")
     assert expert <= 7 and not any(line.startswith("polar_directions") for line in lines[:expert])
     polar = next(line for line in lines if line.startswith("polar_directions"))
     assert "polar_directions\t14\t14\t20\t" in polar and polar.endswith("\tdirections per hemisphere")
-    assert "brightness\t0.01\t0.1\tof the sky above the horizon" in call("solvers", "plain").stdout
-    assert "did you mean zones?" in call("solvers", "zons").stderr
+    assert "brightness\t0.01\t0.1\tof the sky above the horizon" in call("show", "solvers", "plain").stdout
+    assert "did you mean zones?" in call("show", "solvers", "zons").stderr
 
 
 def test_suggestions_are_of_the_kind_asked_for():
-    for command, kind, other in (("describe", "climates are", "sweep-haze"), ("sweep", "configurations are", "urban")):
+    for command, kind, other in (("show", "climates are", "sweep-haze"), ("sweep", "configurations are", "urban")):
         refused = call(command, "nowhere")
         assert refused.exit_code == 2 and kind in refused.stderr
         assert "did you mean" not in refused.stderr and other not in refused.stderr
@@ -150,9 +150,9 @@ def test_suggestions_are_of_the_kind_asked_for():
     assert "climates are antarctic" in either and "configurations are airliner-dusk" in either
 
 
-def test_describe_takes_settings_and_the_shell_completes_names(tmp_path):
+def test_show_takes_settings_and_the_shell_completes_names(tmp_path):
     shown = [
-        call("describe", "pure-air", "--output", tmp_path / "p.png", *more).stdout
+        call("show", "pure-air", "--output", tmp_path / "p.png", *more).stdout
         for more in ((), ("--set", "gases.ozone.column_du=150"))
     ]
     ozone = [next(line.split("\t") for line in text.splitlines() if line.startswith("ozone\t")) for text in shown]
@@ -160,7 +160,7 @@ def test_describe_takes_settings_and_the_shell_completes_names(tmp_path):
     at = columns.index("550 nm")
     assert columns[1] == "300 nm" and columns[-1] == "1000 nm"
     assert float(ozone[1][at]) < 0.6 * float(ozone[0][at])
-    wrong = call("describe", "pure-air", "--set", "gases.ozne=3")
+    wrong = call("show", "pure-air", "--set", "gases.ozne=3")
     assert wrong.exit_code == 2 and "did you mean ozone?" in wrong.stderr
     from twilight.cli.options import climate_names, scene_names, solver_names
 
@@ -168,8 +168,8 @@ def test_describe_takes_settings_and_the_shell_completes_names(tmp_path):
     assert "--show-completion" in call("--help").stdout
 
 
-def test_describe_prints_depths_and_draws_the_profile(table, tmp_path):
-    result = call("describe", table, "--output", tmp_path / "profile.png")
+def test_show_prints_depths_and_draws_the_profile(table, tmp_path):
+    result = call("show", table, "--output", tmp_path / "profile.png")
     assert result.exit_code == 0, result.stderr
     lines = dict(line.split("\t", 1) for line in result.stdout.splitlines() if "\t" in line)
     depth = 1e-2 * 60 * (1 - 1e-3) / np.log(1e3)

@@ -60,11 +60,11 @@ name: given
 ```
 
 ```sh
-twilight solvers
+twilight show solvers
 cd elsewhere
 ```
 
-    twilight configs
+    twilight show configs
 
 ```python
 from pathlib import Path
@@ -87,8 +87,8 @@ def test_what_a_page_shows_is_what_is_printed(executed):
     assert len(said) == 2 and "zones" in said[0] and said[1] == "kept 1\n"
     assert re.sub(r"\n\n```text\n.*?\n```", "", found, flags=re.DOTALL) == PAGE
     assert [executed.commands(code) for kind, code in executed.blocks(PAGE) if kind in ("sh", "read")] == [
-        ["twilight solvers"],
-        ["twilight configs"],
+        ["twilight show solvers"],
+        ["twilight show configs"],
     ]
 
 

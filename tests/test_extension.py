@@ -54,7 +54,9 @@ def test_a_solver_and_a_format_of_another_package_are_used_by_their_names(instal
     uniform = ["render", "pure-air", "--sun-elevation", "5", "--solver", "uniform", *SMALL]
     words = [*uniform, "--set", "solver.radiance=0.02", "--only", "luminance-csv,h5", "--output", "out"]
     slips = ([*uniform, "--set", f"solver.{slip}"] for slip in ("radiance=-1", "radiants=1"))
-    done, again, listed, wrong, misspelt = twilight(installed, tmp_path, words, words, ["solvers", "uniform"], *slips)
+    done, again, listed, wrong, misspelt = twilight(
+        installed, tmp_path, words, words, ["show", "solvers", "uniform"], *slips
+    )
     assert done[0] == 0, done
     assert {"sky.h5", "sky.luminance.csv"} <= {path.name for path in (tmp_path / "out").iterdir()}
     luminance = np.loadtxt(tmp_path / "out" / "sky.luminance.csv", delimiter=",")

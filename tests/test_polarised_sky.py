@@ -59,7 +59,7 @@ class RayleighField(BareField):
 
 
 class RayleighSolver:
-    CAPABILITIES = Capabilities(stokes=True, wavelengths_at_once=2)
+    CAPABILITIES = Capabilities(wavelengths_at_once=2)
 
     @staticmethod
     def prepare(medium, settings=None, *, observer_altitude_km=0.0, progress=None):

@@ -36,17 +36,17 @@ def assert_sentence(result, *parts: str) -> None:
 
 
 def test_a_closed_output_is_one_sentence():
-    assert_sentence(shell('"$@" >&-', ["schema", "climate"]), "standard output is closed")
+    assert_sentence(shell('"$@" >&-', ["show", "schema", "climate"]), "standard output is closed")
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full")
-@pytest.mark.parametrize("arguments", [["configs"], ["schema", "climate"], ["--version"], ["--help"]])
+@pytest.mark.parametrize("arguments", [["show", "configs"], ["show", "schema", "climate"], ["--version"], ["--help"]])
 def test_a_full_device_is_one_sentence(arguments):
     assert_sentence(shell('"$@" > /dev/full', arguments), "No space left on device")
 
 
 def test_a_reader_that_leaves_is_no_traceback():
-    result = shell('"$@" | true; exit ${PIPESTATUS[0]}', ["schema", "climate"])
+    result = shell('"$@" | true; exit ${PIPESTATUS[0]}', ["show", "schema", "climate"])
     assert result.returncode in (0, 1) and not result.stderr, result.stderr
 
 
@@ -73,6 +73,6 @@ def test_a_letter_that_the_locale_lacks_is_printed_otherwise(tmp_path):
     climate = tmp_path / "c.yaml"
     climate.write_text("version: 1\nname: c\ndescription: ciel d'été\naerosol: null\n", encoding="utf-8")
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-    result = shell('"$@"', ["describe", str(climate), "--output", str(tmp_path / "p.png")], **plain)
+    result = shell('"$@"', ["show", str(climate), "--output", str(tmp_path / "p.png")], **plain)
     assert result.returncode == 0, result.stderr
     assert result.stdout.splitlines()[0] == b"c: ciel d'\\xe9t\\xe9"

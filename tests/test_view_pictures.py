@@ -26,7 +26,7 @@ class Air:
     bottom_km: float = 0.0
     earth_radius_km: float = 6371.0
     n_wavelengths: int = 2
-    below_horizon: bool = True
+    kind: str = "transport"
     standard_error: bool = False
 
 

@@ -208,7 +208,7 @@ def solver(name: str) -> Solver:
     Parameters
     ----------
     name
-        One of those that `twilight solvers` lists, e.g. zones.
+        One of those that `twilight show solvers` lists, e.g. zones.
 
     Raises
     ------

@@ -50,6 +50,15 @@ def scene_names(incomplete: str) -> list[str]:
     return climate_names(incomplete) + config_names(incomplete)
 
 
+SHOWN = ("climates", "configs", "solvers", "schema")
+"""What `twilight show` knows beside names."""
+
+
+def shown_names(incomplete: str) -> list[str]:
+    """Names that the shell completes for what is shown."""
+    return [word for word in SHOWN if word.startswith(incomplete)] + scene_names(incomplete)
+
+
 def solver_names(incomplete: str) -> list[str]:
     """Names that the shell completes for a solver."""
     from twilight.solvers import SOLVERS
@@ -66,7 +75,7 @@ def _starting(kind: str, incomplete: str) -> list[str]:
 SCENE = argument("CLIMATE_OR_CONFIG", "Name or file of a climate or configuration.", scene_names)
 CLIMATE = argument("CLIMATE", "Name or file of a climate or configuration.", scene_names)
 SETTINGS = option("KEY=VALUE", "Any key; may be repeated.", "--set")
-SOLVER = option("NAME", "See `twilight solvers`.", complete=solver_names)
+SOLVER = option("NAME", "See `twilight show solvers`.", complete=solver_names)
 QUALITY = option("NAME", "Preset of the solver.")
 QUALITY_LISTED = option("NAME", "Preset of the solver: draft, standard, reference.")
 LATITUDE = option("DEG", "North positive.")
@@ -131,8 +140,8 @@ def check_polarised(config: Any) -> None:
     if config.output.polariser_deg is not None:
         wanted.append("output.polariser_deg")
     name, quality, settings = config.chosen_solver
-    if wanted and not (solvers.load(name).CAPABILITIES.stokes and settings.polarisation):
-        able = ", ".join(n for n in solvers.SOLVERS if solvers.load(n).CAPABILITIES.stokes)
+    if wanted and not getattr(settings, "polarisation", False):
+        able = ", ".join(solvers.with_option("polarisation"))
         raise TwilightError(
             f"{config.title}: {wanted[0]} needs polarised light, and {name} ({quality}) computes none; set "
             f"solver.polarisation: true with one of {able}"

@@ -70,8 +70,9 @@ def _has_one(config: Config) -> bool:
     pictures = "png" in (o.files or (() if config.observer.view is not None else ("png",)))
     if config.horizon.screen is not None:
         return False
-    exact = able.below_horizon and not able.formula and not able.numpy_only
-    return exact and getattr(settings, "max_orders", None) != 1 and pictures and o.polariser_deg is None
+    return (
+        able.kind == "transport" and getattr(settings, "max_orders", None) != 1 and pictures and o.polariser_deg is None
+    )
 
 
 def _sky(config: Config, sun: str) -> Sky:

@@ -178,15 +178,15 @@ def _size(size: str) -> tuple[int, int | None]:
     return int(found[1]), int(found[2]) if found[2] else None
 
 
-def _check_target(cases: list[Any], option: str, capability: str) -> None:
-    """TwilightError unless every case's solver declares the capability, which is the name of the setting too."""
+def _check_target(cases: list[Any], option: str, setting: str) -> None:
+    """TwilightError unless every case's solver has the setting."""
     from twilight import solvers
 
-    able = [name for name in solvers.SOLVERS if getattr(solvers.load(name).CAPABILITIES, capability)]
+    able = solvers.with_option(setting)
     others = {case.config.solver.get("name", solvers.DEFAULT) for case in cases} - {*able}
     if others:
         raise TwilightError(
-            f"{option}: {', '.join(sorted(others))} does not take {capability}; add --solver {' or '.join(able)}"
+            f"{option}: {', '.join(sorted(others))} does not take {setting}; add --solver {' or '.join(able)}"
         )
 
 

@@ -1,4 +1,4 @@
-"""Commands that show what there is: climates, configurations, solvers, one climate's air, the layout of documents."""
+"""`twilight show`: climates, configurations, solvers, the layout of documents, the air of one climate."""
 
 from __future__ import annotations
 
@@ -12,11 +12,49 @@ from twilight.cli.options import argument, option
 from twilight.cli.terminal import print_table
 
 DESCRIBED_NM = (300.0, 350.0, 400.0, 450.0, 550.0, 650.0, 800.0, 1000.0)
-"""Wavelengths of the optical depths that `describe` prints, over the whole range; 550 nm is the one of the profile."""
+"""Wavelengths of the optical depths that are printed, over the whole range; 550 nm is the one of the profile."""
 
 
-def climates() -> None:
-    """List the climates that come with twilight, with their aerosol optical depth at 550 nm."""
+def show(
+    what: Annotated[
+        str,
+        argument(
+            "climates|configs|solvers|schema|NAME",
+            "A list, the layout of a document, or a climate or configuration by its name or file.",
+            options.shown_names,
+        ),
+    ],
+    name: Annotated[
+        str | None, argument("NAME", "After solvers: which one; after schema: climate or configuration.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None, option("KEY=VALUE", "Of one climate: any of its keys; may be repeated.", "--set")
+    ] = None,
+    output: Annotated[
+        Path | None, option("FILE.png", "Of one climate: its profile; without it, out/NAME_profile.png.")
+    ] = None,
+) -> None:
+    """List climates, configurations and solvers; explain a solver; print optical depths, scale heights and refraction
+    of one climate and draw its profile."""
+    if what not in options.SHOWN:
+        if name is not None:
+            raise TwilightError(f"show {what}: takes one name, and {name} is a second; solvers and schema take one")
+        _describe(what, settings, output)
+        return
+    if settings or output is not None:
+        raise TwilightError(f"show {what}: --set and --output are for one climate or configuration")
+    if what in ("climates", "configs"):
+        if name is not None:
+            raise TwilightError(f"show {what}: lists all of them and takes no name; twilight show {name} shows one")
+        (_climates if what == "climates" else _configs)()
+    elif what == "solvers":
+        _solvers(name)
+    else:
+        _schema(name or "configuration")
+
+
+def _climates() -> None:
+    """The climates that come with twilight, with their aerosol optical depth at 550 nm."""
     from twilight.config import load_climate
     from twilight.config.library import shipped
     from twilight.scene.medium import climate_medium
@@ -29,8 +67,8 @@ def climates() -> None:
     print_table(["climate", "AOD 550 nm", "description"], rows, right=(1,))
 
 
-def configs() -> None:
-    """List the configurations that come with twilight."""
+def _configs() -> None:
+    """The configurations that come with twilight."""
     from twilight.config import load_series
     from twilight.config.library import shipped
     from twilight.scene.suns import count_suns
@@ -42,10 +80,8 @@ def configs() -> None:
     print_table(["configuration", "frames", "description"], rows, right=(1,))
 
 
-def solvers(
-    name: Annotated[str | None, argument("NAME", "Explain this solver's options.", options.solver_names)] = None,
-) -> None:
-    """List the solvers, their qualities and first options with the values at quality `standard`; or explain one."""
+def _solvers(name: str | None) -> None:
+    """The solvers, their qualities and first options with the values at quality `standard`; or all options of one."""
     from dataclasses import asdict
 
     from twilight.config.solver import explain_options, option_names
@@ -61,10 +97,10 @@ def solvers(
             values = asdict(qualities["standard"])
             rows += [[one, key, str(values[key])] for key in option_names(type(qualities["standard"]))[0]]
         print_table(["solver", "option", "value"], rows)
-        print("solver.OPTION sets an option; `twilight solvers NAME` explains one solver's, those for experts too")
+        print("solver.OPTION sets an option; `twilight show solvers NAME` explains one solver's, those for experts too")
         return
     if name not in SOLVERS:
-        raise TwilightError(f"solvers: {name} {unknown(name, SOLVERS, 'solver')}")
+        raise TwilightError(f"show solvers: {name} {unknown(name, SOLVERS, 'solver')}")
     qualities = load(name).QUALITIES
     presets = {quality: asdict(settings) for quality, settings in qualities.items()}
     why = explain_options(type(qualities["standard"]))
@@ -78,31 +114,25 @@ def _as_text(value: Any) -> str:
     return "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def schema(document: Annotated[str, argument("climate|configuration", "Which document.")] = "configuration") -> None:
-    """Print the JSON schema of climates or configurations, for editors."""
+def _schema(document: str) -> None:
+    """The JSON schema of climates or configurations, for editors."""
     from twilight.config import Climate, Config
 
     models: dict[str, Any] = {"climate": Climate, "configuration": Config, "config": Config}
     if document not in models:
-        raise TwilightError(f"schema: {document} must be climate or configuration")
+        raise TwilightError(f"show schema: {document} must be climate or configuration")
     print(json.dumps(models[document].model_json_schema(), indent=2))
 
 
-def describe(
-    climate: Annotated[str, argument("CLIMATE", "Name or file of a climate.", options.climate_names)],
-    settings: Annotated[
-        list[str] | None, option("KEY=VALUE", "Any key of the climate; may be repeated.", "--set")
-    ] = None,
-    output: Annotated[Path | None, option("FILE.png", "Draw the profile; without it, out/NAME_profile.png.")] = None,
-) -> None:
-    """Print a climate's optical depths, scale heights and refraction, and draw its profile."""
+def _describe(target: str, settings: list[str] | None, output: Path | None) -> None:
+    """Optical depths, scale heights and refraction of a climate, or of a configuration's; its profile as a picture."""
     from twilight.api.plotting import profile_figure
     from twilight.base.whole_files import check_file
     from twilight.config import load_climate
     from twilight.scene.describe import facts, optical_depths
     from twilight.scene.medium import climate_medium
 
-    model = load_climate(climate, *options.settings_of(settings))
+    model = load_climate(target, *options.settings_of(settings))
     path = output or Path("out") / f"{model.name}_profile.png"
     options.check_suffix(path, "--output", ".png")
     check_file(path)

@@ -187,7 +187,7 @@ class Config(Section):
     )
     solar_spectrum: SolarSpectrum = key("astm_g173_etr", "irradiance of the sun on top of the atmosphere")
     solver: Annotated[dict[str, Any], SolverOptions()] = key(
-        dict, "name, quality, and any option of that solver (see `twilight solvers`)"
+        dict, "name, quality, and any option of that solver (see `twilight show solvers`)"
     )
     night: Night | None = key(None, "airglow, starlight and zodiacal light; unset: none, {}: all as usual")
     moon: MoonSection | None = key(

@@ -91,7 +91,7 @@ def complete_solver(section: Mapping[str, Any]) -> dict[str, Any]:
     """
     name, quality, settings = choose_solver(section)
     solver: Any = solvers.load(name)
-    if solver.CAPABILITIES.reads_files:
+    if hasattr(solver, "recorded"):
         settings = solver.recorded(settings)
     common, expert = option_names(type(settings))
     values = asdict(settings)

@@ -67,7 +67,7 @@ class Block:
         self.capabilities = problem.scene.capabilities
         self.from_disk = False
         self.term_medium = medium if bands is None else bands.expand(medium)
-        self.sunbeam = Sunbeam(self.term_medium, self.capabilities.numpy_only or problem.numpy_only_sun)
+        self.sunbeam = Sunbeam(self.term_medium, self.capabilities.kind == "fitted" or problem.numpy_only_sun)
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
         self._once: ScatteredOnce | None = None
@@ -93,7 +93,7 @@ class Block:
             )
 
         settings = scene.settings
-        if not self.problem.cached or not self.capabilities.field_file or settings.field_file:
+        if not self.problem.cached or not hasattr(settings, "field_file") or settings.field_file:
             return solved(settings)
         key = self.key(altitude_km)
         path = cache.find(cache.FIELDS, key)
@@ -245,7 +245,7 @@ class Block:
         """
         altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
         if self._once is None or self._once.altitude_km != altitude:
-            self._once = ScatteredOnce(self.medium, self.bands, altitude, aerosol=not self.capabilities.formula)
+            self._once = ScatteredOnce(self.medium, self.bands, altitude, aerosol=self.capabilities.kind != "formula")
         rows = first_rows(*row_breaks(self.scene, altitude)) if rows_deg is None else rows_deg
 
         def light(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> Answer:

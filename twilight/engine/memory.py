@@ -100,7 +100,7 @@ def full_cost(scene: Scene) -> SceneCost:
     if config.observer.view is not None:
         directions += most_nodes(config.observer.view, scene.altitude_km - scene.medium.bottom_km)
         pixels = int(np.prod(config.observer.view.shape))
-    polarised = scene.capabilities.stokes and scene.settings.polarisation
+    polarised = getattr(scene.settings, "polarisation", False)
     values = min(VALUES_AT_ONCE, directions * max(of_blocks))
     evaluation = BYTES_PER_DIRECTION * (POLARISED_FACTOR if polarised else 1.0) * values
     seconds = START_S + len(suns) * (SUN_S + FILES_S + PIXEL_S * pixels)
@@ -153,7 +153,7 @@ def cost(config: Config) -> SceneCost:
     name, _, settings = config.chosen_solver
     able = solvers.load(name).CAPABILITIES
     values = rows * columns * n_wavelengths * (2 if able.standard_error else 1)
-    if able.stokes and settings.polarisation:
+    if getattr(settings, "polarisation", False):
         values *= 3
     arrays = ARRAYS_AT_ONCE + (NIGHT_ARRAYS if config.night is not None or config.moon is not None else 0)
     max_wavelengths = min(able.wavelengths_at_once, n_wavelengths)

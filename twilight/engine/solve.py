@@ -61,11 +61,16 @@ class Problem:
 
     def __post_init__(self) -> None:
         scene, able = self.scene, self.scene.capabilities
-        if len(self.slices) > 1 and able.field_file and scene.settings.field_file:
+        if len(self.slices) > 1 and self._in_one_file:
             raise TwilightError(
                 f"solver.field_file: holds the field of up to {able.wavelengths_at_once} wavelengths, and "
                 f"{scene.title or 'the medium'} has {scene.medium.n_wavelengths}"
             )
+
+    @property
+    def _in_one_file(self) -> bool:
+        """Whether a file is to hold the field of all wavelengths, or holds it."""
+        return bool(getattr(self.scene.settings, "field_file", None))
 
     @cached_property
     def cost(self) -> Cost | None:
@@ -96,7 +101,7 @@ class Problem:
         scene, able = self.scene, self.scene.capabilities
         count = scene.medium.n_wavelengths
         keys: list[Hashable] = [0] * count
-        if count > 1 and not (able.field_file and scene.settings.field_file):
+        if count > 1 and not self._in_one_file:
             if able.spectral_groups is not None:
                 keys = list(able.spectral_groups(scene.medium, scene.settings))
             keys = [key if self.term_counts[w] == 1 else 1 for w, key in enumerate(keys)]

@@ -234,7 +234,7 @@ def landscape(
     Errors: TwilightError for a solver that cannot put terrain before its sky.
     """
     able = block.capabilities
-    if not (able.finite_segments and able.every_observer and able.below_horizon):
+    if not (able.finite_segments and able.every_observer and able.kind != "formula"):
         raise TwilightError("terrain: needs a solver with finite segments and every observer: zones or tables")
     medium, altitude = block.medium, block.scene.altitude_km
     place = Viewpoint(altitude, sun_elevation_deg, block.direct(sun_elevation_deg).bending_deg)

@@ -43,7 +43,7 @@ def horizontal_refraction_arcmin(medium: Medium) -> np.ndarray:
 
 
 def facts(medium: Medium) -> list[tuple[str, str]]:
-    """What `twilight describe` says below the optical depths: names and values with their units."""
+    """What `twilight show NAME` says below the optical depths: names and values with their units."""
     rows = [("ground", f"{medium.bottom_km:g} km above sea level")] if medium.bottom_km != 0.0 else []
     rows += [("top of the air", f"{medium.top_km:g} km"), ("levels", str(np.unique(medium.altitude_km).size))]
     for part in ("air", "aerosol"):

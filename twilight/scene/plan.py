@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twilight import solvers
 from twilight.atmosphere import bands, gases
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.config.climate import Climate, Gases
@@ -92,7 +91,7 @@ def not_computed(config: Config) -> tuple[Omission, ...]:
     """What matters in this scene and is not computed all the same: polarisation, and bands that the air lacks."""
     found = []
     name, quality, settings = config.chosen_solver
-    if not solvers.load(name).CAPABILITIES.stokes:
+    if not hasattr(settings, "polarisation"):
         found.append(Omission("polarisation", f"{name} computes radiance alone", "no Q, no U"))
     elif not settings.polarisation:
         found.append(Omission("polarisation", f"{name} ({quality}) with solver.polarisation: false", SCALAR_ERROR))

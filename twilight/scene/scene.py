@@ -119,7 +119,7 @@ def resolve(
         medium = replace(medium, screen=screen)
     return Scene(
         medium,
-        None if solver[0].CAPABILITIES.formula else climate_gas_bands(plan.climate, medium, for_plan),
+        None if solver[0].CAPABILITIES.kind == "formula" else climate_gas_bands(plan.climate, medium, for_plan),
         *solver,
         tuple(suns_of(config)),
         # unset, a climate without a ground of its own has its observer at sea level

@@ -46,3 +46,8 @@ def load(name: str) -> Solver:
 def installed() -> list[str]:
     """Names of the solvers for which all is there that they need."""
     return [name for name in SOLVERS if load(name).CAPABILITIES.installed]
+
+
+def with_option(option: str) -> list[str]:
+    """Names of the solvers whose settings have an option."""
+    return [name for name in SOLVERS if hasattr(load(name).QUALITIES["standard"], option)]

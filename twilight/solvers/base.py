@@ -4,8 +4,12 @@ A new solver is two files: its module (or package), and one line in the registry
 has what `Solver` lists:
 
 - `CAPABILITIES`, what the solver can do beyond the least, as `Capabilities`; nothing outside asks in another way;
-- `QUALITIES`, its presets by name: frozen dataclasses whose docstring explains each option (`twilight solvers` prints
-  it) and whose `__post_init__` refuses what is out of range with a TwilightError; `standard` is one of them;
+- `QUALITIES`, its presets by name: frozen dataclasses whose docstring explains each option (`twilight show solvers`
+  prints it) and whose `__post_init__` refuses what is out of range with a TwilightError; `standard` is one of them;
+  an option of one of these names has one meaning: `polarisation` (true: the field is a `PolarisedField`), `field_file`
+  (where the field of one block of wavelengths is stored), `target_error` (the relative systematic error that it is to
+  have) and `target_stderr` (a relative standard error that samples are added for);
+- `recorded(settings)`, where settings may name files: the same with what is in them in place of their paths;
 - `prepare(medium, settings, *, observer_altitude_km, progress)`, which computes what depends on neither sun nor
   direction and returns a `Field`, or raises TwilightError.
 
@@ -18,7 +22,7 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -80,51 +84,39 @@ class Interpolation(Protocol):
 class Capabilities:
     """What a solver can do beyond the least that is asked of one, which the defaults describe.
 
+    kind: `transport`, light in the medium's coefficients; `fitted`, a model fitted to that, without a compiled kernel:
+        the engine then takes the sun's light at the ground from numpy alone; `formula`, light of a formula, to which
+        bands of gases mean nothing, for a sun above the horizon
     takes_suns: `prepare` also takes `sun_elevations_deg`, all the suns that will be asked for (None: any), and computes
         only what they need
     every_sun: one field gives the sky of every sun, day to night, at a small part of the cost of the field
     every_observer: `Field.radiance` also takes `observer_altitude_km`: one field serves every altitude
-    below_horizon: it has a sky for a sun below the horizon
     looks_down: directions may be below the horizon
     standard_error: radiances are estimates; the field is a `StochasticField`
-    stokes: the field is a `PolarisedField` where its settings have `polarisation` true (`Field.polarised`)
     screen: it takes a medium with something beyond the horizon that dims the direct beam (`Medium.screen`)
     finite_segments: the field is a `SegmentField`
-    target_error: the settings have `target_error`, the relative systematic error that it is to have
-    target_stderr: the settings have `target_stderr`, a relative standard error that samples are added for
-    field_file: the settings have `field_file`, where the field of one block of wavelengths is stored
-    reads_files: its settings may name files; the module has `recorded(settings)`, which names what is in them instead
     wavelengths_at_once: most wavelengths of one `prepare`; the engine divides more into blocks of so many
-    numpy_only: the solver has no compiled kernel; the engine then takes the sun's light at the ground from numpy alone
     spectral_groups: a key for each wavelength of a medium under settings; wavelengths of different keys must not be
         solved in one block, where each would move the other's radiance; None: no wavelength moves another
     spectral_interpolation: what interpolates light over the spectrum, from (medium, exponential sums of its bands or
         None, indices of wavelengths that share a spectral group, settings), for `prepare` to take as `interpolation`;
         None: each of these wavelengths is solved
-    formula: its light follows from a formula, not from the medium's coefficients, and bands of gases mean nothing to it
     cost: cost of a field from (medium, settings, sun elevations or None for any, altitude of the observer); None: not
         known
     package: name of a Python package that it needs beside those of twilight, which the extra `peers` installs
     """
 
+    kind: Literal["transport", "fitted", "formula"] = "transport"
     takes_suns: bool = False
     every_sun: bool = False
     every_observer: bool = False
-    below_horizon: bool = True
     looks_down: bool = True
     standard_error: bool = False
-    stokes: bool = False
     screen: bool = False
     finite_segments: bool = False
-    target_error: bool = False
-    target_stderr: bool = False
-    field_file: bool = False
-    reads_files: bool = False
     wavelengths_at_once: int = 32
-    numpy_only: bool = False
     spectral_groups: Callable[[Medium, Any], Sequence[Hashable]] | None = None
     spectral_interpolation: Callable[[Medium, GasBands | None, np.ndarray, Any], Interpolation | None] | None = None
-    formula: bool = False
     cost: Callable[[Medium, Any, Sequence[float] | None, float], Cost] | None = None
     package: str = ""
 

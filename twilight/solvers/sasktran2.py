@@ -33,7 +33,7 @@ from twilight.transport.matrix_moments import matrix_moments
 JUMP_KM = 1e-3
 """Thickness of the layer that stands for a jump of a coefficient [km]."""
 
-CAPABILITIES = Capabilities(looks_down=False, stokes=True, wavelengths_at_once=ALL_WAVELENGTHS, package="sasktran2")
+CAPABILITIES = Capabilities(looks_down=False, wavelengths_at_once=ALL_WAVELENGTHS, package="sasktran2")
 """All wavelengths are done at once: most of the time goes into geometry, which they share."""
 
 

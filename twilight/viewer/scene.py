@@ -260,7 +260,7 @@ def check_altitudes(scene: Scene, altitudes_km: Sequence[float] | None, name: st
     Errors: TwilightError for a solver that cannot show every sun and direction, and an altitude that it does not serve.
     """
     able, medium = scene.capabilities, scene.medium
-    if not (able.every_sun and able.below_horizon and able.looks_down) or able.standard_error:
+    if not (able.every_sun and able.kind != "formula" and able.looks_down) or able.standard_error:
         raise TwilightError(f"{name}: its solver has no sky for every sun and direction; zones has")
     altitudes = (scene.altitude_km,) if altitudes_km is None else tuple(float(z) for z in altitudes_km)
     if len(altitudes) > 1 and not able.every_observer:

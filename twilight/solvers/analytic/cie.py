@@ -26,7 +26,7 @@ from twilight.solvers.analytic.shipped_tables import table
 from twilight.solvers.analytic.sunlight import direct_transmittance
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_choices, check_ranges
 
-CAPABILITIES = Capabilities(below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS, formula=True)
+CAPABILITIES = Capabilities(kind="formula", wavelengths_at_once=ALL_WAVELENGTHS)
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
 
 TRADITIONAL_OVERCAST = 16

@@ -33,7 +33,7 @@ def check_sun(sun_elevation_deg: float, solver: str, lowest_deg: float = 0.0, hi
     if not lowest_deg - ROUNDING_DEG <= sun_elevation_deg <= highest_deg + ROUNDING_DEG:
         raise TwilightError(
             f"the {solver} solver has no sky for this sun: sun.elevation_deg is {sun_elevation_deg:g}, allowed is "
-            f"{lowest_deg:g} to {highest_deg:g}; `twilight solvers` lists those that compute twilight"
+            f"{lowest_deg:g} to {highest_deg:g}; `twilight show solvers` lists those that compute twilight"
         )
 
 

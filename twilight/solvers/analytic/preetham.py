@@ -26,9 +26,7 @@ from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun,
 from twilight.solvers.analytic.sunlight import direct_transmittance
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_choices, check_ranges
 
-CAPABILITIES = Capabilities(
-    below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS, formula=True, reads_files=True, finite_segments=True
-)
+CAPABILITIES = Capabilities(kind="formula", finite_segments=True, wavelengths_at_once=ALL_WAVELENGTHS)
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
 
 

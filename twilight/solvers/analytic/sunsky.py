@@ -26,7 +26,7 @@ NODES_NM = np.arange(320.0, 721.0, 40.0)
 TURBIDITY = (1.0, 10.0)
 """Lowest and highest turbidity of the emitter's data."""
 
-CAPABILITIES = Capabilities(below_horizon=False, wavelengths_at_once=ALL_WAVELENGTHS, formula=True, package="mitsuba")
+CAPABILITIES = Capabilities(kind="formula", wavelengths_at_once=ALL_WAVELENGTHS, package="mitsuba")
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
 
 WAVELENGTHS_PER_CALL = 4

@@ -5,11 +5,10 @@ from twilight.solvers.compact.clear_air_field import QUALITIES, CompactSettings,
 from twilight.solvers.compact.clear_air_field import ClearAirField as Field
 
 CAPABILITIES = Capabilities(
+    kind="fitted",
     every_sun=True,
     every_observer=True,
     looks_down=False,
-    stokes=True,
-    numpy_only=True,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "CompactSettings", "Field", "prepare"]

@@ -13,9 +13,7 @@ from twilight.solvers.montecarlo.tally import MonteCarloResult, StokesResult
 CAPABILITIES = Capabilities(
     standard_error=True,
     finite_segments=True,
-    stokes=True,
     screen=True,
-    target_stderr=True,
 )
 
 __all__ = [

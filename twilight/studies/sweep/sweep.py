@@ -153,8 +153,7 @@ class Sweep:
                 mode="json", exclude={"sun", "output", "name", "description", "vary", "solar_spectrum", "version"}
             )
             name_by_content(described["climate"])
-            capabilities = solvers.load(solver_of(config)).CAPABILITIES
-            if capabilities.reads_files:
+            if hasattr(solvers.load(solver_of(config)), "recorded"):
                 described["solver"] = complete_solver(config.solver)  # with the content of files that it names
             if self.every_observer:
                 described.pop("observer")
@@ -175,7 +174,7 @@ class Sweep:
         """Note what the solver of a configuration gives beside radiance (`layers`: names of variables)."""
         name, _, settings = config.chosen_solver
         able = solvers.load(name).CAPABILITIES
-        polarised = able.stokes and settings.polarisation
+        polarised = getattr(settings, "polarisation", False)
         self.layers |= dict.fromkeys([STANDARD_ERROR] if able.standard_error else [])
         self.layers |= dict.fromkeys(STOKES if polarised else ())
         self.layers |= dict.fromkeys(STOKES_ERROR if polarised and able.standard_error else ())

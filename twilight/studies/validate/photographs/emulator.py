@@ -72,7 +72,7 @@ def sun_nodes(config: Config, sun_elevations_deg: Sequence[float]) -> tuple[floa
     able = solvers.load(config.chosen_solver.name).CAPABILITIES
     low, high = min(sun_elevations_deg), max(sun_elevations_deg)
     first, last = WINDOWS[0][0][0], WINDOWS[-1][0][1]
-    if not (able.every_sun and able.below_horizon) or low < first or high > last:
+    if not (able.every_sun and able.kind != "formula") or low < first or high > last:
         return tuple(sorted(set(sun_elevations_deg)))
     serving = [nodes for (begin, end), nodes in WINDOWS if max(begin, low) < min(end, high)]
     if not serving:  # one sun
