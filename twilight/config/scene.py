@@ -92,13 +92,11 @@ class Texture(Section):
     """Directions of plain samples of the sky, in place of rows and columns that lie as close as its light needs."""
 
     azimuth_count: Integer | None = key(
-        None, "columns over 360 deg; unset: as light needs, and 120 in sweeps and where light has noise", unit="1", ge=4,
-        le=7200,
-    )  # fmt: skip
+        None, "columns over 360 deg; unset: as light needs, 120 in sweeps and of montecarlo", unit="1", ge=4, le=7200
+    )
     elevation_count: Integer | None = key(
-        None, "rows from the horizon to the zenith; unset: as light needs, and 30 in sweeps and where light has noise",
-        unit="1", ge=2, le=1800,
-    )  # fmt: skip
+        None, "rows to the zenith; unset: as light needs, 30 in sweeps and of montecarlo", unit="1", ge=2, le=1800
+    )
     resolution_deg: Number | None = key(
         None, "sets both counts: 360 and 90 divided by it, instead of them", unit="deg", ge=0.05, le=45.0
     )

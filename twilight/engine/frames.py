@@ -294,6 +294,8 @@ def _provenance(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float)
         record["field_from_disk"] = True  # its run time leaves out solving it
     if found.convergence:
         record["convergence"] = found.convergence
+    if found.tables:
+        record["interpolation_error"] = max(table.error for table in found.tables)
     if found.facts:
         record["model"] = found.facts
     return record

@@ -7,6 +7,7 @@ computed for a test becomes a node.  In the end the table is compared with direc
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Protocol
 
@@ -37,7 +38,7 @@ USUAL_MISS = 0.012
 """Relative error at 95 % of a new row or column before it is a node, beyond which its neighbours are halved again;
 as a node it takes 8 to 16 times less."""
 
-LARGEST_MISS = 0.04
+LARGEST_MISS = 0.025
 """The same of the largest error in it."""
 
 CLOSEST_ROWS_DEG = 0.06
@@ -52,8 +53,11 @@ MOST_ROWS, MOST_COLUMNS = 140, 70
 FAINT = 1e-3
 """Light, of the brightest at a wavelength, whose errors count as if it were so bright."""
 
-CHECKS = 96
-"""Directions drawn at random with which a table is compared in the end."""
+CHECKS = (12, 8)
+"""Rows and columns drawn at random in which a table is compared with light in the end."""
+
+PROBES = 4
+"""Lines of sight, about, across which nodes of another table are tested."""
 
 BESIDE_BREAK_DEG = 1e-3
 """How far from a break the rows next to it stand [deg]."""
@@ -103,35 +107,30 @@ def first_rows(low_deg: float, breaks_deg: Sequence[float], count: int = FIRST_R
     return np.concatenate(parts)
 
 
+def first_columns(count: int = FIRST_COLUMNS) -> np.ndarray:
+    """Columns from the sun to its opposite [deg], closest at the sun."""
+    return 180.0 * np.linspace(0.0, 1.0, count) ** COLUMN_POWER
+
+
 class _Samples:
-    """Light at rows and columns, to which more are added."""
+    """Light at rows and columns, `nodes`, to which more are added."""
 
     def __init__(self, light: Light, rows: np.ndarray, columns: np.ndarray):
-        self._light, self.rows, self.columns = light, rows, columns
-        self.answer = self._asked(rows, columns)
+        self._light, self.nodes = light, [rows, columns]
+        self.answer = self.asked(rows, columns)
 
-    def _asked(self, rows: np.ndarray, columns: np.ndarray) -> Answer:
-        """Of two equal rows one is asked just below the break."""
-        below = np.append(np.diff(rows) == 0.0, False)
-        above = np.concatenate([[False], np.diff(rows) == 0.0])
+    def asked(self, rows: np.ndarray, columns: np.ndarray) -> Answer:
+        """Light on a grid; of two equal rows one is asked just below the break, the other just above."""
+        twice = np.diff(rows) == 0.0
+        below, above = np.append(twice, False), np.concatenate([[False], twice])
         return self._light(rows - BESIDE_BREAK_DEG * below + BESIDE_BREAK_DEG * above, columns)
 
-    def add_rows(self, place: np.ndarray, rows: np.ndarray, found: Answer) -> None:
-        """Insert rows found at `rows` before the places."""
-        self.rows = np.insert(self.rows, place, rows)
-        self.answer = _inserted(self.answer, place, found, 0)
-
-    def add_columns(self, place: np.ndarray, columns: np.ndarray, found: Answer) -> None:
-        """Insert columns."""
-        self.columns = np.insert(self.columns, place, columns)
-        self.answer = _inserted(self.answer, place, found, 1)
-
-
-def _inserted(answer: Answer, place: np.ndarray, found: Answer, axis: int) -> Answer:
-    polarisation = None
-    if answer.polarisation is not None and found.polarisation is not None:
-        polarisation = np.insert(answer.polarisation, place, found.polarisation, axis=axis)
-    return Answer(np.insert(answer.radiance, place, found.radiance, axis=axis), None, polarisation)
+    def insert(self, place: np.ndarray, nodes: np.ndarray, found: Answer, axis: int) -> None:
+        """Put new rows (axis 0) or columns (axis 1) before the places of others."""
+        self.nodes[axis] = np.insert(self.nodes[axis], place, nodes)
+        parts = zip(vars(self.answer).values(), vars(found).values(), strict=True)
+        both = [None if a is None or b is None else np.insert(a, place, b, axis=axis) for a, b in parts]
+        self.answer = Answer(*both)  # type: ignore[arg-type]
 
 
 def fill(
@@ -140,45 +139,72 @@ def fill(
     sun_elevation_deg: float,
     rows_deg: np.ndarray,
     columns_deg: np.ndarray | None = None,
+    *,
+    refine: bool = True,
+    closest_rows_deg: float = CLOSEST_ROWS_DEG,
+    most: tuple[int, int] = (MOST_ROWS, MOST_COLUMNS),
 ) -> SkyTable:
     """The table of one sun.
 
-    rows_deg: the first rows, `first_rows`, or those of another table; columns_deg: the first columns; None: the usual
+    rows_deg: the first rows, `first_rows`, or those of another table; columns_deg: columns of another table, whose nodes
+        are then halved only where a few lines of sight miss; None: the usual first ones, which are halved once
+    refine: whether nodes are halved at all, and the table is compared with lines of sight that it has not used
+    closest_rows_deg: rows closer than this are not halved [deg]; most: rows and columns
     """
-    columns = 180.0 * np.linspace(0.0, 1.0, FIRST_COLUMNS) ** COLUMN_POWER if columns_deg is None else columns_deg
-    samples = _Samples(light, rows_deg, columns)
+    samples = _Samples(light, rows_deg, first_columns() if columns_deg is None else columns_deg)
 
     def table() -> SkyTable:
         return _table(samples, once, sun_elevation_deg)
 
-    halves = np.flatnonzero(np.diff(samples.rows) > 2.0 * CLOSEST_ROWS_DEG)
-    while halves.size and samples.rows.size < MOST_ROWS:
-        rows = 0.5 * (samples.rows[halves] + samples.rows[halves + 1])
-        found = light(rows, samples.columns)
-        missed = _missed(table().on_grid(rows, samples.columns), found.radiance, samples.answer.radiance, 0)
-        samples.add_rows(halves + 1, rows, found)
-        again = np.concatenate([place + np.arange(2) for place in (halves + np.arange(halves.size))[missed]] or [[]])
-        halves = again.astype(int)[np.diff(samples.rows)[again.astype(int)] > CLOSEST_ROWS_DEG]
-    halves = np.flatnonzero(np.diff(samples.columns) > 2.0 * CLOSEST_COLUMNS_DEG)
-    while halves.size and samples.columns.size < MOST_COLUMNS:
-        columns = 0.5 * (samples.columns[halves] + samples.columns[halves + 1])
-        found = samples._asked(samples.rows, columns)
-        missed = _missed(table().on_grid(samples.rows, columns), found.radiance, samples.answer.radiance, 1)
-        samples.add_columns(halves + 1, columns, found)
-        again = np.concatenate([place + np.arange(2) for place in (halves + np.arange(halves.size))[missed]] or [[]])
-        halves = again.astype(int)[np.diff(samples.columns)[again.astype(int)] > CLOSEST_COLUMNS_DEG]
-    return table()
+    if not refine:
+        return table()
+    for axis, closest in ((0, closest_rows_deg), (1, CLOSEST_COLUMNS_DEG)):
+        nodes = samples.nodes[axis]
+        halves = np.flatnonzero(np.diff(nodes) > 2.0 * closest)
+        if columns_deg is not None:
+            few = samples.nodes[1 - axis][:: max(1, samples.nodes[1 - axis].size // PROBES)]
+            halves = halves[_missed(table(), light, 0.5 * (nodes[halves] + nodes[halves + 1]), few, axis)[0]]
+        while halves.size and samples.nodes[axis].size < most[axis]:
+            nodes = samples.nodes[axis]
+            missed, found = _missed(table(), samples.asked, 0.5 * (nodes[halves] + nodes[halves + 1]), None, axis)
+            samples.insert(halves + 1, 0.5 * (nodes[halves] + nodes[halves + 1]), found, axis)
+            place = (halves + np.arange(halves.size))[missed]
+            halves = (place[:, None] + np.arange(2)).ravel()
+            halves = halves[np.diff(samples.nodes[axis])[halves] > closest]
+    return _checked(table(), light)
 
 
-def _missed(read: np.ndarray, found: np.ndarray, sky: np.ndarray, axis: int) -> np.ndarray:
-    """Which of the rows (axis 0) or columns (axis 1) found were missed by what was read there."""
-    error = np.abs(read - found) / np.maximum(found, FAINT * sky.max(axis=(0, 1)))
-    each = np.moveaxis(error, axis, 0).reshape(error.shape[axis], -1)
-    return (np.percentile(each, 95, axis=1) > USUAL_MISS) | (each.max(axis=1) > LARGEST_MISS)
+def _missed(
+    table: SkyTable, light: Light, nodes: np.ndarray, across: np.ndarray | None, axis: int
+) -> tuple[np.ndarray, Answer]:
+    """Which new rows (axis 0) or columns (axis 1) a table misses, and their light; across: nodes of the other axis, None:
+    those of the table."""
+    if across is None:
+        across = table.azimuth_deg if axis == 0 else table.elevation_deg
+    if not nodes.size:
+        return np.zeros(0, bool), Answer(np.zeros((0, 0, 0)))
+    grid = (nodes, across) if axis == 0 else (across, nodes)
+    found = light(*grid)
+    least = FAINT * np.exp(table.smooth[0].max(axis=(0, 1)))
+    error = np.abs(table.on_grid(*grid) - found.radiance) / np.maximum(found.radiance, np.maximum(least, 1e-37))
+    each = np.moveaxis(error, axis, 0).reshape(nodes.size, -1)
+    return (np.percentile(each, 95, axis=1) > USUAL_MISS) | (each.max(axis=1) > LARGEST_MISS), found
+
+
+def _checked(table: SkyTable, light: Light) -> SkyTable:
+    """The table with its error, beside light in directions drawn at random."""
+    random = np.random.default_rng(1)
+    rows = table.elevation_deg
+    e = np.sort(rows[0] + (rows[-1] - rows[0]) * random.uniform(size=CHECKS[0]) ** 2)
+    a = np.sort(random.uniform(table.azimuth_deg[0], table.azimuth_deg[-1], CHECKS[1]))
+    found = light(e, a).radiance
+    least = np.maximum(FAINT * np.exp(table.smooth[0].max(axis=(0, 1))), 1e-37)
+    error = np.abs(table.on_grid(e, a) - found) / np.maximum(found, least)
+    return replace(table, error=float(np.percentile(error, 95)), worst=float(error.max()))
 
 
 def _table(samples: _Samples, once: ScatteredOnce, sun_elevation_deg: float) -> SkyTable:
-    rows, columns, answer = samples.rows, samples.columns, samples.answer
+    (rows, columns), answer = samples.nodes, samples.answer
     apparent = once.apparent_sun_deg(sun_elevation_deg)
     angle = scattering_angle_rad(apparent, rows[:, None], columns)[None]
     part = once.light(sun_elevation_deg, rows, columns)

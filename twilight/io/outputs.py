@@ -25,9 +25,10 @@ def write_outputs(
 ) -> list[Path]:
     """Write files of a sky into a folder, which is made if it is not there; each is whole or absent.  Returns them.
 
-    sky: what ``sky.h5`` holds, and pictures and environment maps are made from.  view: what `engine.view` saw, for the file `view`.  files: names of `twilight.base.formats.FORMATS`; None: all of
-    them, without pictures of the polarisation, the disc and a view where there is none; with `view` those of a view
-    alone.  views, options: as of `twilight.io.rendered.Options`.
+    sky: what ``sky.h5`` holds, and pictures and environment maps are made from.  view: what `engine.view` saw, for the
+    file `view`.  files: names of `twilight.base.formats.FORMATS`; None: all of them, without pictures of the
+    polarisation, the disc and a view where there is none; with `view` those of a view alone.  views, options: as of
+    `twilight.io.rendered.Options`.
     Errors: TwilightError for an unknown option, and where the folder cannot be written.
     """
     folder = Path(folder)

@@ -182,8 +182,8 @@ class Sky(SkyLight):
         return 0.5 * (step + np.roll(step, 1))
 
     def _elevation_weights(self, power: int, lowest_rad: float = 0.0) -> np.ndarray:
-        """Integrals from an elevation to the zenith of cos sin^power times the part of each row in a straight line between
-        rows, (E,); outside the rows light is as at the outermost."""
+        """Integrals from an elevation up of cos sin^power times the part of each row in a straight line between rows, (E,);
+        outside the rows light is as at the outermost."""
         e = np.radians(self.elevation_deg)
         edges = np.unique(np.concatenate([[lowest_rad], np.clip(e, lowest_rad, 0.5 * np.pi), [0.5 * np.pi]]))
         x, w = np.polynomial.legendre.leggauss(6)
@@ -197,7 +197,7 @@ class Sky(SkyLight):
         return np.bincount(k, (1.0 - f) * weight, e.size) + np.bincount(k + 1, f * weight, e.size)
 
     def solid_angle_sr(self) -> np.ndarray:
-        """Solid angle that every sample stands for [sr], (E, A); they sum to 2 pi, or 4 pi where rows go below 0 deg."""
+        """Solid angle that every sample stands for [sr], (E, A); of a hemisphere in all 2 pi, of a sphere 4 pi."""
         lowest = -0.5 * np.pi if self.elevation_deg[0] < 0.0 else 0.0
         return self._elevation_weights(0, lowest)[:, None] * self._azimuth_weights
 
@@ -285,8 +285,8 @@ class Sky(SkyLight):
     def sample(self, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> np.ndarray:
         """Radiance of sun and night together over F0, in any direction.
 
-        The sun's part and the night are interpolated each for itself (`twilight.sky.table`), as `resample` does, of which
-        `luminance_at` is the luminance.
+        The sun's part and the night are interpolated each for itself (`twilight.sky.table`), as `resample` does;
+        `luminance_at` is the luminance of it.
 
         Parameters
         ----------

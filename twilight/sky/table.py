@@ -15,7 +15,7 @@ Everything that shows, stores or measures a sky reads it by this rule: :meth:`Sk
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -68,8 +68,12 @@ class SkyTable:
     # Reading ----------------------------------------------------------------------------------------------------
 
     def under(self, sun_elevation_deg: float) -> SkyTable:
-        """The table of one sun, from those of its neighbours; of suns beyond the first or the last as under these."""
-        matrix = hermite_matrix(self.sun_elevation_deg, np.array([sun_elevation_deg]))[0]
+        """The table of one sun, from those of its neighbours; below the first of several logarithms fall on straight."""
+        suns = self.sun_elevation_deg
+        matrix = hermite_matrix(suns, np.array([sun_elevation_deg]))[0]
+        if suns.size > 1 and sun_elevation_deg < suns[0]:
+            beyond = (suns[0] - sun_elevation_deg) / (suns[1] - suns[0])
+            matrix[:2] = 1.0 + beyond, -beyond
         used = np.flatnonzero(matrix)
 
         def mixed(values: Any) -> Any:
@@ -200,6 +204,22 @@ class SkyTable:
         table = self.log_phase.astype(np.float32, copy=False)
         return (1.0 - f) * table[k] + f * table[k + 1]
 
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What the table holds, by name, for files."""
+        return {key: np.asarray(value) for key, value in vars(self).items() if value is not None}
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, np.ndarray]) -> SkyTable:
+        """The table of `arrays`; ValueError or TypeError for what is none."""
+        made = cls(**{key: value[()] if value.ndim == 0 else value for key, value in arrays.items()})
+        shape = (
+            *(x.size for x in (made.sun_elevation_deg, made.elevation_deg, made.azimuth_deg)),
+            made.smooth.shape[-1],
+        )
+        if made.smooth.shape != shape or not np.isfinite(made.smooth).all():
+            raise ValueError("not the table of a sky")
+        return made
+
     # From samples -----------------------------------------------------------------------------------------------
 
     @classmethod
@@ -277,6 +297,19 @@ class SkyTable:
             aureole=read(self.aureole),
             stokes=read(self.stokes),
         )
+
+
+def stack(tables: Sequence[SkyTable]) -> SkyTable:
+    """One table of the suns of several, in their order, whose nodes and wavelengths are the same."""
+    if len(tables) == 1:
+        return tables[0]
+
+    def all_of(name: str) -> Any:
+        values = [getattr(table, name) for table in tables]
+        return None if any(value is None for value in values) else np.concatenate(values)
+
+    layers = {name: all_of(name) for name in ("sun_elevation_deg", "apparent_sun_deg", "smooth", "aureole", "stokes")}
+    return replace(tables[0], **layers)
 
 
 def join(tables: Sequence[SkyTable]) -> SkyTable:

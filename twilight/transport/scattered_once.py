@@ -27,8 +27,8 @@ LOWEST_OBSERVER_KM = 1e-4
 class ScatteredOnce:
     """Light scattered once by the aerosol of a medium, for one observer.
 
-    medium, bands: as of the engine's block of wavelengths; altitude_km: of the observer above sea level; aerosol: whether
-    its light is wanted, else the sun's apparent place alone
+    medium, bands: as of the engine's block of wavelengths; altitude_km: of the observer above sea level
+    aerosol: whether its light is wanted, else the sun's apparent place alone
     log_phase (PHASE_COUNT, W): ln of the phase function of the column's aerosol; None without aerosol or above the air
     """
 

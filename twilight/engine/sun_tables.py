@@ -1,0 +1,127 @@
+"""Tables of a field for many suns: computed sun by sun when they are needed, cached, and read between them.
+
+All suns of a field and an observer share rows and columns, so that logarithms may be interpolated over the sun.  What
+shows or measures many suns takes one `SkyTable` of some of them (:meth:`SunTables.of`), or one of any sun
+(:meth:`SunTables.under`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twilight.base import cache
+from twilight.base.errors import TwilightError
+from twilight.base.progress import Progress, silent
+from twilight.engine.table import first_columns, first_rows, row_breaks
+from twilight.numerics.spectrum import hermite_weights
+from twilight.sky.table import SkyTable, stack
+
+if TYPE_CHECKING:
+    from twilight.engine.solve import Solved
+
+SUN_COUNT = 97
+"""Suns from `LOWEST_SUN_DEG` to the zenith, close together about `CENTRE_DEG`."""
+
+LOWEST_SUN_DEG = -20.0
+"""Lowest of these suns [deg]; below it stand others `DEEP_STEP_DEG` apart down to `DARK_SUN_DEG`."""
+
+CENTRE_DEG, WIDTH_DEG = -8.0, 8.0
+"""Where suns are closest, 0.37 deg apart, and the distance over which they stay close [deg]."""
+
+DARK_SUN_DEG, DEEP_STEP_DEG = -40.0, 2.0
+"""Lowest sun of all, and the distance of those below `LOWEST_SUN_DEG` [deg]."""
+
+ROW_COUNT, COLUMN_COUNT = 45, 29
+"""Rows above the last break and columns of a table: 0.02 to 0.2 % at 95 % of the directions in clear air."""
+
+
+def sun_nodes(lowest_deg: float = DARK_SUN_DEG, highest_deg: float = 90.0) -> np.ndarray:
+    """The suns at which fields are tabulated [deg], within a range whose ends are two of them."""
+    low, high = (np.arcsinh((sun - CENTRE_DEG) / WIDTH_DEG) for sun in (LOWEST_SUN_DEG, 90.0))
+    close = CENTRE_DEG + WIDTH_DEG * np.sinh(np.linspace(low, high, SUN_COUNT))
+    every = np.concatenate([np.arange(DARK_SUN_DEG, LOWEST_SUN_DEG, DEEP_STEP_DEG), close])
+    inside = every[(every > lowest_deg + 1e-6) & (every < highest_deg - 1e-6)]
+    return np.concatenate([[lowest_deg], inside, [highest_deg]])
+
+
+class SunTables:
+    """The tables of a solved field, for one observer.
+
+    altitude_km: of the observer above sea level; None: the scene's
+    Errors: TwilightError for a solver whose field serves one sun alone.
+    """
+
+    def __init__(self, solved: Solved, altitude_km: float | None = None):
+        scene = solved.scene
+        if not scene.capabilities.every_sun or scene.capabilities.standard_error:
+            raise TwilightError(
+                f"this needs a solver whose field serves every sun, as zones and compact, not {scene.solver_name}"
+            )
+        self.solved = solved
+        self.altitude_km = scene.altitude_km if altitude_km is None else altitude_km
+        low, high = getattr(solved.blocks[0].field, "sun_range_deg", (DARK_SUN_DEG, 90.0))
+        self.suns_deg = sun_nodes(max(low, DARK_SUN_DEG), min(high, 90.0))
+        self.rows_deg = first_rows(*row_breaks(scene, self.altitude_km), ROW_COUNT)
+        self.columns_deg = first_columns(COLUMN_COUNT)
+        self._made: dict[int, SkyTable] = {}
+        key = "".join(solved.keys) + repr(self.altitude_km)
+        self._key = hashlib.sha256(key.encode()).hexdigest()
+
+    def under(self, sun_elevation_deg: float) -> SkyTable:
+        """The table of one sun, interpolated between its neighbours; below the lowest sun logarithms fall on straight."""
+        if sun_elevation_deg < self.suns_deg[0]:
+            return stack([self._table(0), self._table(1)]).under(sun_elevation_deg)
+        nodes, weights = hermite_weights(self.suns_deg, np.array([sun_elevation_deg]))
+        used = [int(k) for k in np.unique(nodes[0][weights[0] != 0.0])]
+        low, high = (int(np.clip(k, 0, self.suns_deg.size - 1)) for k in (min(used), max(used)))
+        return stack([self._table(k) for k in range(low, high + 1)]).under(sun_elevation_deg)
+
+    def between(self, low_deg: float, high_deg: float, progress: Progress = silent) -> SkyTable:
+        """The table of all suns that those from low_deg to high_deg are read from."""
+        first = max(0, int(np.searchsorted(self.suns_deg, low_deg, "right")) - 2)
+        stop = min(self.suns_deg.size, int(np.searchsorted(self.suns_deg, high_deg)) + 2)
+        tables = []
+        for k in range(first, stop):
+            progress(f"sun {self.suns_deg[k]:+.1f} deg", (k - first) / (stop - first))
+            tables.append(self._table(k))
+        return stack(tables)
+
+    def _table(self, k: int) -> SkyTable:
+        """The table of one of the suns."""
+        if k not in self._made:
+            name = hashlib.sha256(f"{self._key} {self.suns_deg[k]!r} {self._nodes()}".encode()).hexdigest()
+            made = _stored(name)
+            if made is None:
+                sun = float(self.suns_deg[k])
+                made = self.solved.table(
+                    sun, self.altitude_km, rows_deg=self.rows_deg, columns_deg=self.columns_deg, refine=False
+                )
+                table = made
+                cache.store(cache.SKIES, name, lambda path: _save(path, table))
+            self._made[k] = made
+        return self._made[k]
+
+    def _nodes(self) -> str:
+        return f"{self.rows_deg.tolist()} {self.columns_deg.tolist()}"
+
+
+def _save(path: Path, table: SkyTable) -> None:
+    with open(path, "wb") as stream:
+        np.savez(stream, **table.arrays())
+
+
+def _stored(name: str) -> SkyTable | None:
+    """A table of the cache; None where there is none, or a damaged one."""
+    path = cache.find(cache.SKIES, name)
+    if path is None:
+        return None
+    try:
+        with np.load(path) as file:
+            return SkyTable.of_arrays(dict(file))
+    except (OSError, ValueError, KeyError, EOFError, TypeError):
+        cache.discard(path)
+        return None
