@@ -300,8 +300,12 @@ def _coordinates(group: Any, sweep: Sweep) -> None:
             _array(group, variable_name(key), (dimension.name,), values, **key_attributes(key))
     if (drawn := sweep.drawn) is not None and drawn.axis is not None:
         held = [int(i in drawn.axis.held_out) for i in range(drawn.size)]
-        about = {"long_name": "part of the draw", "flag_values": [*PARTS.values()], "flag_meanings": " ".join(PARTS)}
-        _array(group, "split", (drawn.name,), np.array(held, np.int8), **about)
+        marks: dict[str, Any] = {
+            "long_name": "part of the draw",
+            "flag_values": [*PARTS.values()],
+            "flag_meanings": " ".join(PARTS),
+        }
+        _array(group, "split", (drawn.name,), np.array(held, np.int8), **marks)
     _sun_positions(group, sweep)
 
 
