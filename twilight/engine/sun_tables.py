@@ -72,7 +72,7 @@ class SunTables:
         self._key = hashlib.sha256(key.encode()).hexdigest()
 
     def under(self, sun_elevation_deg: float) -> SkyTable:
-        """The table of one sun, interpolated between its neighbours; below the lowest sun logarithms fall on straight."""
+        """The table of one sun, between its neighbours; below the lowest sun logarithms fall on straight."""
         if sun_elevation_deg < self.suns_deg[0]:
             return stack([self._table(0), self._table(1)]).under(sun_elevation_deg)
         nodes, weights = hermite_weights(self.suns_deg, np.array([sun_elevation_deg]))
@@ -111,7 +111,7 @@ class SunTables:
 
 def _save(path: Path, table: SkyTable) -> None:
     with open(path, "wb") as stream:
-        np.savez(stream, **table.arrays())
+        np.savez(stream, **table.arrays())  # type: ignore[arg-type]
 
 
 def _stored(name: str) -> SkyTable | None:

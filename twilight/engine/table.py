@@ -6,10 +6,10 @@ computed for a test becomes a node.  In the end the table is compared with direc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -89,10 +89,8 @@ def row_breaks(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
     return -90.0, sorted({-horizon_dip_deg(medium, altitude_km), *(round(e, 4) for e in edges)})
 
 
-class Light(Protocol):
-    """What a table is filled with: the answer of rows (E,) and columns (A,), (E, A, W), under one sun."""
-
-    def __call__(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> Answer: ...
+Light = Callable[[np.ndarray, np.ndarray], Answer]
+"""What a table is filled with: the answer of rows (E,) and columns (A,) [deg], (E, A, W), under one sun."""
 
 
 def first_rows(low_deg: float, breaks_deg: Sequence[float], count: int = FIRST_ROWS) -> np.ndarray:
@@ -146,8 +144,9 @@ def fill(
 ) -> SkyTable:
     """The table of one sun.
 
-    rows_deg: the first rows, `first_rows`, or those of another table; columns_deg: columns of another table, whose nodes
-        are then halved only where a few lines of sight miss; None: the usual first ones, which are halved once
+    rows_deg: the first rows, `first_rows`, or those of another table
+    columns_deg: columns of another table, whose nodes are then halved only where a few lines of sight miss; None: the
+        usual first ones, which are halved once
     refine: whether nodes are halved at all, and the table is compared with lines of sight that it has not used
     closest_rows_deg: rows closer than this are not halved [deg]; most: rows and columns
     """
@@ -177,8 +176,8 @@ def fill(
 def _missed(
     table: SkyTable, light: Light, nodes: np.ndarray, across: np.ndarray | None, axis: int
 ) -> tuple[np.ndarray, Answer]:
-    """Which new rows (axis 0) or columns (axis 1) a table misses, and their light; across: nodes of the other axis, None:
-    those of the table."""
+    """Which new rows (axis 0) or columns (axis 1) a table misses, and their light; across: nodes of the other axis,
+    None: those of the table."""
     if across is None:
         across = table.azimuth_deg if axis == 0 else table.elevation_deg
     if not nodes.size:

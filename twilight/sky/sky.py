@@ -182,8 +182,8 @@ class Sky(SkyLight):
         return 0.5 * (step + np.roll(step, 1))
 
     def _elevation_weights(self, power: int, lowest_rad: float = 0.0) -> np.ndarray:
-        """Integrals from an elevation up of cos sin^power times the part of each row in a straight line between rows, (E,);
-        outside the rows light is as at the outermost."""
+        """Integrals from an elevation up of cos sin^power times the part of each row in a line between rows, (E,); outside
+        the rows light is as at the outermost."""
         e = np.radians(self.elevation_deg)
         edges = np.unique(np.concatenate([[lowest_rad], np.clip(e, lowest_rad, 0.5 * np.pi), [0.5 * np.pi]]))
         x, w = np.polynomial.legendre.leggauss(6)

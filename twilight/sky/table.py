@@ -68,7 +68,7 @@ class SkyTable:
     # Reading ----------------------------------------------------------------------------------------------------
 
     def under(self, sun_elevation_deg: float) -> SkyTable:
-        """The table of one sun, from those of its neighbours; below the first of several logarithms fall on straight."""
+        """The table of one sun, from those of its neighbours; below the first logarithms fall on straight."""
         suns = self.sun_elevation_deg
         matrix = hermite_matrix(suns, np.array([sun_elevation_deg]))[0]
         if suns.size > 1 and sun_elevation_deg < suns[0]:
