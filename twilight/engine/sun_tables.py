@@ -48,6 +48,13 @@ def sun_nodes(lowest_deg: float = DARK_SUN_DEG, highest_deg: float = 90.0) -> np
     return np.concatenate([[lowest_deg], inside, [highest_deg]])
 
 
+def suns_between(low_deg: float, high_deg: float, nodes_deg: np.ndarray | None = None) -> np.ndarray:
+    """Those of `sun_nodes`, or of others, that suns from low_deg to high_deg are read from."""
+    nodes = sun_nodes() if nodes_deg is None else nodes_deg
+    first = max(0, int(np.searchsorted(nodes, low_deg, "right")) - 2)
+    return nodes[first : int(np.searchsorted(nodes, high_deg)) + 2]
+
+
 class SunTables:
     """The tables of a solved field, for one observer.
 
@@ -93,8 +100,9 @@ class SunTables:
 
     def between(self, low_deg: float, high_deg: float, progress: Progress = silent) -> SkyTable:
         """The table of all suns that those from low_deg to high_deg are read from."""
-        first = max(0, int(np.searchsorted(self.suns_deg, low_deg, "right")) - 2)
-        stop = min(self.suns_deg.size, int(np.searchsorted(self.suns_deg, high_deg)) + 2)
+        wanted = suns_between(low_deg, high_deg, self.suns_deg)
+        first = int(np.searchsorted(self.suns_deg, wanted[0]))
+        stop = first + wanted.size
         tables = []
         for k in range(first, stop):
             progress(f"sun {self.suns_deg[k]:+.1f} deg", (k - first) / (stop - first))

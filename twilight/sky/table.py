@@ -207,6 +207,12 @@ class SkyTable:
         table = self.log_phase.astype(np.float32, copy=False)
         return (1.0 - f) * table[k] + f * table[k + 1]
 
+    def every_second(self) -> np.ndarray:
+        """Light at every second node of sun, row and column, (N, W)."""
+        rows, columns = self.elevation_deg[::2], self.azimuth_deg[::2]
+        found = [self.under(float(sun)).on_grid(rows, columns) for sun in self.sun_elevation_deg[::2]]
+        return np.stack(found).reshape(-1, self.smooth.shape[-1])
+
     def arrays(self) -> dict[str, np.ndarray]:
         """What the table holds, by name, for files."""
         return {key: np.asarray(value) for key, value in vars(self).items() if value is not None}
