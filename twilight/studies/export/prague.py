@@ -14,7 +14,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from twilight.base.progress import Progress, part_of
-from twilight.studies.export.field_values import JUST_DEG
 from twilight.studies.export.prague_air import ChannelNodes
 from twilight.studies.export.prague_file import (
     PragueAxes,
@@ -33,6 +32,9 @@ from twilight.studies.export.prague_fit import (
 )
 from twilight.studies.export.prague_sky import SAFETY_M, PragueAngles, angles_of, elevation_of, index_and_fraction
 from twilight.studies.export.prague_transmittance import transmittance_of, transmittance_roots
+
+JUST_DEG = 1e-3
+"""How far from the horizon the directions next to it are [deg]."""
 
 
 def _numbers(text: str) -> np.ndarray:
