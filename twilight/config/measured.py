@@ -8,6 +8,7 @@ depths of a sun photometer before a reanalysis'.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -37,7 +38,7 @@ from twilight.atmosphere.measured.parts import (
 from twilight.atmosphere.opac import opac_type
 from twilight.atmosphere.profiles import AirProfile
 from twilight.atmosphere.stratosphere import LOWTRAN_KINDS, measured_kind, sage_extinction_per_km
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.air import CLIMATOLOGY, Air
 from twilight.config.climate import Climate
 from twilight.config.profile import air_profile
@@ -88,7 +89,7 @@ def with_measured_air(climate: Climate, wanted: PlaceAndTime) -> dict[str, Any]:
             parts = tuple(part for part in reading.parts if only is not None and isinstance(part, only))
             if not parts:
                 raise TwilightError(f"{path}: is {KINDS[reading.kind]}; air.{name} takes {KINDS[name]}")
-            reading = Reading(name, parts)
+            reading = Reading(name, parts, warnings=reading.warnings)
         readings.append(reading)
     return assemble(climate, readings, wanted, usual_ozone=air.ozone == CLIMATOLOGY)
 
@@ -128,11 +129,17 @@ class _Assembly:
 def assemble(
     climate: Climate, readings: Iterable[Reading], wanted: PlaceAndTime, *, usual_ozone: bool = False
 ) -> dict[str, Any]:
-    """A climate as plain data with what was read in place of its own; `air.sources` says which is which."""
+    """A climate as plain data with what was read in place of its own; `air.sources` says which is which.
+
+    Warns of what was measured far from the place and time.
+    """
     if climate.medium is not None:
         raise TwilightError(f"{climate.name}: is a table of coefficients (medium), which has no air to replace")
     data = deepcopy(climate.model_dump(mode="json", exclude_unset=True))
     made = _Assembly(climate, data)
+    readings = list(readings)
+    for words in (words for reading in readings for words in reading.warnings):
+        warnings.warn(words, TwilightWarning, stacklevel=2)
     order = {kind: i for i, kind in enumerate(("ozone", "aeronet", "sounding", "stratosphere", "reanalysis"))}
     readings = sorted(readings, key=lambda reading: order[reading.kind])
     parts = [part for reading in readings for part in reading.parts]
