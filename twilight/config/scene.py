@@ -12,7 +12,7 @@ from twilight.config.horizon import Horizon
 from twilight.config.moon import MoonSection
 from twilight.config.output import Output
 from twilight.config.solver import ChosenSolver, SolverOptions, choose_solver
-from twilight.config.sun import Sun, SunElevation, SunElevations
+from twilight.config.sun import Sun, SunElevation, SunElevations, with_moment_of_horizon
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
 
@@ -203,6 +203,12 @@ class Config(Section):
         "to, count, scale: linear | log}; list: mappings of keys that change together; latin_hypercube: {samples, "
         "seed, ranges: {key: {from, to, scale} | [choices]}}",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _sets_behind_the_horizon(cls, data: Any) -> Any:
+        """Sunrise and sunset for an observer above the sea, whose horizon dips, become their moments."""
+        return with_moment_of_horizon(data)
 
     @model_validator(mode="after")
     def _lies_in_sunlight(self) -> Config:

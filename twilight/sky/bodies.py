@@ -13,7 +13,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.numerics.orientation import azimuth_elevation
-from twilight.sky.ephemeris import delta_t_s
+from twilight.sky.ephemeris import check_year, delta_t_s
 
 AU_KM = 1.495978707e8
 """Astronomical unit [km] (IAU 2012)."""
@@ -21,8 +21,6 @@ LIGHT_DAYS_PER_AU = 499.004783836 / 86400.0
 """Time that light takes for 1 au [d]."""
 PLANETS = {"mercury": 1, "venus": 2, "mars": 4, "jupiter": 5, "saturn": 6, "uranus": 7, "neptune": 8}
 """Numbers of the planets in ERFA."""
-YEARS = (1000, 3000)
-"""Years for which the planets' and the moon's motion is stated (Simon et al. 1994; Meeus 1998)."""
 
 
 class BodyPlace(NamedTuple):
@@ -52,8 +50,7 @@ class Sites:
         import erfa  # start-up
 
         for moment in moments:
-            if not YEARS[0] <= moment.year <= YEARS[1]:
-                raise TwilightError(f"time: {moment.isoformat()} is outside the years {YEARS[0]} to {YEARS[1]}")
+            check_year(moment, moment.isoformat())
         self._erfa = erfa
         utc = [moment.astimezone(dt.UTC) for moment in moments]
         epoch = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)

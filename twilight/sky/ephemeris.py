@@ -9,10 +9,11 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
+from twilight.base.conventions import YEARS
 from twilight.base.errors import TwilightError
 
-LAST_YEAR = 6000
-"""Last year for which NREL's algorithm is stated (Reda & Andreas 2004); datetime itself begins in year 1."""
+MARGIN = dt.timedelta(days=3)
+"""Beyond the first and last year: twilights of their first and last days."""
 
 
 class SunPosition(NamedTuple):
@@ -33,6 +34,13 @@ def zone_of(name: str) -> ZoneInfo:
         return ZoneInfo(name)
     except (KeyError, ValueError, OSError):
         raise TwilightError(f"time zone: '{name}' is not an IANA name such as Europe/Berlin or UTC") from None
+
+
+def check_year(moment: dt.datetime, said: object) -> None:
+    """TwilightError for a moment with its offset outside the years that are taken; said: what it is called."""
+    first, last = (dt.datetime(year, 1, 1, tzinfo=dt.UTC) for year in (YEARS[0], YEARS[1] + 1))
+    if not first - MARGIN <= moment < last + MARGIN:
+        raise TwilightError(f"time: {said} is outside the years {YEARS[0]} to {YEARS[1]}")
 
 
 def delta_t_s(moments: Sequence[dt.datetime]) -> np.ndarray:
@@ -66,13 +74,12 @@ def parse_time(time: dt.datetime | str, time_zone: str | None = None) -> dt.date
             )
         zone = zone_of(time_zone)
         moment = moment.replace(tzinfo=zone)
+        check_year(moment, f"'{time}'")
         utc = moment.astimezone(dt.UTC)
         if utc.astimezone(zone).replace(tzinfo=None) != moment.replace(tzinfo=None):
             raise TwilightError(f"time: {time} does not exist in {time_zone}, the clocks skip it")
-    try:
-        return moment.astimezone(dt.UTC)
-    except OverflowError:
-        raise TwilightError(f"time: '{time}' is outside the years 1 to 9999 in UTC") from None
+    check_year(moment, f"'{time}'")
+    return moment.astimezone(dt.UTC)
 
 
 def sun_position(
@@ -88,7 +95,7 @@ def sun_position(
     time: see :func:`parse_time`.  latitude_deg: geodetic, -90..90, north positive.  longitude_deg: -180..360, east
     positive.  altitude_km: above the ellipsoid, -1..100 (parallax only).  Elevation is without refraction.
 
-    Uncertainty 0.0003 deg for the years -2000 to 6000 (NREL's own figure); TT - UT1 from the polynomials of Espenak and
+    Uncertainty 0.0003 deg (NREL's own figure); TT - UT1 from the polynomials of Espenak and
     Meeus, UT1 taken as UTC (0.004 deg at most).  Source: Reda & Andreas, Solar Energy 76 (2004) 577, by pvlib.
     """
     for name, value, low, high in (
@@ -104,9 +111,6 @@ def sun_position(
         raise TwilightError(f"time: expected a time or a sequence of times, not {type(time).__name__}")
     times: Sequence[dt.datetime | str] = [time] if single else list(time)  # type: ignore[list-item,arg-type]
     moments = [parse_time(t, time_zone) for t in times]
-    for t, m in zip(times, moments, strict=True):
-        if m.year > LAST_YEAR:
-            raise TwilightError(f"time: {t} is outside the years 1 to {LAST_YEAR}")
     from pvlib import spa  # start-up: pvlib takes pandas
 
     epoch = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)

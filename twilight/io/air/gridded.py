@@ -303,6 +303,7 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
     if np.ndim(height_m) == 0:  # of the ground alone
         height_m = _from_the_ground(path, float(height_m), pressure_hpa, temperature, water, columns)
     height = np.asarray(height_m, dtype=float)
+    _check_ranges(path, pressure_hpa, temperature, height)
     good = np.isfinite(temperature) & np.isfinite(height) & (temperature > 0.0) & (pressure_hpa > 0.0)
     if not good.any():
         raise TwilightError(f"{path}: has no temperature and altitude at the place and time")
@@ -320,6 +321,21 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
         None if water is None else water[order],
         None if ozone is None else ozone[order],
     )
+
+
+def _check_ranges(path: Path, pressure_hpa: np.ndarray, temperature_k: np.ndarray, height_m: np.ndarray) -> None:
+    """TwilightError for numbers that no air has, as those in other units."""
+    for name, values, low, high, unit in (
+        ("pressure", pressure_hpa, 0.0, 1200.0, "hPa (or say in its units that it is in Pa)"),
+        ("temperature", temperature_k, 100.0, 1000.0, "K"),
+        ("height of the pressure levels", height_m, -2000.0, 120e3, "m"),
+    ):
+        known = values[np.isfinite(values)]
+        if known.size and not low <= known.min() <= known.max() <= high:
+            raise TwilightError(
+                f"{path}: its {name} goes from {known.min():g} to {known.max():g}; allowed is {low:g} to {high:g} "
+                f"{unit}"
+            )
 
 
 def _from_the_ground(
