@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from twilight.base.conventions import LOWEST_GROUND_KM
 from twilight.config.base import Flag, Integer, Number, Section, increase, key
 from twilight.config.climate import Climate
 from twilight.config.horizon import Horizon
@@ -29,7 +30,11 @@ class Observer(Section):
     """Where the eye is."""
 
     altitude_km: Number = key(
-        0.0, "altitude above sea level; unset: on the ground (ground.altitude_km)", unit="km", ge=0.0, le=40000.0
+        0.0,
+        "altitude above sea level; unset: on the ground (ground.altitude_km)",
+        unit="km",
+        ge=LOWEST_GROUND_KM,
+        le=40000.0,
     )
     view: View | None = key(
         None, "a picture in any direction, sky.view.png, e.g. {kind: perspective, elevation_deg: -20}; unset: none"
@@ -231,12 +236,12 @@ class Config(Section):
         if self.terrain is not None and self.observer.view is None:
             raise ValueError("terrain: is seen in a view alone; set observer.view, e.g. {kind: perspective}")
         ground_km = self.climate.ground.altitude_km
-        if ground_km > 0.0 and "altitude_km" not in self.observer.model_fields_set:
+        if ground_km != 0.0 and "altitude_km" not in self.observer.model_fields_set:
             object.__setattr__(self, "observer", self.observer.model_copy(update={"altitude_km": ground_km}))
         elif self.observer.altitude_km < ground_km:
             raise ValueError(
                 f"observer.altitude_km is {self.observer.altitude_km:g}, below the ground (ground.altitude_km, "
-                f"{ground_km:g} km); both count from sea level"
+                f"{ground_km:g} km); both count from sea level; set both where land lies below it"
             )
         return self
 
