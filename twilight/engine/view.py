@@ -222,7 +222,7 @@ def _extent(view: View) -> tuple[tuple[float, float], tuple[float, float]]:
 def check_terrain(able: Capabilities, terrain: Terrain, altitude_km: float, standpoint: Standpoint | None) -> None:
     """TwilightError for a solver that cannot put terrain before its sky, for heights that cannot be read, and for an
     observer under the ground."""
-    if not (able.finite_segments and able.every_observer and able.below_horizon):
+    if not (able.finite_segments and able.every_observer and able.kind != "formula"):
         raise TwilightError("terrain: needs a solver with finite segments and every observer: zones or tables")
     check_above(heights_of(terrain, standpoint=standpoint), altitude_km)
 
@@ -240,9 +240,6 @@ def landscape(
     standpoint: of an observer whose place and sun are known, by which terrain with coordinates is laid.
     light_azimuth_deg: as in `view_radiance`.
     """
-    able = block.capabilities
-    if not (able.finite_segments and able.every_observer and able.kind != "formula"):
-        raise TwilightError("terrain: needs a solver with finite segments and every observer: zones or tables")
     medium, altitude = block.medium, block.scene.altitude_km
     place = Viewpoint(altitude, sun_elevation_deg, block.direct(sun_elevation_deg).bending_deg)
     scaled = getattr(block.field, "scaled", None) or delta_scaled(medium, DEGREE)
