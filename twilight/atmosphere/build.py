@@ -48,6 +48,7 @@ def build_medium(
     clouds: tuple[CloudLayer, ...] = (),
     refraction: str = "ciddor",
     co2_ppm: float = 420.0,
+    haber_humidity: float = 0.0,
     ground_albedo=0.0,
     name: str = "",
 ) -> Medium:
@@ -65,8 +66,8 @@ def build_medium(
     no2, o4: absorption by nitrogen dioxide and by pairs of oxygen molecules.
     aerosol, stratosphere: None for none; a StratosphereSpec replaces the stratospheric part of the AerosolSpec.
     clouds: layers around the whole globe; where some overlap their coefficients add.
-    refraction: `ciddor` (with the profile's temperature, pressure and humidity), `haber` (his closed form
-        for dry air), `none`.
+    refraction: `ciddor` (with the profile's temperature, pressure and humidity), `haber` (his closed form with
+        haber_humidity, 0 to 1, everywhere), `none`.
     ground_albedo: Lambertian, one number or one per wavelength.
 
     Medium.notes holds `optical_depth` by part (each a list over wavelengths), `ozone_column_du`, `ozone_source` (in
@@ -106,7 +107,7 @@ def build_medium(
         ),
         aerosol_phase_fraction=phase_fraction,
         phase_functions=phases,
-        refractivity=_refractivity(refraction, state, wavelength, co2_ppm),
+        refractivity=_refractivity(refraction, state, wavelength, co2_ppm, haber_humidity),
         depolarisation=rayleigh.depolarisation(wavelength, co2_ppm),
         ground_albedo=albedo,
         overhead_absorption_optical_depth=overhead,
@@ -127,7 +128,7 @@ def build_medium(
         "aerosol_factor": aerosol_factor,
     }
     if layers is not None:
-        medium = layered(medium, layers.boundaries_km(top_km, ground_km))
+        medium = layered(medium, layers.boundaries_km(top_km, ground_km), layers.coefficients)
     return replace(medium, notes=notes)
 
 
@@ -267,15 +268,15 @@ def _aerosol_levels(
     return extinction, scattering, phase_fraction, tuple(phases)
 
 
-def _refractivity(model: str, state: AirProfile, wavelength: np.ndarray, co2_ppm: float) -> np.ndarray:
+def _refractivity(
+    model: str, state: AirProfile, wavelength: np.ndarray, co2_ppm: float, haber_humidity: float
+) -> np.ndarray:
     if model not in REFRACTION_MODELS:
         raise TwilightError(f"refraction: `{model}` is not known; allowed are {', '.join(REFRACTION_MODELS)}")
     if model == "none":
         return np.zeros((state.altitude_km.size, wavelength.size))
     if model == "haber":
-        # dry: his humidity term weighs vapour at 13 hPa against air at 1013 hPa, so that the profile's own relative
-        # humidity (77 % at the ground) would leave a quarter of the refraction that is observed
-        return refraction.haber_refractivity(wavelength[None, :], state.altitude_km[:, None], 0.0)
+        return refraction.haber_refractivity(wavelength[None, :], state.altitude_km[:, None], haber_humidity)
     return refraction.ciddor_refractivity(
         wavelength[None, :],
         state.temperature_k[:, None],

@@ -78,9 +78,9 @@ def built_medium(climate: Climate, wavelength_nm: np.ndarray, profile: AirProfil
     """The air of a climate that is no table, over black ground; profile: in place of the climate's own."""
     layers: EqualAirMass | Boundaries | None = None
     if climate.atmosphere.layers.equal_air_mass is not None:
-        layers = EqualAirMass(climate.atmosphere.layers.equal_air_mass)
+        layers = EqualAirMass(climate.atmosphere.layers.equal_air_mass, climate.atmosphere.layers.coefficients)
     elif climate.atmosphere.layers.boundaries_km is not None:
-        layers = Boundaries(climate.atmosphere.layers.boundaries_km)
+        layers = Boundaries(climate.atmosphere.layers.boundaries_km, climate.atmosphere.layers.coefficients)
     medium = build_medium(
         wavelength_nm,
         profile=profile or air_profile(climate),
@@ -97,6 +97,7 @@ def built_medium(climate: Climate, wavelength_nm: np.ndarray, profile: AirProfil
         clouds=cloud_layers(climate),
         refraction=climate.refraction.model,
         co2_ppm=climate.refraction.co2_ppm,
+        haber_humidity=climate.refraction.relative_humidity_percent / 100.0,
         name=climate.name,
     )
     column_mm = climate.gases.water_vapour.column_mm
