@@ -60,8 +60,8 @@ class Layers(Section):
         b = self.boundaries_km
         if b is not None and self.equal_air_mass is not None:
             raise ValueError("takes either equal_air_mass or boundaries_km, not both")
-        if b is None and self.equal_air_mass is None and "coefficients" in self.model_fields_set:
-            raise ValueError("coefficients needs equal_air_mass or boundaries_km")
+        if b is None and self.equal_air_mass is None and self.coefficients == "centre":
+            raise ValueError("coefficients: centre needs equal_air_mass or boundaries_km")
         if b is not None and (len(b) < 2 or not increase(b)):
             raise ValueError("boundaries_km must start at the ground and increase up to top_km")
         return self
