@@ -112,6 +112,20 @@ def sky_fraction(area, distance):
 
 
 @njit(cache=True, makes_arrays=False)
+def taken(depth, transmittance, half):
+    """tau_front - tau_back of a cell: exp(-(depth - half)) - exp(-(depth + half)), the front no nearer than the source.
+
+    depth: optical depth to its middle; transmittance: exp(-depth); half: optical depth from its front to its middle.
+    """
+    if depth < half:
+        return -math.expm1(-2.0 * half)
+    if half < 0.3:  # 2 sinh(half) to 2e-7: a quarter of the time was exp
+        square = half * half
+        return transmittance * 2.0 * half * (1.0 + square / 6.0 * (1.0 + square / 20.0))
+    return transmittance * 2.0 * math.sinh(half)
+
+
+@njit(cache=True, makes_arrays=False)
 def pair_capture(layers, extinction, rings, target, source, turn, depth, there, back, way):
     """Fractions of isotropic light that a target cell takes of a source's, eq. (5), and the source of the target's.
 
@@ -145,13 +159,13 @@ def pair_capture(layers, extinction, rings, target, source, turn, depth, there, 
     chord = chord_of(rings, target, turn, dx, dy, dz)
     fraction = sky_fraction(rings.volume[target] / chord, distance)
     for w in range(depth.size):
-        inside = chord * extinction[last, w]
-        there[w] = fraction * math.exp(-max(depth[w] - 0.5 * inside, 0.0)) * -math.expm1(-inside)
+        back[w] = math.exp(-depth[w])
+    for w in range(depth.size):
+        there[w] = fraction * taken(depth[w], back[w], 0.5 * chord * extinction[last, w])
     chord = chord_of(rings, source, 0.0, dx, dy, dz)
     fraction = sky_fraction(rings.volume[source] / chord, distance)
     for w in range(depth.size):
-        inside = chord * extinction[first, w]
-        back[w] = fraction * math.exp(-max(depth[w] - 0.5 * inside, 0.0)) * -math.expm1(-inside)
+        back[w] = fraction * taken(depth[w], back[w], 0.5 * chord * extinction[first, w])
     return True
 
 

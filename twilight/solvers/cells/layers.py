@@ -16,11 +16,11 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.jit.kernels import njit
 
-LAYER_KM = 0.3
+LAYER_KM = 0.5
 """Thickness near the ground of the layers of a medium that is not cut into layers [km]."""
 
-LAYER_CHANGE = 0.005
-"""Error that linear interpolation over such a layer would have; its coefficients change by e^(0.2)."""
+LAYER_CHANGE = 0.02
+"""Error that linear interpolation over such a layer would have; its coefficients change by e^(0.4) at most."""
 
 
 class Layers(NamedTuple):
@@ -50,7 +50,7 @@ def make_layers(medium: Medium, reduce_extinction: bool) -> Layers:
     reduce_extinction: eq. (2) takes g of the aerosol's scattering from its extinction too; otherwise from scattering
     alone, as the paper has it, and that part of the light is lost.
     """
-    cut = np.any(np.diff(medium.altitude_km) == 0.0)
+    cut = 2 * np.unique(medium.altitude_km).size - 2 == medium.altitude_km.size  # every inner level is two
     edges = np.unique((medium if cut else medium.refined(LAYER_KM, LAYER_CHANGE)).altitude_km)
     at = medium.at(0.5 * (edges[1:] + edges[:-1]))
     g = np.zeros_like(at.air_scattering)
