@@ -101,10 +101,8 @@ ABLATIONS: tuple[Ablation, ...] = (
         _haber(f"every {n}th shell active against all (cells)", {"solver.active_shell_step": 1}, active_shell_step=n)
         for n in (2, 4, 8)
     ),
-    *(
-        _haber(f"S = {s} against 120 (cells)", {"solver.azimuth_cells": 120}, azimuth_cells=s)
-        for s in (36, 60, 90, 180)
-    ),
+    _haber("similarity in extinction too (cells)", {}, **{"expert.reduce_extinction": True}),
+    *(_haber(f"S = {s} against 120 (cells)", {"solver.azimuth_cells": 120}, azimuth_cells=s) for s in (36, 60, 90)),
 )
 
 
