@@ -304,7 +304,6 @@ def test_a_turbid_sky_goes_over_to_the_overcast_one():
 
     clear, half, grey = (sky(t) for t in (6.0, 8.0, 10.0))
     np.testing.assert_allclose(half[0], 0.5 * (clear[0] + grey[0]), rtol=1e-12)
-    np.testing.assert_allclose(
-        grey[0] / grey[0][2], (1.0 + 2.0 * np.sin(np.radians(where[1])))[:, None] / 3.0 * [[1.0]]
-    )
+    expected = (1.0 + 2.0 * np.sin(np.radians(where[1]))) / 3.0
+    np.testing.assert_allclose(grey[0] / grey[0][2], np.broadcast_to(expected[:, None], grey[0].shape), rtol=1e-12)
     assert np.all(grey[1] == 0.0) and np.all(half[1] > 0.0)
