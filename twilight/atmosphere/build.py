@@ -88,7 +88,7 @@ def build_medium(
     full = (load_profile(profile) if isinstance(profile, str) else profile).above(ground_km)
     ozone_factor = gases.ozone_factor(full, _ozone_column(ozone_column_du, ozone_day_of_year))
     check_layers(clouds, ground_km, top_km)
-    regions, aerosol_factor = _aerosol_regions(aerosol, stratosphere, wavelength, (ground_km, top_km))
+    regions, aerosol_factor = _aerosol_regions(aerosol, stratosphere, wavelength, (ground_km, top_km), full, co2_ppm)
     regions += [layer.region(wavelength) for layer in clouds]
 
     altitude, upper_side = _levels(full.altitude_km, regions, top_km)
@@ -164,6 +164,8 @@ def _aerosol_regions(
     stratosphere: StratosphereSpec | None,
     wavelength: np.ndarray,
     span_km: tuple[float, float],
+    full: AirProfile,
+    co2_ppm: float,
 ) -> tuple[list[AerosolRegion], float | np.ndarray]:
     """Regions between ground and top, and the factor on the tropospheric ones, one for all wavelengths or (W,)."""
     ground_km, top_km = span_km
@@ -187,10 +189,18 @@ def _aerosol_regions(
 
     below, above = tropospheric(wavelength), stratospheric(wavelength)
     factor: float | np.ndarray = 1.0
-    if aerosol is not None and aerosol.optical_depth_550nm is not None:
-        at_550 = np.array([550.0])
+    at_550 = np.array([550.0])
+    if aerosol is not None and aerosol.visibility_km is not None:
+        air = rayleigh.cross_section_cm2(at_550, co2_ppm) * full.at(ground_km).air_per_cm3 * 1e5
+        factor = aerosols.visibility_factor(aerosol.visibility_km, float(air[0]), tropospheric(at_550), ground_km)
+    elif aerosol is not None and (aerosol.optical_depth_550nm is not None or aerosol.turbidity is not None):
+        target = aerosol.optical_depth_550nm
+        if aerosol.turbidity is not None:
+            below_top = full.at(np.append(full.altitude_km[full.altitude_km < top_km], top_km))
+            air = rayleigh.cross_section_cm2(at_550, co2_ppm) * below_top.column_per_cm2(below_top.air_per_cm3)
+            target = (aerosol.turbidity - 1.0) * float(air[0])
         of_550 = aerosols.tropospheric_factor(
-            np.array([aerosol.optical_depth_550nm]), at_550, tropospheric(at_550), stratospheric(at_550), top_km
+            np.array([target]), at_550, tropospheric(at_550), stratospheric(at_550), top_km
         )
         factor = float(of_550[0])
     elif aerosol is not None and aerosol.optical_depths is not None:

@@ -142,6 +142,8 @@ def aerosol_spec(aerosol: Aerosol) -> AerosolSpec:
         "free_troposphere": aerosol.free_troposphere,
         "stratosphere": aerosol.stratosphere == "opac" and aerosol.optical_depth_550nm != 0.0,
         "optical_depth_550nm": aerosol.optical_depth_550nm,
+        "turbidity": aerosol.turbidity,
+        "visibility_km": aerosol.visibility_km,
         "optical_depths": None if depths is None else (depths.wavelength_nm, depths.optical_depth),
         "phase_function": aerosol.phase_function,
         "boundary_layer_base": aerosol.boundary_layer_base,
