@@ -33,13 +33,16 @@ CAPABILITIES = Capabilities(
 )
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
 
+HIGHEST_TURBIDITY = 100.0
+"""Highest turbidity that is allowed."""
+
 OVERCAST_TURBIDITY = 10.0
 """Turbidity from which "we would typically expect an overcast sky" (sec. 5)."""
 
 
 @dataclass(frozen=True)
 class PreethamSettings:
-    """turbidity: at 550 nm, up to 10, where the sky is overcast; null: that of the medium.
+    """turbidity: at 550 nm; from 10 on the sky is overcast; null: that of the medium.
     outside: 'nearest' takes the nearest turbidity that the coefficients cover where the medium's is not, and warns;
         'refuse' does not.
     coefficients: 'preetham1999', another set that comes with twilight, or the path of a set that `twilight fit perez`
@@ -56,7 +59,7 @@ class PreethamSettings:
     precipitable_water_cm: float = 2.0
 
     def __post_init__(self):
-        ranges = {"turbidity": (1.0, 100.0), "ozone_cm": (0.0, 10.0), "precipitable_water_cm": (0.0, 100.0)}
+        ranges = {"turbidity": (1.0, HIGHEST_TURBIDITY), "ozone_cm": (0.0, 10.0), "precipitable_water_cm": (0.0, 100.0)}
         check_ranges(self, ranges)
         check_choices(self, {"outside": OUTSIDE})
 
@@ -103,12 +106,12 @@ class Field(BareField):
                 f"solver.coefficients: {settings.coefficients}: is not the file that solver.coefficients_sha256 names"
             )
         low, high = self.coefficients.turbidity
-        allowed = (low, max(high, OVERCAST_TURBIDITY))
+        allowed = (low, HIGHEST_TURBIDITY)
         self.turbidity, self.medium_turbidity = chosen_turbidity(
             settings.turbidity, settings.outside, allowed, medium, "preetham"
         )
         self.clear_turbidity = min(self.turbidity, high)
-        self.overcast = (self.turbidity - self.clear_turbidity) / max(allowed[1] - high, 1e-9)
+        self.overcast = float(np.clip((self.turbidity - high) / (OVERCAST_TURBIDITY - high), 0.0, 1.0))
         self._bins = SpectralBins(medium.wavelength_nm, "preetham")
         of_medium = {} if self.medium_turbidity is None else {"medium_turbidity": self.medium_turbidity}
         self.facts = {"turbidity": self.turbidity} | of_medium
