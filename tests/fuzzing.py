@@ -31,7 +31,7 @@ NASTY: tuple[Any, ...] = (
     None, True, False, 0, -1, 1, 2, 3.5, -0.0, 1e-320, 1e308, -1e308, 10**30, -(10**30), 10**400, float("nan"),
     float("inf"), -float("inf"), "", " ", "x", "1", "1e3", "nan", "true", "null", "~", "\0", "a\nb", "\u202e\u0000x",
     "é漢字🌅", "\ud7ff", "a" * 5000, "../../../etc/passwd", "..", ".", "/", "/dev/zero", "/dev/stdin", "~", "~root/x",
-    "urban", "pure-air", "haber2005", "urban.yaml", "Europe/Berlin", "../../etc/passwd", "posixrules", "UTC",
+    "urban", "pure-air", "haber2005-air", "urban.yaml", "Europe/Berlin", "../../etc/passwd", "posixrules", "UTC",
     "2003-12-08T16:00", "2003-12-08", "16:00", "0001-01-01T00:00+14:00", "9999-12-31T23:59-12:00", "2003-03-30T02:30",
     "2003-02-31T00:00", "cells", "montecarlo", "zones", "cie", "draft", "ciddor", "none", [], {}, [[]], [{}], [1, 2],
     [3, 2, 1], [1, 1], [float("nan")], [None], ["a"], [1e300, 2e300], list(range(3000)), [[1, 2], [3, 4]], {"a": 1},

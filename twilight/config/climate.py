@@ -52,12 +52,17 @@ class Layers(Section):
     boundaries_km: tuple[Number, ...] | None = key(
         None, "altitudes above sea level, increasing from the ground, e.g. [0, 1, 2, 5, 10, 20, 50, 100]", unit="km"
     )
+    coefficients: Literal["mean", "centre"] = key(
+        "mean", "of a layer: their mean over it, which keeps columns, or those at its centre (Haber)"
+    )
 
     @model_validator(mode="after")
     def _one_rule(self) -> Layers:
         b = self.boundaries_km
         if b is not None and self.equal_air_mass is not None:
             raise ValueError("takes either equal_air_mass or boundaries_km, not both")
+        if b is None and self.equal_air_mass is None and self.coefficients == "centre":
+            raise ValueError("coefficients: centre needs equal_air_mass or boundaries_km")
         if b is not None and (len(b) < 2 or not increase(b)):
             raise ValueError("boundaries_km must start at the ground and increase up to top_km")
         return self
@@ -167,6 +172,13 @@ class Refraction(Section):
 
     model: Literal["ciddor", "haber", "none"] = key(
         "ciddor", "ciddor: Ciddor 1996 in full; haber: the closed form of Haber 2005 sec. 4.4; none: straight rays"
+    )
+    relative_humidity_percent: Number = key(
+        0.0,
+        "of all the air in haber's closed form, which lets refraction fall to (100 - this) % of that of dry air",
+        unit="%",
+        ge=0.0,
+        le=100.0,
     )
     co2_ppm: Number = key(420.0, "carbon dioxide in the air, enters Ciddor's index", unit="ppm", ge=0.0, le=2000.0)
 

@@ -251,7 +251,8 @@ def _put_aerosol(made: _Assembly, sizes: list[SizeDistribution], depths: list[Ae
     if nm.size == 1 and abs(nm[0] - 550.0) > 1.0:
         made.not_used.append(f"{first.source}: optical depth at {nm[0]:g} nm alone, without an Angstrom exponent")
         return
-    aerosol.pop("optical_depths", None)
+    for amount in ("optical_depths", "turbidity", "visibility_km"):
+        aerosol.pop(amount, None)
     aerosol.pop("optical_depth_550nm", None)
     if nm.size == 1:
         aerosol["optical_depth_550nm"] = float(f"{depth[0]:.{DIGITS}g}")
