@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from os.path import isfile
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from twilight.base.conventions import LOWEST_GROUND_KM
+from twilight.base.errors import TwilightError
 from twilight.config.aerosol import Aerosol, Stratosphere
 from twilight.config.air import Air, air_files
 from twilight.config.base import FilePath, Flag, Integer, Number, Section, increase, key
@@ -16,7 +19,8 @@ from twilight.config.clouds import Cloud
 AirProfileName = Literal[
     "tropical", "midlatitude_summer", "midlatitude_winter", "subarctic_summer", "subarctic_winter", "us_standard"
 ]
-CLIMATE_FILES = (
+CLIMATE_FILES: tuple[tuple[tuple[str, ...], str, str | None], ...] = (
+    (("atmosphere", "levels"), "file", None),
     (("medium",), "table", "sha256"),
     (("medium",), "phase_function", "phase_function_sha256"),
     (("aerosol", "table"), "file", "sha256"),
@@ -68,9 +72,25 @@ class Layers(Section):
         return self
 
 
+LEVEL_COLUMNS = {
+    "altitude_km": (LOWEST_GROUND_KM, 120.0, f"{LOWEST_GROUND_KM:g} to 120 (km)"),
+    "pressure_hpa": (1e-9, 1200.0, "1e-9 to 1200 (hPa)"),
+    "temperature_k": (120.0, 1000.0, "120 to 1000 (K)"),
+    "water_vapour_ppm": (1e-9, 2e5, "1e-9 to 2e5"),
+    "ozone_ppm": (1e-9, 1e3, "1e-9 to 1e3"),
+}
+"""Columns of a file of levels, and the numbers that they may hold."""
+
+
 class Levels(Section):
     """The air at someone's own altitudes; between them as between those of the AFGL atmospheres."""
 
+    file: FilePath | None = key(
+        None,
+        "CSV with the columns altitude_km, pressure_hpa, temperature_k, water_vapour_ppm, ozone_ppm, in place of them; "
+        "relative to the folder of the climate's file",
+        min_length=1,
+    )
     altitude_km: tuple[Number, ...] = key(
         ..., "above sea level, increasing, from the ground (or below) to top_km (or above)", unit="km", min_length=2,
         max_length=500,
@@ -83,6 +103,24 @@ class Levels(Section):
         ..., "molecules per million of moist air, likewise", unit="1e-6"
     )
     ozone_ppm: tuple[Annotated[Number, Field(gt=0.0, le=1e3)], ...] = key(..., "likewise", unit="1e-6")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_file(cls, value: Any) -> Any:
+        """What the file holds, in place of its name: so it is recorded with a sky."""
+        if not isinstance(value, dict) or not isinstance(value.get("file"), str):
+            return value
+        if not isfile(value["file"]):
+            raise ValueError(f"there is no file {value['file']}")
+        if len(value) > 1:
+            raise ValueError("takes either file or the columns themselves, not both")
+        from twilight.atmosphere.csv_columns import read_columns  # start-up: numpy
+
+        try:
+            names, rows, _ = read_columns(Path(value["file"]), LEVEL_COLUMNS)
+        except TwilightError as error:
+            raise ValueError(str(error)) from None
+        return {name: column.tolist() for name, column in zip(names, rows.T, strict=True)}
 
     @model_validator(mode="after")
     def _match(self) -> Levels:

@@ -49,23 +49,28 @@ def find(
     if found is not None:
         return found
     if path.suffix in (".yaml", ".yml", ".json") or "/" in text or "\\" in text:
-        beside = get_close_matches(path.name, _files_beside(path), n=1)
+        beside = get_close_matches(path.stem, _files_beside(path), n=1)
         near = get_close_matches(path.stem, [name for kind in asked for name in shipped(kind)], n=1)
-        hint = f"; did you mean {path.parent / beside[0]}?" if beside else ""
-        hint = hint or (f"; did you mean {near[0]}, which needs no path?" if near else "")
-        raise TwilightError(f"{path}: there is no such file{hint}; {_lists(asked)}")
+        hint = f"; did you mean {path.parent / _files_beside(path)[beside[0]]}?" if beside else ""
+        hint = hint or (f"; did you mean {near[0]}, which needs no path?" if near else f"; {_lists(asked)}")
+        raise TwilightError(f"{path}: there is no such file{hint}")
     suggested = [name for kind in asked for name in shipped(kind)]
     near = get_close_matches(text, suggested, n=1)
-    hint = f"; did you mean {near[0]}?" if near else ";"
-    raise TwilightError(f"{text} is not a {noun}{hint} {_lists(asked)}")
+    hint = f"did you mean {near[0]}?" if near else _names(asked)
+    raise TwilightError(f"{text} is not a {noun}; {hint}")
 
 
-def _files_beside(path: Path) -> list[str]:
-    """Names of the files in the folder of a path; none where it cannot be read."""
+def _files_beside(path: Path) -> dict[str, str]:
+    """Names of the documents in the folder of a path by their stems; none where it cannot be read."""
     try:
-        return [one.name for one in path.parent.iterdir()]
+        return {one.stem: one.name for one in path.parent.iterdir() if one.suffix in (".yaml", ".yml", ".json")}
     except OSError:
-        return []
+        return {}
+
+
+def _names(kinds: tuple[str, ...]) -> str:
+    """`climates are a, b; configurations are c`, for errors."""
+    return "; ".join(f"{NOUNS[kind]}s are {', '.join(shipped(kind))}" for kind in kinds)
 
 
 def _lists(kinds: tuple[str, ...]) -> str:

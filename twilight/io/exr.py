@@ -232,8 +232,14 @@ def _read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 
 
 def exr_size(path: str | Path) -> tuple[int, int]:
-    """Width and height [pixels] of an EXR file's display window; TwilightError where it has none."""
-    return _size(_headers(Path(path))[0], "displayWindow")
+    """Width and height [pixels] of an EXR file's display window, or of its data window where that is larger.
+
+    Errors: TwilightError where it has none.
+    """
+    header = _headers(Path(path))[0]
+    return max(
+        (_size(header, window) for window in ("displayWindow", "dataWindow")), key=lambda size: size[0] * size[1]
+    )
 
 
 def _headers(path: Path) -> list[dict[str, Any]]:
