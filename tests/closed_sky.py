@@ -11,7 +11,9 @@ import numpy as np
 from airs import problem_of_field, turbid
 
 from twilight.engine.solve import Solved
+from twilight.numerics.orientation import scattering_angle_rad
 from twilight.solvers.base import BareField
+from twilight.viewer.colours import Channels
 from twilight.viewer.tables import ViewerTableSizes
 
 EIGHT_NM = np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0])
@@ -63,3 +65,17 @@ def closed(name: str = "closed", level: float = 1.0) -> Solved:
     medium = turbid(wavelength_nm=EIGHT_NM)
     problem = problem_of_field(ClosedSky(medium, lambda sun: level * gone_at_17_deg(sun)))
     return replace(problem, scene=replace(problem.scene, title=name)).solve()
+
+
+def field_luminance(solved: Solved, sun_deg: float, count: int = 1000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Elevation and azimuth [deg] of lines of sight from 0.3 deg up to the zenith, a third of them below 10 deg, 0.3 deg
+    off the sun's disc at least, and the field's luminance there [cd m^-2], (N,) each."""
+    random = np.random.default_rng(1)
+    elevation = np.degrees(np.arcsin(random.uniform(math.sin(math.radians(0.3)), 1.0, count)))
+    elevation[: count // 3] = random.uniform(0.3, 10.0, count // 3)
+    azimuth = random.uniform(-180.0, 180.0, count)
+    azimuth[::5] = random.uniform(-10.0, 10.0, azimuth[::5].size)
+    keep = np.degrees(scattering_angle_rad(sun_deg, elevation, azimuth)) > 0.3 + 0.27 + 0.6
+    elevation, azimuth = elevation[keep], azimuth[keep]
+    channels = Channels(solved.medium.wavelength_nm)
+    return elevation, azimuth, channels.of(solved.radiance(sun_deg, elevation, azimuth))[:, 1]

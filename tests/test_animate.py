@@ -7,28 +7,26 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from closed_sky import COARSE
 from closed_sky import FIVE_NM as NM
-from filming import MEDIUM, SKY, film, scene
+from filming import MEDIUM, SKY, film, problem, scene
 from PIL import Image, ImageSequence
 from typer.testing import CliRunner
 
 from twilight.animation import film as films
 from twilight.animation.disc import DiscPainter
-from twilight.animation.draw import Painter, suns_between
+from twilight.animation.draw import Painter
 from twilight.animation.exposure import meter, smoothed
 from twilight.animation.film import Animation
 from twilight.base.errors import TwilightError
-from twilight.base.progress import silent
 from twilight.cli.app import app
+from twilight.engine.sun_tables import SunTables
+from twilight.engine.table import first_columns, first_rows
 from twilight.numerics import spectrum
 from twilight.numerics.projections import view_directions
 from twilight.sky.disc import SOLAR_RADIUS_DEG
 from twilight.sky.tone import Light, Shot, tone_of
-from twilight.studies.export.field_values import FieldSource
 from twilight.viewer.colours import Channels
 from twilight.viewer.lines import sky_elevations
-from twilight.viewer.tables import fill
 
 
 def pictures(path):
@@ -36,20 +34,49 @@ def pictures(path):
         return [np.asarray(frame.convert("RGB"), float) for frame in ImageSequence.Iterator(image)]
 
 
-def test_pictures_are_the_field():
-    suns = suns_between(-10.0, 0.0, COARSE)
+@pytest.fixture(scope="module")
+def spectra():
+    """Tables of the sky in closed form, as a film of suns from 0 to -10 deg has them."""
+    nodes = {"rows_deg": first_rows(-90.0, [0.0], 23), "columns_deg": first_columns(17)}
+    return SunTables(problem().solve(), 0.0, **nodes).between(-10.0, 0.0)
+
+
+def test_pictures_are_the_table_and_the_field(spectra):
     channels = Channels(NM)
-    tables = fill(FieldSource(SKY, MEDIUM, False), channels, (0.0,), COARSE, silent, suns)
+    table = spectra.seen(channels.of)
     elevation, azimuth = view_directions("fisheye", 48)
-    painter = Painter(tables, COARSE, suns, elevation, azimuth)
+    painter = Painter(table, elevation, azimuth)
     keep = np.isfinite(elevation) & (elevation > 4.0)
     assert painter.outside.sum() == np.isnan(elevation).sum() > 100
     for sun, turned, distance in ((0.0, 0.0, 1.0), (-4.4, 70.0, 1.0), (-10.0, 0.0, 1.02)):
-        exact = channels.of(SKY.radiance(sun, elevation[keep], azimuth[keep] - turned)) / distance**2
         found = painter.light(sun, turned, distance)
-        assert np.abs(found[keep] / exact - 1.0).max() < 0.02
-        assert np.median(np.abs(found[keep] / exact - 1.0)) < 0.002
+        held = table.under(sun).light(elevation[keep], azimuth[keep] - turned) / distance**2
+        np.testing.assert_allclose(found[keep], held, rtol=2e-4)
+        exact = channels.of(SKY.radiance(sun, elevation[keep], azimuth[keep] - turned)) / distance**2
+        off = np.abs(found[keep] / exact - 1.0)
+        assert off.max() < 0.02 and np.median(off) < 0.002
         assert (found[painter.outside] == 0.0).all()
+
+
+def test_pictures_have_the_ground_below_the_horizon(spectra):
+    """A picture across the horizon: no light of the sky below it, and a pixel on it has some of both."""
+    table = spectra.seen(Channels(NM).of)
+    elevation, azimuth = np.meshgrid(np.linspace(-2.0, 2.0, 9)[::-1], np.linspace(-20.0, 20.0, 5), indexing="ij")
+    found = Painter(table, elevation, azimuth).light(-3.0)
+    one = table.under(-3.0)
+    np.testing.assert_allclose(found[:4], one.light(elevation[:4], azimuth[:4]), rtol=2e-4)
+    np.testing.assert_allclose(found[5:], one.light(elevation[5:], azimuth[5:]), rtol=2e-4)
+    both = 0.5 * (one.light(0.0, azimuth[4]) + one.light(-1e-7, azimuth[4]))
+    np.testing.assert_allclose(found[4], both, rtol=1e-3)
+
+
+def test_a_film_has_as_many_pictures_as_asked_for(tmp_path):
+    for count in (2, 7):
+        line = film(tmp_path / "a.webp", frames=count).line
+        assert len(line) == count and line.elevation_deg[[0, -1]] == pytest.approx([0.0, -10.0])
+    words = ["pure-air", "--output", str(tmp_path / "a.webp"), "--frames", "5", "--speed", "60"]
+    result = CliRunner().invoke(app, ["animate", *words])
+    assert result.exit_code == 2 and "--frames: is not allowed with --speed" in result.stderr
 
 
 @pytest.mark.parametrize("suffix", [".webp", ".gif"])
@@ -134,7 +161,7 @@ def test_an_interrupted_film_draws_what_is_missing(tmp_path, monkeypatch):
         film(path, exposure="metered").make()
     assert not path.exists() and len(list((tmp_path / "cut.webp.frames").glob("*.png"))) == 3
     monkeypatch.setattr(Animation, "_draw", draw)
-    monkeypatch.setattr(films, "fill", lambda *a, **k: solved.append(1))
+    monkeypatch.setattr(films, "SunTables", lambda *a, **k: solved.append(1))
     assert film(path, exposure="metered").make().drawn == 2
     assert solved == [] and path.read_bytes() == whole.read_bytes()
 

@@ -16,7 +16,7 @@ def shader(
     quality: Annotated[str | None, options.QUALITY] = None,
     settings: Annotated[list[str] | None, options.SETTINGS] = None,
 ) -> None:
-    """Write the sky of a climate from the ground, for every sun, as GLSL and WGSL with two textures, and a page."""
+    """Write the sky of a climate for one observer and every sun as GLSL and WGSL with two textures, and a page."""
     from twilight.cli.first_run import announce_compiling
     from twilight.engine import Problem
     from twilight.scene import resolve
@@ -27,7 +27,7 @@ def shader(
     chosen, names = options.settings_of(settings)
     options.put_options(chosen, names, {"solver.quality": (quality, "--quality")})
     config = options.load_one_scene(climate, chosen, names, "export shader")
-    problem = Problem(resolve(config))
+    problem = Problem(resolve(config), cached=True)
     name = problem.scene.medium.name or config.title
     check_altitudes(problem.scene, None, name)
     folder = output or Path("out") / f"{options.file_stem(name, 'sky')}-shader"

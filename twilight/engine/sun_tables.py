@@ -48,14 +48,29 @@ def sun_nodes(lowest_deg: float = DARK_SUN_DEG, highest_deg: float = 90.0) -> np
     return np.concatenate([[lowest_deg], inside, [highest_deg]])
 
 
+def suns_between(low_deg: float, high_deg: float, nodes_deg: np.ndarray | None = None) -> np.ndarray:
+    """Those of `sun_nodes`, or of others, that suns from low_deg to high_deg are read from."""
+    nodes = sun_nodes() if nodes_deg is None else nodes_deg
+    first = max(0, int(np.searchsorted(nodes, low_deg, "right")) - 2)
+    return nodes[first : int(np.searchsorted(nodes, high_deg)) + 2]
+
+
 class SunTables:
     """The tables of a solved field, for one observer.
 
     altitude_km: of the observer above sea level; None: the scene's
+    rows_deg, columns_deg: nodes of the tables; None: rows of the sky, for an observer high up of the ground as well
     Errors: TwilightError for a solver whose field serves one sun alone.
     """
 
-    def __init__(self, solved: Solved, altitude_km: float | None = None):
+    def __init__(
+        self,
+        solved: Solved,
+        altitude_km: float | None = None,
+        *,
+        rows_deg: np.ndarray | None = None,
+        columns_deg: np.ndarray | None = None,
+    ):
         scene = solved.scene
         if not scene.capabilities.every_sun or scene.capabilities.standard_error:
             raise TwilightError(
@@ -65,11 +80,14 @@ class SunTables:
         self.altitude_km = scene.altitude_km if altitude_km is None else altitude_km
         low, high = getattr(solved.blocks[0].field, "sun_range_deg", (DARK_SUN_DEG, 90.0))
         self.suns_deg = sun_nodes(max(low, DARK_SUN_DEG), min(high, 90.0))
-        self.rows_deg = first_rows(*row_breaks(scene, self.altitude_km), ROW_COUNT)
-        self.columns_deg = first_columns(COLUMN_COUNT)
+        if rows_deg is None:
+            rows_deg = first_rows(*row_breaks(scene, self.altitude_km), ROW_COUNT)
+        self.rows_deg = rows_deg
+        self.columns_deg = first_columns(COLUMN_COUNT) if columns_deg is None else columns_deg
         self._made: dict[int, SkyTable] = {}
-        key = "".join(solved.keys) + repr(self.altitude_km)
-        self._key = hashlib.sha256(key.encode()).hexdigest()
+        self._key = ""
+        if solved.blocks[0].problem.cached:
+            self._key = "".join(solved.keys) + repr(self.altitude_km)
 
     def under(self, sun_elevation_deg: float) -> SkyTable:
         """The table of one sun, between its neighbours; below the lowest sun logarithms fall on straight."""
@@ -82,8 +100,9 @@ class SunTables:
 
     def between(self, low_deg: float, high_deg: float, progress: Progress = silent) -> SkyTable:
         """The table of all suns that those from low_deg to high_deg are read from."""
-        first = max(0, int(np.searchsorted(self.suns_deg, low_deg, "right")) - 2)
-        stop = min(self.suns_deg.size, int(np.searchsorted(self.suns_deg, high_deg)) + 2)
+        wanted = suns_between(low_deg, high_deg, self.suns_deg)
+        first = int(np.searchsorted(self.suns_deg, wanted[0]))
+        stop = first + wanted.size
         tables = []
         for k in range(first, stop):
             progress(f"sun {self.suns_deg[k]:+.1f} deg", (k - first) / (stop - first))
@@ -94,14 +113,15 @@ class SunTables:
         """The table of one of the suns."""
         if k not in self._made:
             name = hashlib.sha256(f"{self._key} {self.suns_deg[k]!r} {self._nodes()}".encode()).hexdigest()
-            made = _stored(name)
+            made = _stored(name) if self._key else None
             if made is None:
                 sun = float(self.suns_deg[k])
                 made = self.solved.table(
                     sun, self.altitude_km, rows_deg=self.rows_deg, columns_deg=self.columns_deg, refine=False
                 )
                 table = made
-                cache.store(cache.SKIES, name, lambda path: _save(path, table))
+                if self._key:
+                    cache.store(cache.SKIES, name, lambda path: _save(path, table))
             self._made[k] = made
         return self._made[k]
 

@@ -70,6 +70,12 @@ SUDDEN_FALL = 0.2
 """Part of the extinction that is lost within a hundredth of a kilometre where a layer has an edge."""
 
 
+def with_ground(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
+    """`row_breaks` of a table that has the ground too, for a solver that can look down."""
+    low, breaks = row_breaks(scene, altitude_km)
+    return (low, breaks) if breaks else (-90.0, [-horizon_dip_deg(scene.medium, altitude_km)])
+
+
 def row_breaks(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
     """The lowest row of a scene's table, and where light of the rows is not smooth [deg].
 
@@ -105,6 +111,13 @@ def first_rows(low_deg: float, breaks_deg: Sequence[float], count: int = FIRST_R
     return np.concatenate(parts)
 
 
+def beside_breaks(rows_deg: np.ndarray) -> np.ndarray:
+    """Rows where light is asked for: of two equal ones one is just below the break, the other just above."""
+    twice = np.diff(rows_deg) == 0.0
+    below, above = np.append(twice, False), np.concatenate([[False], twice])
+    return rows_deg - BESIDE_BREAK_DEG * below + BESIDE_BREAK_DEG * above
+
+
 def first_columns(count: int = FIRST_COLUMNS) -> np.ndarray:
     """Columns from the sun to its opposite [deg], closest at the sun."""
     return 180.0 * np.linspace(0.0, 1.0, count) ** COLUMN_POWER
@@ -118,10 +131,8 @@ class _Samples:
         self.answer = self.asked(rows, columns)
 
     def asked(self, rows: np.ndarray, columns: np.ndarray) -> Answer:
-        """Light on a grid; of two equal rows one is asked just below the break, the other just above."""
-        twice = np.diff(rows) == 0.0
-        below, above = np.append(twice, False), np.concatenate([[False], twice])
-        return self._light(rows - BESIDE_BREAK_DEG * below + BESIDE_BREAK_DEG * above, columns)
+        """Light on a grid."""
+        return self._light(beside_breaks(rows), columns)
 
     def insert(self, place: np.ndarray, nodes: np.ndarray, found: Answer, axis: int) -> None:
         """Put new rows (axis 0) or columns (axis 1) before the places of others."""
@@ -206,7 +217,7 @@ def _table(samples: _Samples, once: ScatteredOnce, sun_elevation_deg: float) -> 
     (rows, columns), answer = samples.nodes, samples.answer
     apparent = once.apparent_sun_deg(sun_elevation_deg)
     angle = scattering_angle_rad(apparent, rows[:, None], columns)[None]
-    part = once.light(sun_elevation_deg, rows, columns)
+    part = once.light(sun_elevation_deg, beside_breaks(rows), columns)
     smooth, aureole = split(answer.radiance[None], None if part is None else part[None], angle, once.log_phase)
     stokes = None
     if answer.polarisation is not None:
