@@ -168,7 +168,7 @@ def test_a_wrong_climate_is_refused_in_one_sentence(tmp_path, text, parts):
         ),
         ("sun: up", ["sun", "elevation_deg"]),
         ("observer: {altitud_km: 3}", ["observer.altitud_km is not a key; did you mean altitude_km?"]),
-        ("observer: {altitude_km: -1}", ["observer.altitude_km", "0 to 40000 (km)"]),
+        ("observer: {altitude_km: -1}", ["observer.altitude_km", "-0.5 to 40000 (km)"]),
         ("wavelengths: {list_nm: [500, 400]}", ["wavelengths", "increase"]),
         ("wavelengths: {list_nm: [100, 400]}", ["wavelengths.list_nm[0]", "280 to 1000 (nm)"]),
         ("wavelengths: {list_nm: [400], count: 3}", ["wavelengths", "list_nm", "count"]),

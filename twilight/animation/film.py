@@ -109,7 +109,7 @@ class Animation:
 
     output: .mp4, .webp, .gif, or without a suffix a folder of numbered EXR.  exposure: `constant`, `metered`, or
     an exposure value at ISO 100; None: output.exposure_ev100, else `metered`.  output.tone_mapping is the tone.
-    speed, from_deg, to_deg: as `timeline`.  Errors: TwilightError for whatever cannot be shown.
+    speed, from_deg, to_deg, frames: as `timeline`.  Errors: TwilightError for whatever cannot be shown.
     """
 
     def __init__(
@@ -122,6 +122,7 @@ class Animation:
         exposure: str | float | None = None,
         from_deg: float | None = None,
         to_deg: float | None = None,
+        frames: int | None = None,
         sizes: ViewerTableSizes | None = None,
         problem: Problem | None = None,
     ):
@@ -135,7 +136,7 @@ class Animation:
             raise TwilightError("--exposure: EXR hold luminances, which have no exposure; leave it out")
         check_output(output, self.view.shape, frames_per_second)
         self.line: FilmTimeline = timeline(
-            config, speed=speed, frames_per_second=frames_per_second, from_deg=from_deg, to_deg=to_deg
+            config, speed=speed, frames_per_second=frames_per_second, from_deg=from_deg, to_deg=to_deg, frames=frames
         )
         self.moons = moons_of(config, self.line)
         lit_from = [*self.line.elevation_deg, *(moon.elevation_deg for moon in self.moons or () if moon.shines)]

@@ -42,10 +42,12 @@ def timeline(
     frames_per_second: float,
     from_deg: float | None = None,
     to_deg: float | None = None,
+    frames: int | None = None,
 ) -> FilmTimeline:
     """The suns of a film: from one elevation to another, or along the configuration's sequence or time span.
 
-    speed: seconds of the sky in a second of the film.  from_deg, to_deg: true elevations in place of the
+    speed: seconds of the sky in a second of the film.  frames: pictures that the whole way is shown in, whatever the
+    speed.  from_deg, to_deg: true elevations in place of the
     configuration's; with one sun and neither of them, `SUNSET_DEG`.  Azimuths are counted from north where there is a
     place, else from the sun.  Errors: TwilightError for what makes no film.
     """
@@ -55,6 +57,8 @@ def timeline(
             raise TwilightError("--from, --to: the configuration has a time; sun.start and sun.stop say what is shown")
         if not isinstance(sun, SunInterval):
             raise TwilightError("sun: single moments make no film; it needs sun.start and sun.stop")
+        if frames is not None:
+            step_s = (sun.aware(sun.stop) - sun.aware(sun.start)).total_seconds() / (frames - 1)
         return _over_a_place(config, sun, step_s)
     path = [sun.elevation_deg] if isinstance(sun, SunElevation) else list(sun.elevations_deg)
     if isinstance(sun, SunElevation) or from_deg is not None or to_deg is not None:
@@ -65,6 +69,8 @@ def timeline(
         raise TwilightError(
             f"the film begins and ends at {path[0]:g} deg; a film needs a sun that moves (--from, --to)"
         )
+    if frames is not None:
+        step_s = way[-1] / FALL_DEG_PER_S / (frames - 1)
     time = np.arange(_count(way[-1] / FALL_DEG_PER_S, step_s)) * step_s
     elevation = np.interp(time * FALL_DEG_PER_S, way, path)
     return _checked(config, FilmTimeline(time, elevation, np.zeros(time.size), np.full(time.size, sun.distance_au)))

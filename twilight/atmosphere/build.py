@@ -16,6 +16,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.opac import AerosolSpec
 from twilight.atmosphere.profiles import PROFILE_TOP_KM, AirProfile, load_profile
 from twilight.atmosphere.stratosphere import StratosphereSpec
+from twilight.base.conventions import LOWEST_GROUND_KM
 from twilight.base.errors import TwilightError
 
 MIN_TOP_KM = 10.0
@@ -55,7 +56,7 @@ def build_medium(
 
     profile: one of ``profiles.PROFILES``, or the air itself.
     top_km: 10 to 120; what is above is left out.
-    ground_altitude_km: 0 to 9 above sea level; the medium begins there, with the profile's state at that altitude.
+    ground_altitude_km: -0.5 to 9 above sea level; the medium begins there, with the profile's state at that altitude.
     layers: None gives coefficients that go continuously through the profile's own altitudes; otherwise they are
         constant in each layer, with the layer's mean.
     ozone_column_du: from the ground to 120 km; or from the day of the year (northern hemisphere, Haber 2005
@@ -79,9 +80,10 @@ def build_medium(
     if not (math.isfinite(co2_ppm) and 0.0 <= co2_ppm <= 1e5):
         raise TwilightError(f"co2_ppm: {co2_ppm} is not possible, allowed is 0 to 100000 ppm")
     albedo = check_ground_albedo(ground_albedo, wavelength.size)
-    if not (math.isfinite(ground_altitude_km) and 0.0 <= ground_altitude_km <= MAX_GROUND_KM):
+    if not (math.isfinite(ground_altitude_km) and LOWEST_GROUND_KM <= ground_altitude_km <= MAX_GROUND_KM):
         raise TwilightError(
-            f"ground.altitude_km: {ground_altitude_km} is not possible, allowed is 0 to {MAX_GROUND_KM:g} km"
+            f"ground.altitude_km: {ground_altitude_km} is not possible, allowed is {LOWEST_GROUND_KM:g} to "
+            f"{MAX_GROUND_KM:g} km"
         )
     ground_km = float(ground_altitude_km)
     full = (load_profile(profile) if isinstance(profile, str) else profile).above(ground_km)

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from twilight.base.conventions import LOWEST_GROUND_KM
 from twilight.config.aerosol import Aerosol, Stratosphere
 from twilight.config.air import Air, air_files
 from twilight.config.base import FilePath, Flag, Integer, Number, Section, increase, key
@@ -84,8 +85,8 @@ class Levels(Section):
         for name in ("pressure_hpa", "temperature_k", "water_vapour_ppm", "ozone_ppm"):
             if len(getattr(self, name)) != len(z):
                 raise ValueError(f"has {len(z)} altitude_km but {len(getattr(self, name))} {name}")
-        if z[0] < 0.0 or z[-1] > 120.0 or not increase(z):
-            raise ValueError("altitude_km must increase from 0 or more to at most 120 km")
+        if z[0] < LOWEST_GROUND_KM or z[-1] > 120.0 or not increase(z):
+            raise ValueError(f"altitude_km must increase from {LOWEST_GROUND_KM:g} or more to at most 120 km")
         if not increase(reversed(self.pressure_hpa)):
             raise ValueError("pressure_hpa must decrease")
         return self
@@ -208,7 +209,7 @@ class Ground(Section):
         "above sea level, of all the land that is seen: air and gases begin there (for a peak above low land leave 0 "
         "and set observer.altitude_km)",
         unit="km",
-        ge=0.0,
+        ge=LOWEST_GROUND_KM,
         le=9.0,
     )
 

@@ -23,7 +23,16 @@ from twilight.engine.moon import moon_light, warn_of_the_moon, with_moon
 from twilight.engine.night import NightLight, check_stars, levels_of, night_light, place_of, star_sky, without_points
 from twilight.engine.solve import Problem
 from twilight.engine.sunbeam import Direct
-from twilight.engine.view import ViewRadiance, check_view, join_views, landscape, view_radiance, with_night, with_sun
+from twilight.engine.view import (
+    ViewRadiance,
+    check_terrain,
+    check_view,
+    join_views,
+    landscape,
+    view_radiance,
+    with_night,
+    with_sun,
+)
 from twilight.io.provenance import configuration_hash
 from twilight.io.rendered import ViewPixels, ViewSource
 from twilight.numerics.spectrum import solar_irradiance
@@ -89,9 +98,11 @@ def frames(
     known = None if config.terrain is not None else tuple(sun.elevation_deg for sun in suns)
     if known is not None:
         known += tuple(moon.elevation_deg for moon in moons if moon is not None and moon.shines)
-    problem = Problem(scene, known, cached, numpy_only_sun)
     if scene.observer.view is not None:
         check_view(scene.observer.view, scene.capabilities, scene.title)
+        if config.terrain is not None:
+            check_terrain(scene.capabilities, config.terrain, scene.altitude_km, _standpoint(suns[0]))
+    problem = Problem(scene, known, cached, numpy_only_sun)
     set_up_s = 0.0
     found = [_SunResult(moon) for moon in moons]
     meter, steps, several = PhasedProgress(tell), 1 + len(suns), len(suns) > 1

@@ -28,7 +28,7 @@ from twilight.sky.table import join as join_tables
 from twilight.solvers.base import Capabilities
 from twilight.terrain.aerial_perspective import DEGREE
 from twilight.terrain.heights import Standpoint, heights_of
-from twilight.terrain.scene import Viewpoint, add_terrain
+from twilight.terrain.scene import Viewpoint, add_terrain, check_above
 from twilight.transport.apparent_rays import horizon_dip_deg
 from twilight.transport.beam import prepare_beam
 from twilight.transport.scaling import delta_scaled
@@ -184,6 +184,14 @@ def _extent(view: View) -> tuple[tuple[float, float], tuple[float, float]]:
     return (float(low.min()), float(high.max())), (float(left.min()), float(right.max()))
 
 
+def check_terrain(able: Capabilities, terrain: Terrain, altitude_km: float, standpoint: Standpoint | None) -> None:
+    """TwilightError for a solver that cannot put terrain before its sky, for heights that cannot be read, and for an
+    observer under the ground."""
+    if not (able.finite_segments and able.every_observer and able.kind != "formula"):
+        raise TwilightError("terrain: needs a solver with finite segments and every observer: zones or tables")
+    check_above(heights_of(terrain, standpoint=standpoint), altitude_km)
+
+
 def landscape(
     block: Block,
     seen: ViewPixels,
@@ -196,11 +204,7 @@ def landscape(
 
     standpoint: of an observer whose place and sun are known, by which terrain with coordinates is laid.
     light_azimuth_deg: as in `view_radiance`.
-    Errors: TwilightError for a solver that cannot put terrain before its sky.
     """
-    able = block.capabilities
-    if not (able.finite_segments and able.every_observer and able.kind != "formula"):
-        raise TwilightError("terrain: needs a solver with finite segments and every observer: zones or tables")
     medium, altitude = block.medium, block.scene.altitude_km
     place = Viewpoint(altitude, sun_elevation_deg, block.direct(sun_elevation_deg).bending_deg)
     scaled = getattr(block.field, "scaled", None) or delta_scaled(medium, DEGREE)
