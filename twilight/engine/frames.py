@@ -196,7 +196,8 @@ class _SunResult:
             nodes: dict[str, Any] = {} if not self.tables else _nodes(self.tables[-1])
             self.tables.append(block.table(sun.elevation_deg, **nodes))
         if block.scene.observer.view is not None:
-            seen = view_radiance(block, block.scene.observer.view, sun.elevation_deg, away_deg)
+            like = self.view[-1] if self.view else None
+            seen = view_radiance(block, block.scene.observer.view, sun.elevation_deg, away_deg, like)
             if config.terrain is None:
                 self.view.append(seen)
             else:
