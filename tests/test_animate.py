@@ -294,7 +294,7 @@ def test_a_sequence_is_a_path(tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--frames", "48", "--speed", "2"], "--frames: takes the place of --speed"),
+        (["--frames", "48", "--speed", "2"], "--frames: is not allowed with --speed"),
         (["--frames", "1"], "--frames: 1 is not allowed"),
         (["--speed", "0"], "--speed: 0 is not allowed"),
         (["--speed", "1e6"], "a film has 2 to 100000"),

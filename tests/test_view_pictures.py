@@ -20,7 +20,6 @@ from twilight.numerics.orientation import azimuth_elevation
 from twilight.numerics.projections import view_rays
 from twilight.solvers.base import BareField
 
-
 AIR = pure_air(np.linspace(0.0, 60.0, 31), refractivity=0.0, wavelengths=(450.0, 650.0))
 """Air whose rays are straight, so that the horizon is where geometry has it."""
 

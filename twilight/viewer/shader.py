@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
-import numpy as np
-
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine import Solved
 from twilight.engine.sun_tables import LOWEST_SUN_DEG, ROW_COUNT, SunTables
