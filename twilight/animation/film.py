@@ -105,7 +105,8 @@ class Animation:
 
     output: .mp4, .webp, .gif, or without a suffix a folder of numbered EXR.  exposure: `constant`, `metered`, or
     an exposure value at ISO 100; None: output.exposure_ev100, else `metered`.  output.tone_mapping is the tone.
-    speed, from_deg, to_deg, frames: as `timeline`.  nodes: rows of the sky and columns of the table.  Errors: TwilightError for whatever cannot be shown.
+    speed, from_deg, to_deg, frames: as `timeline`.  nodes: rows of the sky and columns of the table.
+    Errors: TwilightError for whatever cannot be shown.
     """
 
     def __init__(

@@ -206,8 +206,8 @@ def _aerosol_regions(
         )
         factor = float(of_550[0])
     elif aerosol is not None and aerosol.optical_depths is not None:
-        target = aerosols.optical_depth_at(*aerosol.optical_depths, wavelength)
-        factor = aerosols.tropospheric_factor(target, wavelength, below, above, top_km)
+        depth = aerosols.optical_depth_at(*aerosol.optical_depths, wavelength)
+        factor = aerosols.tropospheric_factor(depth, wavelength, below, above, top_km)
     scaled = [region.scaled(factor) for region in below] if np.any(factor) else []
     return [region for region in scaled + above if region.bottom_km < top_km], factor
 

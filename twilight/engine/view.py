@@ -125,8 +125,8 @@ def view_radiance(
 ) -> ViewRadiance:
     """What a block of wavelengths shows in a view, without the sun's disc.
 
-    light_azimuth_deg: from the sun, of a second light that stands at `sun_elevation_deg` in its place; like: the same at
-    other wavelengths, whose rows and columns are taken to begin with.
+    light_azimuth_deg: from the sun, of a second light that stands at `sun_elevation_deg` in its place; like: the same
+    at other wavelengths, whose rows and columns are taken to begin with.
     """
     pitch = pixel_pitch_deg(view)
     rows, columns = _first_nodes(block, view, light_azimuth_deg)

@@ -171,5 +171,5 @@ class Field(BareField):
         if self.overcast == 0.0:
             return clear
         grey = overcast_luminance(sun_elevation_deg, np.sin(np.radians(elevation_deg)))
-        flat = grey[..., None] * self._bins.from_flat_spectrum(1.0)
+        flat = grey[..., None] * self._bins.of_flat_spectrum
         return (1.0 - self.overcast) * clear + self.overcast * flat
