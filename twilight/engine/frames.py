@@ -48,6 +48,9 @@ from twilight.sky.table import join as join_tables
 from twilight.terrain.heights import Standpoint
 from twilight.transport.apparent_rays import horizon_dip_deg
 
+DARK = 1e-12
+"""Radiance over F0 [sr^-1] that counts as none: a thousandth of the darkest night, 1e-7 cd m^-2."""
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -125,11 +128,13 @@ def frames(
 
 
 def _warn_of_black(scene: Scene, sky: Sky) -> None:
-    if sky.normalised_radiance.any() or scene.observer.view is not None:
+    """TwilightWarning for a sky without light that anybody would see, which says why."""
+    config, top_km = scene.configuration, scene.medium.top_km
+    above = config.climate.medium is None and scene.altitude_km >= top_km
+    if sky.normalised_radiance.max() > DARK or (above and scene.observer.view is not None):
         return
-    config = scene.configuration
-    top_km = config.climate.atmosphere.top_km
-    if config.climate.medium is None and scene.altitude_km >= top_km:
+    what = "black in every direction" if not sky.normalised_radiance.any() else "darker than a thousandth of any night"
+    if above:
         why = f"an observer at {scene.altitude_km:g} km is above the air, which ends at {top_km:g} km, and looks up"
         ask = "take a lower observer.altitude_km"
     elif config.night is None:
@@ -137,7 +142,7 @@ def _warn_of_black(scene: Scene, sky: Sky) -> None:
         ask = "add the night sky with night.airglow=1"
     else:
         why, ask = "there is no light in this air", "see the climate"
-    warnings.warn(f"the sky is black in every direction: {why}; {ask}", TwilightWarning, stacklevel=3)
+    warnings.warn(f"the sky is {what}: {why}; {ask}", TwilightWarning, stacklevel=3)
 
 
 def _standpoint(sun: SceneSun) -> Standpoint | None:

@@ -35,8 +35,8 @@ FIELD_FRACTION_HELD = 0.5
 """Fraction of a field's memory while it is solved that is still held when it is evaluated."""
 START_S = 1.8
 """Processor seconds of the program's start: its libraries, the compiled kernels (skies of `benchmarks/memory.csv`)."""
-PIXEL_S = 2e-6
-"""Processor seconds of a pixel of a view (`view 2048x1024 draft` of `benchmarks/memory.csv`)."""
+PIXEL_S = 3e-6
+"""Processor seconds of a pixel of a view of eight wavelengths (`twilight.engine.view`)."""
 TERRAIN_S = 4.0
 """Processor seconds of a view with terrain whatever its size: aerial perspective at its nodes, the shadows' grid."""
 TERRAIN_PIXEL_S = 5.8e-6
@@ -51,7 +51,7 @@ USUAL_GRID = (90, 140)
 """Rows and columns of a sky where no texture is asked for, about (`twilight.sky.table.plain_grid`)."""
 USUAL_NODES = 1150
 """Directions of the table that it is read from, about (`twilight.engine.table.fill`)."""
-VIEW_NODES = 2500
+VIEW_NODES = 4000
 """The same of the table of a view (`twilight.engine.view`)."""
 
 
