@@ -72,8 +72,8 @@ def estimate(
     refine
         The fit ends with the sky of the scene's own solver, screen, night and observer; otherwise all is `compact`'s.
     profile, mask, automatic_mask, min_elevation_deg, glare_deg, resolution_deg
-        What is clear sky: skyline (CSV), mask picture, whether ground and clouds are looked for, lowest elevation, radius
-        about the sun, and side of the cells.
+        What is clear sky: skyline (CSV), mask picture, whether ground and clouds are looked for, lowest elevation,
+        radius about the sun, and side of the cells.
     settings
         Dotted keys of the scene.
     name
@@ -147,8 +147,8 @@ def read_sky(
     path
         sky.h5, or a picture as of `estimate`.
     sun_elevation_deg, sun_azimuth_deg
-        Of a photograph: the sun's true elevation and its azimuth in the camera's azimuths; None: by its disc, and by the
-        symmetry of the sky.
+        Of a photograph: the sun's true elevation and its azimuth in the camera's azimuths; None: by its disc, and by
+        the symmetry of the sky.
     camera
         Of a photograph, as of `estimate`.
     cd_per_m2

@@ -1,7 +1,7 @@
 """The Prague Sky Model's file from solved fields: for every air, albedo, altitude and sun a sum of products.
 
-A field of all suns makes the skies of an air over a ground: tables of suns (`twilight.sky.table`), below -2 deg of every
-second sun of the file, between which the tables' rule goes.
+A field of all suns makes the skies of an air over a ground: tables of suns (`twilight.sky.table`), below -2 deg of
+every second sun of the file, between which the tables' rule goes.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
-"""The skies of airs that a photograph is fitted with: some twenty by the solver `compact`, and what lies between them.
+"""The skies of airs that a photograph is fitted with: some fifteen by the solver `compact`, and what lies between them.
 
 Of the first aerosol type the optical depth stands at all of its nodes, and each other parameter at its outer values
-beside one or two of these.  Of another type it stands at two nodes; its skies at the others differ from the first type's
-by what the two say, and what the other parameters do is taken from the first type.
+beside one of these.  Of another type one air is computed, at the best values of the first: what the type changes there
+it changes everywhere, until a fit has come near enough for an air of its own.
 
 Between the nodes ln(XYZ) of a direction is a local cubic in the (transformed) optical depth and in the sun's elevation,
-plus for each other parameter the parabola of its change, linear in the optical depth where it is known at two.  So a
-trial is a weighted sum of skies, and costs one product.
+plus for each other parameter the parabola of its change.  So a trial is a weighted sum of skies, and costs one product.
 """
 
 from __future__ import annotations
@@ -41,8 +40,8 @@ COLOUR_ERROR = 0.1
 class Parameter:
     """A parameter of the climate: the key it sets, its nodes (the first and last bound it), and its scale.
 
-    Between nodes it is interpolated in ``scaled``, ln for an optical depth.  beside: at which one or two of the
-    aerosol's nodes it is varied.
+    Between nodes it is interpolated in ``scaled``, ln for an optical depth.  beside: at which of the aerosol's nodes it
+    is varied.
     """
 
     name: str
@@ -50,7 +49,7 @@ class Parameter:
     unit: str
     nodes: tuple[float, ...]
     logarithmic: bool = False
-    beside: tuple[int, ...] = (1, 2)
+    beside: int = 1
 
     def scaled(self, value: Any) -> Any:
         """The value in which it is interpolated and fitted."""
@@ -63,7 +62,7 @@ class Parameter:
 
 AEROSOL = Parameter("aerosol", "aerosol.optical_depth_550nm", "1", (0.02, 0.07, 0.24, 0.8), logarithmic=True)
 OTHERS = (
-    Parameter("ozone", "gases.ozone.column_du", "DU", (200.0, 320.0, 450.0), beside=(1,)),
+    Parameter("ozone", "gases.ozone.column_du", "DU", (200.0, 320.0, 450.0)),
     Parameter("albedo", "ground.albedo", "1", (0.0, 0.25, 0.6)),
 )
 """What may be estimated besides the aerosol."""
@@ -87,7 +86,7 @@ class Design:
         rows = [{AEROSOL.name: value, **middle} for value in AEROSOL.nodes]
         for p in self.others:
             for outer in (p.nodes[0], p.nodes[2]):
-                rows += [{AEROSOL.name: AEROSOL.nodes[i], **middle, p.name: outer} for i in p.beside]
+                rows.append({AEROSOL.name: AEROSOL.nodes[p.beside], **middle, p.name: outer})
         return rows
 
     def weights(self, values: Mapping[str, float]) -> np.ndarray:
@@ -101,16 +100,10 @@ class Design:
             a, b, c = p.scaled(np.array(p.nodes))
             q = float(p.scaled(values[p.name]))
             outer = ((q - b) * (q - c) / ((a - b) * (a - c)), (q - a) * (q - b) / ((c - a) * (c - b)))
-            parts = [1.0]
-            if len(p.beside) == 2:
-                low, high = p.beside
-                fraction = float(np.clip((target - x[low]) / (x[high] - x[low]), -0.5, 1.5))
-                parts = [1.0 - fraction, fraction]
             for weight in outer:
-                for main, part in zip(p.beside, parts, strict=True):
-                    out[node] += weight * part
-                    out[main] -= weight * part
-                    node += 1
+                out[node] += weight
+                out[p.beside] -= weight
+                node += 1
         return out
 
 
@@ -192,19 +185,11 @@ class Airs:
         skies = [self.log_xyz(aerosol_type, node, suns, cells) for node in self.design.nodes]
         return Skies(self.design, aerosol_type, np.array(suns), np.array(skies), *self._errors())
 
-    def like(self, first: Skies, aerosol_type: str, near: int, cells: Cells) -> Skies:
-        """The skies of another type, from two depths: node `near` of the optical depth and the next."""
-        x = AEROSOL.scaled(np.array(AEROSOL.nodes))
-        low = min(near, x.size - 2)
+    def like(self, first: Skies, aerosol_type: str, values: Mapping[str, float], cells: Cells) -> Skies:
+        """The skies of another type: those of the first, changed as one air is by the type."""
         suns = first.sun_elevations_deg.tolist()
-        differences = [
-            self.log_xyz(aerosol_type, self.design.nodes[k], suns, cells) - first.log_xyz[k] for k in (low, low + 1)
-        ]
-        made = first.log_xyz.copy()
-        for k, node in enumerate(self.design.nodes):
-            place = (AEROSOL.scaled(node[AEROSOL.name]) - x[low]) / (x[low + 1] - x[low])
-            f = float(np.clip(place, -0.5, 1.5))
-            made[k] += (1.0 - f) * differences[0] + f * differences[1]
+        one, other = (self.log_xyz(name, values, suns, cells) for name in (first.aerosol_type, aerosol_type))
+        made = first.log_xyz + (other - one)
         return Skies(self.design, aerosol_type, first.sun_elevations_deg, made, *self._errors())
 
     def _errors(self) -> tuple[float, float]:

@@ -14,7 +14,7 @@ Standard errors are from its curvature, intervals from its profile: chi^2 + 1 an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -79,7 +79,7 @@ class AirEstimate:
 
     misfit: sum of squares Q.  chi2_above_best: its chi^2 above that of the best type, on the best type's scale.
     values: of all parameters, with ``sun`` where it was fitted.
-    parameters: with intervals, of the types that fit about as well as the best; correlation (P, P): of them.
+    parameters: with intervals, of the type that is taken; correlation (P, P): of them.
     """
 
     aerosol_type: str
@@ -96,7 +96,7 @@ class AirEstimate:
 
 
 class Fit:
-    """Residuals of a photograph against skies, in parameters scaled to 0..1 within their bounds, and the best of them."""
+    """Residuals of a photograph against skies, in parameters scaled to 0..1 within their bounds, and the best."""
 
     def __init__(self, cells: Cells, skies: Skies, white_balance: bool, with_colour: bool):
         self.cells, self.skies = cells, skies
@@ -187,8 +187,8 @@ def plain(fit: Fit, best: Fit) -> AirEstimate:
     return AirEstimate(fit.skies.aerosol_type, fit.q, above, fit.values())
 
 
-def described(fit: Fit, best: Fit, told: Callable[[float, float], None] = lambda done, of: None) -> AirEstimate:
-    """The same with intervals, by curvature and profiles; told: is called with how many of them are done."""
+def described(fit: Fit, best: Fit) -> AirEstimate:
+    """The same with intervals, by curvature and profiles."""
     made, variance, x = plain(fit, best), fit.variance(fit.q), fit.x
     information = 3.0 / variance * (fit.jacobian.T @ fit.jacobian)
     # a prior with a thousandth of the information of a uniform distribution keeps what is not told finite
@@ -196,7 +196,6 @@ def described(fit: Fit, best: Fit, told: Callable[[float, float], None] = lambda
     deviation = np.sqrt(np.diag(covariance))
     parameters = []
     for i, p in enumerate(fit.parameters):
-        told(i, x.size)
         fine, root = _profile(fit, i, deviation[i], variance)
         weight = np.exp(-0.5 * root**2)
         weight /= weight.sum()

@@ -55,8 +55,8 @@ class Estimate:
     """The air that makes the sky of a photograph.
 
     given: the scene as it was given
-    types: the best air of every aerosol type, the best first; best: the one that is taken, of the scene's own type where
-        that cannot be told from the best
+    types: the best air of every aerosol type, the best first; best: the one that is taken, of the scene's own type
+        where that cannot be told from the best
     sun_elevation_deg, sun_azimuth_deg: true elevation, and azimuth in the camera's azimuths
     remarks: sentences on where the sun is from
     """
@@ -125,18 +125,15 @@ class Estimate:
         return "\n".join([f"<Estimate of {self.picture}: {self.best.aerosol_type}", *self.sentences()]) + ">"
 
     def sentences(self) -> list[str]:
-        """What the photograph tells and what it does not, in words; that a fit does not fit comes first."""
-        return [
-            *_misfit(self.best),
-            *self.remarks,
-            *map(_sentence, self.best.parameters),
-            *self._types(),
-            self._bands(),
-        ]
+        """What the photograph tells and what it does not, in words; where a fit does not fit, that comes first."""
+        if not self.fits:
+            return [_misfit(self.best), *self.remarks]
+        told = map(_sentence, self.best.parameters)
+        return [*self.remarks, *told, *self._types(), self._bands()]
 
     def _types(self) -> list[str]:
         alike = [e.aerosol_type for e in self.types if e is not self.best and e.chi2_above_best < EQUIVALENT]
-        if not self.fits or len(self.types) == 1:
+        if len(self.types) == 1:
             return []
         if alike:
             return [f"kind of haze: {self.best.aerosol_type}; as well may it be {', '.join(alike)}"]
@@ -200,15 +197,13 @@ class Estimate:
         }
 
 
-def _misfit(best: AirEstimate) -> list[str]:
+def _misfit(best: AirEstimate) -> str:
     """The sentence of a fit that does not fit."""
-    if best.fits:
-        return []
-    return [
+    return (
         f"THE FIT DOES NOT FIT: its misfit is {best.misfit:.2g}, and 1 is a sky off by {100 * LOG_SCALE:.0f} % in "
-        f"luminance or by {CHROMATICITY_SCALE:g} in u', v'; no value below is an estimate of anything (clouds that were "
-        "not masked, a wrong response or white balance, a wrong sun)"
-    ]
+        f"luminance or by {CHROMATICITY_SCALE:g} in u', v'; its values are no estimate (clouds that were not masked, a "
+        "wrong response, white balance or sun, a sky that is not clear)"
+    )
 
 
 def _sentence(p: Estimated) -> str:
@@ -291,14 +286,13 @@ def estimate_air(
     apparent = low if low == high else None
     for _ in range(2):
         cells = Cells.of(photograph.seen(azimuth, apparent).sky, MOST_CELLS)
-        options = Options(order, low, high, white_balance, with_colour)
+        options = Options(order, own, low, high, white_balance, with_colour)
         made = find_air(airs, cells, options, refined, progress)
-        sun = made[0].values.get(SUN, low)
+        best = next(one for one in made if one.parameters)
+        sun = best.values.get(SUN, low)
         if apparent is not None or sun < LIT_ABOVE_DEG:
             break
         apparent = sun
-    alike = [one for one in made if one.chi2_above_best < EQUIVALENT]
-    best = next((one for one in alike if one.aerosol_type == own), made[0])
     return Estimate(
         picture,
         photograph,

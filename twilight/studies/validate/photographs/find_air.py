@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twilight.base.progress import Progress, silent
-from twilight.studies.validate.photographs.airs import AEROSOL, SUN, SUN_DEG, Airs, Skies
+from twilight.studies.validate.photographs.airs import SUN, SUN_DEG, Airs, Skies
 from twilight.studies.validate.photographs.estimate import AirEstimate, Fit, described, plain, starts
 from twilight.studies.validate.photographs.photo import Cells, residual_vector
 
@@ -33,14 +33,11 @@ SECOND_BEST = 2.0
 SETTLED = 0.02
 """Change, as a fraction of every parameter's range, below which a fit is not made again with a sky of its own."""
 
-REFINEMENTS = 2
-"""Largest number of times that a fit is made again with a sky computed at its best values."""
-
 EQUIVALENT = 4.0
 """chi^2 above the best up to which a type cannot be told from it."""
 
-CLOSE = 40.0
-"""chi^2 above the best up to which a type is fitted with a sky of its own."""
+NEAR_ENOUGH = (16.0, EQUIVALENT)
+"""chi^2 above the best up to which a type is fitted again with a sky of its own, in each round."""
 
 Refine = Callable[[str, Mapping[str, float], Cells], np.ndarray]
 """From an aerosol type, the values of all parameters and cells to ln(XYZ) (n, 3) of that sky by another solver."""
@@ -48,10 +45,13 @@ Refine = Callable[[str, Mapping[str, float], Cells], np.ndarray]
 
 @dataclass(frozen=True)
 class Options:
-    """types: of aerosol, the first as the scene has it; low_deg, high_deg: suns between which it is sought, equal where
-    it is known; white_balance: gains of red, green and blue are free; with_colour: colours count, not luminance alone."""
+    """types: of aerosol; own_type: the scene's, which is taken where it cannot be told from the best
+    low_deg, high_deg: suns between which it is sought, equal where it is known
+    white_balance: gains of red, green and blue are free; with_colour: colours count, not luminance alone
+    """
 
     types: Sequence[str]
+    own_type: str | None = None
     low_deg: float = SUN_DEG[0]
     high_deg: float = SUN_DEG[1]
     white_balance: bool = False
@@ -61,7 +61,7 @@ class Options:
 def find_air(
     airs: Airs, cells: Cells, options: Options, refine: Refine | None = None, progress: Progress = silent
 ) -> list[AirEstimate]:
-    """The best air of every type, the best type first.
+    """The best air of every type, the best type first; the one that is taken has parameters with intervals.
 
     refine: another solver's sky of an air; all types are fitted again with the difference from `airs` at the best one.
     Errors: TwilightError for an air that cannot be computed.
@@ -73,18 +73,16 @@ def find_air(
         return made
 
     first = _with_sun(airs, cells, options, fitted)
-    fits = [first]
-    near = int(np.argmin(np.abs(np.log(np.array(AEROSOL.nodes) / first.values()[AEROSOL.name]))))
-    low = near if first.values()[AEROSOL.name] > AEROSOL.nodes[near] else near - 1
-    fits += [fitted(airs.like(first.skies, name, max(low, 0), cells)) for name in options.types[1:]]
-    for _ in range(REFINEMENTS):
+    _again(first, airs.log_xyz, cells)
+    fits = [first, *(fitted(airs.like(first.skies, name, first.values(), cells)) for name in options.types[1:])]
+    settled: set[str] = set()
+    for near in NEAR_ENOUGH:
         best = min(fits, key=lambda fit: fit.q)
-        moved = 0.0
         for fit in fits:
-            if plain(fit, best).chi2_above_best < CLOSE:
-                moved = max(moved, _again(fit, airs.log_xyz, cells))
-        if moved < SETTLED:
-            break
+            name = fit.skies.aerosol_type
+            if name not in settled and plain(fit, best).chi2_above_best <= near:
+                if _again(fit, airs.log_xyz, cells) < SETTLED:
+                    settled.add(name)
     best = min(fits, key=lambda fit: fit.q)
     if refine is not None:
         progress(f"computing the sky of {best.skies.aerosol_type} by the scene's solver", 0.8)
@@ -94,13 +92,10 @@ def find_air(
             fit.correct(error)
             fit.find([fit.x])
         best = min(fits, key=lambda fit: fit.q)
-    made = []
-    for fit in fits:
-        if plain(fit, best).chi2_above_best < EQUIVALENT:
-            progress(f"intervals of {fit.skies.aerosol_type}", 0.95)
-            made.append(described(fit, best))
-        else:
-            made.append(plain(fit, best))
+    alike = [fit for fit in fits if plain(fit, best).chi2_above_best < EQUIVALENT]
+    taken = next((fit for fit in alike if fit.skies.aerosol_type == options.own_type), best)
+    progress(f"intervals of {taken.skies.aerosol_type}", 0.9)
+    made = [described(fit, best) if fit is taken else plain(fit, best) for fit in fits]
     return sorted(made, key=lambda one: one.misfit)
 
 

@@ -115,7 +115,7 @@ class Photograph:
 
 
 def spectra_of(xyz: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
-    """Sun-normalised spectra (..., W) of colours (..., 3) [cd m^-2]: straight lines between `SPECTRUM_NM`, never negative."""
+    """Sun-normalised spectra (..., W) >= 0 of colours (..., 3) [cd m^-2]: straight lines between `SPECTRUM_NM`."""
     lines = np.array([np.interp(wavelength_nm, SPECTRUM_NM, one) for one in np.eye(3)])
     white = colour.factor_to_xyz(np.ones((1, wavelength_nm.size)), wavelength_nm, observer=OBSERVER)
     # differences, for a single line may have a colour that no light has
