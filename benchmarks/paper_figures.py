@@ -2,8 +2,8 @@
 
     python benchmarks/paper_figures.py [NAME ...]      writes docs/paper-figures.jpg
 
-Each row is a configuration, each picture one of its cases by `twilight render`; of haber2005-fig7 a third picture is the
-difference of the two, gamma 3 as in the paper.  Haber's cells are S = 48 here (6 s a picture; 120 are his).
+Each row is a configuration, each picture one of its cases by `twilight render`; of haber2005-fig7 a third picture is
+the difference of the two, gamma 3 as in the paper.  Haber's cells are S = 48 here (6 s a picture; 120 are his).
 """
 
 from __future__ import annotations

@@ -174,6 +174,8 @@ BENCHMARKS = {
     "bruneton2008_cie": Benchmark(
         "bruneton2008.py", "bruneton2008_cie.csv, ../docs/bruneton2008-cie.png", "Bruneton and Neyret's fig. 6 and 7"
     ),
+    "three_papers": Benchmark("three_papers.py", "three_papers.csv", "claims of the three papers, measured"),
+    "paper_figures": Benchmark("paper_figures.py", "../docs/paper-figures.jpg", "their figures that are renderings"),
     "segments": Benchmark("segments.py", "segments.csv", "aerial perspective against the reference solution"),
     "terrain": Benchmark("terrain.py", "terrain.csv", "light shafts exactly and by eq. 17 and 18"),
     "tables": Benchmark("tables.py", "tables.csv", "tables for renderers against the field that filled them"),
