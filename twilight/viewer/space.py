@@ -142,9 +142,7 @@ def every_second(count: int) -> np.ndarray:
     return np.unique(np.append(np.arange(0, count, 2), count - 1))
 
 
-def _at_feet(
-    table: SkyTable, columns_deg: np.ndarray, edge: np.ndarray, central_angle_deg: np.ndarray
-) -> SkyTable:
+def _at_feet(table: SkyTable, columns_deg: np.ndarray, edge: np.ndarray, central_angle_deg: np.ndarray) -> SkyTable:
     """A table over the suns where lines enter the air as one over suns and azimuths of their feet, by its own rule."""
     suns = suns_between(LOWEST_SUN_DEG, 90.0, table.sun_elevation_deg)
     s, a = np.meshgrid(suns, columns_deg, indexing="ij")
