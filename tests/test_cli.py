@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 
 from twilight.cli.app import app
 from twilight.io.netcdf import read_sky
-from twilight.scene import resolve
 from twilight.solvers.base import Capabilities
 
 
