@@ -69,6 +69,10 @@ def test_a_black_sky_says_why(plain, table, tmp_path):
         "twilight: the sky is black in every direction: no sunlight reaches it with the sun at -40 deg; add the night "
         "sky with night.airglow=1"
     ]
+    faint = call(*black[:-1], "solver.brightness=1e-12", "--overwrite")
+    assert faint.exit_code == 0 and "the sky is darker than a thousandth of any night: no sunlight" in faint.stderr
+    lit = call(*black[:-1], "solver.brightness=0.01", "--overwrite")
+    assert lit.exit_code == 0 and not lit.stderr
 
 
 def test_a_sun_that_is_not_given_is_announced(plain, table, tmp_path):
