@@ -68,10 +68,8 @@ def closed(name: str = "closed", level: float = 1.0) -> Solved:
 
 
 def field_luminance(solved: Solved, sun_deg: float, count: int = 1000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Elevation and azimuth [deg] of lines of sight, and the field's luminance there [cd m^-2], (N,) each.
-
-    They go from 0.3 deg up to the zenith, a third of them below 10 deg, and 0.3 deg past the sun's disc at least.
-    """
+    """Elevation and azimuth [deg] of lines of sight from 0.3 deg up to the zenith, a third of them below 10 deg, 0.3
+    deg off the sun's disc at least, and the field's luminance there [cd m^-2], (N,) each."""
     random = np.random.default_rng(1)
     elevation = np.degrees(np.arcsin(random.uniform(math.sin(math.radians(0.3)), 1.0, count)))
     elevation[: count // 3] = random.uniform(0.3, 10.0, count // 3)

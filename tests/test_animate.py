@@ -297,6 +297,8 @@ def test_a_sequence_is_a_path(tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        (["--frames", "48", "--speed", "2"], "--frames: is not allowed with --speed"),
+        (["--frames", "1"], "--frames: 1 is not allowed"),
         (["--speed", "0"], "--speed: 0 is not allowed"),
         (["--speed", "1e6"], "a film has 2 to 100000"),
         (["--frames-per-second", "-1"], "--frames-per-second: -1 is not allowed"),
@@ -326,6 +328,18 @@ def test_a_missing_encoder_and_an_unknown_suffix_are_one_sentence(tmp_path, monk
     assert "install 'imageio-ffmpeg>=" in result.stderr and result.stderr.count("\n") == 1
     result = CliRunner().invoke(app, ["animate", "pure-air", "--output", str(tmp_path / "a.avi")])
     assert result.exit_code == 2 and "must end in .mp4, .webp or .gif" in result.stderr
+
+
+def test_as_many_pictures_as_asked_for():
+    """--frames: the whole way, from the first sun to the last, in that many."""
+    from twilight.animation.timeline import timeline
+    from twilight.config import load
+
+    line = timeline(load("pure-air"), speed=300.0, frames_per_second=25.0, from_deg=4.0, to_deg=-8.0, frames=48)
+    assert len(line) == 48 and line.elevation_deg[[0, -1]] == pytest.approx([4.0, -8.0])
+    place = {"latitude_deg": 48.0, "longitude_deg": 11.0, "start": "2026-06-21T20:00Z", "stop": "2026-06-21T21:00Z"}
+    line = timeline(load("pure-air", {"sun": place}), speed=300.0, frames_per_second=25.0, frames=10)
+    assert len(line) == 10 and line.time_s[-1] == pytest.approx(3600.0)
 
 
 @pytest.mark.slow

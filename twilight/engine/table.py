@@ -67,6 +67,9 @@ BESIDE_BREAK_DEG = 1e-3
 HIGH_FROM_KM = 0.1
 """Height above the ground from which rows go below the horizontal; lower down the horizon dips by 0.3 deg at most."""
 
+BREAKS_APART_DEG = 0.1
+"""A break closer than this above another one is left out [deg]: from orbit the edge of the haze is at the horizon."""
+
 SUDDEN_FALL = 0.2
 """Part of the extinction that is lost within a hundredth of a kilometre where a layer has an edge."""
 
@@ -96,7 +99,11 @@ def row_breaks(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
         return 0.0, []
     level = sudden_edges(medium)[0]
     edges = [-horizon_dip_deg(medium, altitude_km, float(k)) for k in level[level < altitude_km - 0.01]]
-    return -90.0, sorted({-horizon_dip_deg(medium, altitude_km), *(round(e, 4) for e in edges)})
+    breaks = [-horizon_dip_deg(medium, altitude_km)]
+    for edge in sorted(edges):
+        if edge - breaks[-1] > BREAKS_APART_DEG:
+            breaks.append(edge)
+    return -90.0, breaks
 
 
 Light = Callable[[np.ndarray, np.ndarray], Answer]
@@ -112,6 +119,7 @@ def first_rows(low_deg: float, breaks_deg: Sequence[float], count: int = FIRST_R
         u = np.linspace(0.0, 1.0, count if last else max(5, count // 2))
         rise = u**ROW_POWER if last else 1.0 - (1.0 - u) ** ROW_POWER
         parts.append(below + (above - below) * rise)
+        parts[-1][-1] = above  # both rows of a break are the same to the last bit
     return np.concatenate(parts)
 
 

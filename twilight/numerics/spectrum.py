@@ -171,6 +171,16 @@ def hermite_weights(x: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.n
     return nodes, weights
 
 
+def linear_weights(x: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two nodes (T, 2, int) and their weights (T, 2) of straight lines between nodes x (N,), held beyond them."""
+    x, t = np.asarray(x, dtype=float), np.clip(np.asarray(target, dtype=float), x[0], x[-1])
+    if x.size == 1:
+        return np.zeros((t.size, 2), int), np.tile([1.0, 0.0], (t.size, 1))
+    j = np.clip(np.searchsorted(x, t, side="right") - 1, 0, x.size - 2)
+    u = (t - x[j]) / (x[j + 1] - x[j])
+    return np.stack([j, j + 1], axis=1), np.stack([1.0 - u, u], axis=1)
+
+
 def hermite_matrix(x: np.ndarray, target: np.ndarray) -> np.ndarray:
     """``hermite_weights`` as a matrix (T, N)."""
     nodes, weights = hermite_weights(x, target)

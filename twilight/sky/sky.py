@@ -104,6 +104,9 @@ class Sky(SkyLight):
             raise TwilightError("sky: elevation_deg must increase within -90 to 90")
         if azimuth[0] < 0.0 or azimuth[-1] >= 360.0 or np.any(np.diff(azimuth) <= 0.0):
             raise TwilightError("sky: azimuth_deg must increase within 0 to 360, 360 left out")
+        widest = float(np.diff(np.append(azimuth, azimuth[0] + 360.0)).max())
+        if azimuth.size > 2 and widest >= 180.0:
+            raise TwilightError(f"sky: azimuth_deg must go all round; allowed is a gap below 180 deg, got {widest:g}")
         stokes = (*shape[:2], 2, shape[2])
         for key, expected, lowest in (
             ("standard_error", shape, 0.0),
@@ -182,8 +185,10 @@ class Sky(SkyLight):
         return 0.5 * (step + np.roll(step, 1))
 
     def _elevation_weights(self, power: int, lowest_rad: float = 0.0) -> np.ndarray:
-        """Integrals from an elevation up of cos sin^power times the part of each row in a line between rows, (E,); outside
-        the rows light is as at the outermost."""
+        """Integrals from an elevation up of cos sin^power times what each row counts for, (E,).
+
+        Between rows light is a straight line, outside them as at the outermost.
+        """
         e = np.radians(self.elevation_deg)
         edges = np.unique(np.concatenate([[lowest_rad], np.clip(e, lowest_rad, 0.5 * np.pi), [0.5 * np.pi]]))
         x, w = np.polynomial.legendre.leggauss(6)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twilight.numerics.orientation import PHASE_COUNT, scattering_angle_rad
-from twilight.numerics.spectrum import hermite_matrix, hermite_weights
+from twilight.numerics.spectrum import hermite_matrix, hermite_weights, linear_weights
 
 DARKEST = 1e-9
 """Light, of the brightest in the table at a wavelength and a sun, that stands for none in logarithms."""
@@ -45,11 +45,11 @@ class SkyTable:
     sun_elevation_deg (S,): true, increasing; apparent_sun_deg (S,): where refraction shows its centre, or would
     elevation_deg (R,): not decreasing; one that stands twice is a break
     azimuth_deg (C,): from the sun; of a `mirrored` sky from 0 to 180, else increasing within a circle
-    smooth, aureole (S, R, C, W) float32: S and A; aureole None in air without aerosol
+    smooth, aureole (S, R, C, W): S and A, single floats where a field filled them; aureole None in air without aerosol
     log_phase (PHASE_COUNT, W): ln P at PHASE_ANGLE_RAD [sr^-1], or None
     stokes (S, R, C, 2, W): Q / L and U / L (signs: `twilight.base.conventions`), or None
     mirrored: whether the other half of the sky is the mirror image about the sun's vertical, where U changes its sign
-    logarithmic: else S is the light itself, of samples with noise or without light, and there is no A
+    logarithmic: else S is the light itself, of samples with noise or without light, in straight lines; there is no A
     signed: whether a light that is itself held may be negative
     error, worst: relative error at 95 % of directions that no node stands in, and the largest of them; nan: not known
     """
@@ -101,7 +101,7 @@ class SkyTable:
         """Light in directions (...) under the table's one sun, (..., W); elevations beyond the rows as at the last."""
         elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
         flat_e, flat_a = elevation.ravel(), azimuth.ravel()
-        out = np.empty((flat_e.size, self.smooth.shape[-1]), np.float32)
+        out = np.empty((flat_e.size, self.smooth.shape[-1]), self.smooth.dtype)
         for k in range(0, flat_e.size, DIRECTIONS_AT_ONCE):
             part = slice(k, k + DIRECTIONS_AT_ONCE)
             place, weight = self._stencil(flat_e[part], flat_a[part])
@@ -111,10 +111,10 @@ class SkyTable:
 
     def on_grid(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Light on rows (E,) and columns (A,) under the table's one sun, (E, A, W): `light`, faster."""
-        rows = hermite_matrix(self.elevation_deg, elevation_deg).astype(np.float32)
+        rows = self._matrix(self.elevation_deg, elevation_deg)
         columns, values = self._columns
-        across = hermite_matrix(columns, self._folded(azimuth_deg)).astype(np.float32)
-        out = np.empty((rows.shape[0], across.shape[0], self.smooth.shape[-1]), np.float32)
+        across = self._matrix(columns, self._folded(azimuth_deg))
+        out = np.empty((rows.shape[0], across.shape[0], self.smooth.shape[-1]), self.smooth.dtype)
         layers = [values(layer[0]) for layer in self._layers]
         for k in range(0, rows.shape[0], ROWS_AT_ONCE):
             part = slice(k, k + ROWS_AT_ONCE)
@@ -168,15 +168,27 @@ class SkyTable:
             np.where(azimuth < self.azimuth_deg[0], azimuth + 360.0, azimuth) if self.azimuth_deg.size > 1 else azimuth
         )
 
+    @property
+    def _weights(self) -> Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        """Cubics, but straight lines where light itself is held: beside darkness and noise cubics swing."""
+        return hermite_weights if self.logarithmic or self.signed else linear_weights
+
+    def _matrix(self, nodes: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """Weights of the nodes (N,) for targets (T,) as a matrix (T, N)."""
+        which, weight = self._weights(nodes, target)
+        matrix = np.zeros((weight.shape[0], nodes.size), self.smooth.dtype)
+        np.add.at(matrix, (np.arange(weight.shape[0])[:, None], which), weight)
+        return matrix
+
     def _stencil(self, elevation: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places (D, 16) in a layer of rows times columns, and their weights."""
-        i, u = hermite_weights(self.elevation_deg, elevation)
+        """Places (D, 16 or 4) in a layer of rows times columns, and their weights."""
+        i, u = self._weights(self.elevation_deg, elevation)
         columns, values = self._columns
         number = values(np.arange(self.azimuth_deg.size)[None])[0]
-        j, v = hermite_weights(columns, self._folded(azimuth))
+        j, v = self._weights(columns, self._folded(azimuth))
         place = i[:, :, None] * self.azimuth_deg.size + number[j][:, None, :]
-        weight = (u[:, :, None] * v[:, None, :]).astype(np.float32)
-        return place.reshape(-1, 16), weight.reshape(-1, 16)
+        weight = (u[:, :, None] * v[:, None, :]).astype(self.smooth.dtype)
+        return place.reshape(elevation.size, -1), weight.reshape(elevation.size, -1)
 
     def _gathered(self, layer: np.ndarray, place: np.ndarray, weight: np.ndarray) -> np.ndarray:
         flat = layer[0].reshape(-1, layer.shape[-1])
@@ -224,7 +236,8 @@ class SkyTable:
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, np.ndarray]) -> SkyTable:
         """The table of `arrays`; ValueError or TypeError for what is none."""
-        made = cls(**{key: value[()] if value.ndim == 0 else value for key, value in arrays.items()})
+        fields: Any = {key: value[()] if value.ndim == 0 else value for key, value in arrays.items()}
+        made = cls(**fields)
         shape = (
             *(x.size for x in (made.sun_elevation_deg, made.elevation_deg, made.azimuth_deg)),
             made.smooth.shape[-1],
@@ -263,7 +276,7 @@ class SkyTable:
             layer = np.concatenate([(1.0 + f) * layer[:1] - f * layer[1:2], layer])
             rows = np.concatenate([[low], rows])
         sun = np.zeros(1)
-        layer = layer[None].astype(np.float32)
+        layer = layer[None].astype(np.result_type(values.dtype, np.float32))
         return cls(sun, sun, rows, azimuth_deg, layer, mirrored=False, logarithmic=False, signed=True)
 
     # Other tables of the same sky -------------------------------------------------------------------------------
