@@ -14,14 +14,14 @@ from twilight.engine.solve import Solved
 from twilight.numerics.orientation import scattering_angle_rad
 from twilight.solvers.base import BareField
 from twilight.viewer.colours import Channels
-from twilight.viewer.tables import ViewerTableSizes
+from twilight.viewer.tables import PageNodes
 
 EIGHT_NM = np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0])
 """Wavelengths of pages and shaders [nm]."""
 FIVE_NM = np.array([400.0, 470.0, 540.0, 600.0, 680.0])
 """Wavelengths of films [nm]."""
-COARSE = ViewerTableSizes(suns=33, sky=17, ground=5, azimuths=13)
-"""Sizes of the tables of pages and films."""
+COARSE = PageNodes(ground=5, haze=5, sky=17, limb=17, columns=13)
+"""Nodes of the tables of pages."""
 ALL_SKY = {"projection": "fisheye", "fov": 180, "elevation": 90, "azimuth": 0}
 """State of a page that shows the whole sky."""
 

@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 
 from twilight.cli.app import app
 from twilight.io.netcdf import read_sky
-from twilight.scene import resolve
 from twilight.solvers.base import Capabilities
 
 
@@ -120,20 +119,6 @@ def test_files_that_cannot_be_are_refused_before_anything_is_computed(plain, tab
     result = call("render", table, *options, "--output", tmp_path / "out")
     assert result.exit_code == 2 and says in result.stderr, result.stderr
     assert not plain.calls and not (tmp_path / "out").exists()
-
-
-def test_a_latitude_longitude_width_is_computed_direction_by_direction(plain, table):
-    from twilight.config import load
-    from twilight.engine import frames
-
-    frame = next(iter(frames(resolve(load(table, {"texture.latlong_width": 16, "sun.elevation_deg": 5})))))
-    assert frame.panorama is not None
-    assert frame.panorama.sun_normalised_radiance.shape == (4, 16, 4)
-    assert frame.panorama.elevation_deg.tolist() == [11.25, 33.75, 56.25, 78.75]
-    e, a = np.meshgrid(frame.panorama.elevation_deg, frame.panorama.azimuth_deg, indexing="ij")
-    expected = (2 + np.cos(np.radians(a))) * (1 + np.cos(np.radians(e)))
-    ratio = frame.panorama.sun_normalised_radiance[..., 0] / expected
-    assert ratio == pytest.approx(np.full_like(ratio, ratio[0, 0]))
 
 
 def test_options_take_the_place_of_keys(plain, table, tmp_path):

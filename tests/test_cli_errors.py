@@ -30,7 +30,7 @@ from twilight.cli.app import app
         (["{table}", "--latitude", "3"], ["--at"]),
         (["{table}", "--sun-elevation", "3", "--at", "2003-12-08T16:00"], ["--sun-elevation", "--at"]),
         (["{table}", "--at", "16:00", "--latitude", "3", "--longitude", "4"], ["--at", "sun.at", "2003-12-08T16:00"]),
-        (["{table}", "--altitude-km", "-1"], ["--altitude-km", "observer.altitude_km", "0 to 40000"]),
+        (["{table}", "--altitude-km", "-1"], ["--altitude-km", "observer.altitude_km", "-0.5 to 40000"]),
         (["{table}", "--solver", "cels"], ["--solver", "cells"]),
         (["{table}", "--quality", "brigt"], ["--quality", "did you mean bright?"]),
         (["{table}", "--renderer", "maya"], ["--renderer", "output.renderer", "mitsuba"]),

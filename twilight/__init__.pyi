@@ -2,7 +2,8 @@
 
 from twilight.api.calls import medium, render, solve, solver
 from twilight.api.light import light
-from twilight.api.representation import Sky, SkySeries, open_dataset, read_sky
+from twilight.api.photographs import estimate, read_sky
+from twilight.api.representation import Sky, SkySeries, open_dataset
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import Climate, Config, load, load_climate
@@ -23,6 +24,7 @@ __all__ = [
     "TwilightError",
     "TwilightWarning",
     "__version__",
+    "estimate",
     "light",
     "load",
     "load_climate",

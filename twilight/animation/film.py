@@ -191,7 +191,7 @@ class Animation:
             table = spectra.seen(channels.of)
             arrays = {f"table_{name}": value for name, value in table.arrays().items()}
             if self.moons is not None:
-                arrays["moon"] = MoonColours.of(spectra.every_second(), channels).matrices
+                arrays["moon"] = MoonColours.of(spectra.light_at_nodes()[::2, ::2, ::2], channels).matrices
             if self.config.sun.disc or self.moons is not None:
                 nodes = lines.sky_elevations(horizon_of(table))
                 arrays["refraction_deg"], arrays["beam"] = lines.sunbeam(solved, channels, altitude, nodes)

@@ -98,7 +98,7 @@ def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[A
     if not scene.lower().endswith((".h5", ".hdf5")):
         config = options.load_one_scene(scene, chosen, names, "view")
         announce_compiling(config.chosen_solver.name)
-        return Problem(resolve(config)), config
+        return Problem(resolve(config), cached=True), config
     if chosen:
         raise TwilightError(f"{scene}: is a solved field, which {next(iter(names.values()))} cannot change")
     from twilight.solvers import zones

@@ -20,6 +20,7 @@ from twilight.transport.apparent_rays import horizon_dip_deg
 from twilight.transport.scattered_once import ScatteredOnce
 
 if TYPE_CHECKING:
+    from twilight.atmosphere.medium import Medium
     from twilight.scene.scene import Scene
 
 FIRST_ROWS = 17
@@ -73,6 +74,14 @@ SUDDEN_FALL = 0.2
 """Part of the extinction that is lost within a hundredth of a kilometre where a layer has an edge."""
 
 
+def sudden_edges(medium: Medium) -> tuple[np.ndarray, np.ndarray]:
+    """Altitudes [km] at which extinction falls suddenly upwards, and by how much [km^-1]."""
+    z, extinction = medium.altitude_km, medium.extinction_per_km.max(axis=1)
+    fall = extinction[:-1] - extinction[1:]
+    sudden = (np.diff(z) <= 0.01) & (fall > SUDDEN_FALL * extinction[:-1])
+    return 0.5 * (z[1:] + z[:-1])[sudden], fall[sudden]
+
+
 def with_ground(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
     """`row_breaks` of a table that has the ground too, for a solver that can look down."""
     low, breaks = row_breaks(scene, altitude_km)
@@ -88,15 +97,9 @@ def row_breaks(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
     above_ground_km = altitude_km - medium.bottom_km
     if above_ground_km <= HIGH_FROM_KM or not (scene.capabilities.every_observer and scene.capabilities.looks_down):
         return 0.0, []
-    z = medium.altitude_km
-    level = 0.5 * (z[1:] + z[:-1])
-    extinction = medium.extinction_per_km.max(axis=1)
-    sudden = (
-        (np.diff(z) <= 0.01) & (np.diff(extinction) < -SUDDEN_FALL * extinction[:-1]) & (level < altitude_km - 0.01)
-    )
-    edges = [-horizon_dip_deg(medium, altitude_km, float(k)) for k in level[sudden]]
-    horizon = -horizon_dip_deg(medium, altitude_km)
-    breaks = [horizon]
+    level = sudden_edges(medium)[0]
+    edges = [-horizon_dip_deg(medium, altitude_km, float(k)) for k in level[level < altitude_km - 0.01]]
+    breaks = [-horizon_dip_deg(medium, altitude_km)]
     for edge in sorted(edges):
         if edge - breaks[-1] > BREAKS_APART_DEG:
             breaks.append(edge)

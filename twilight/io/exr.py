@@ -103,7 +103,7 @@ def environment_rgb(sky: Sky, renderer: str, width: int, observer: str, *, disc:
     Colours outside the gamut keep their negative values with ``openexr``; for a renderer they are moved into it
     (``colour.into_gamut``): negative light makes Mitsuba warn at every sample.
     """
-    xyz = colour.sky_to_xyz(sky, observer=observer)
+    xyz = colour.sky_to_xyz(sky, observer=observer).astype(np.float32)
     ground = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
     picture = environment(sky, xyz, ground, renderer, width)
     if disc:

@@ -219,11 +219,15 @@ class SkyTable:
         table = self.log_phase.astype(np.float32, copy=False)
         return (1.0 - f) * table[k] + f * table[k + 1]
 
-    def every_second(self) -> np.ndarray:
-        """Light at every second node of sun, row and column, (N, W)."""
-        rows, columns = self.elevation_deg[::2], self.azimuth_deg[::2]
-        found = [self.under(float(sun)).on_grid(rows, columns) for sun in self.sun_elevation_deg[::2]]
-        return np.stack(found).reshape(-1, self.smooth.shape[-1])
+    def light_at_nodes(self) -> np.ndarray:
+        """Light at the nodes, (S, R, C, W), for what averages or fits it; none is left out as dark."""
+        light = np.exp(self.smooth)
+        if self.aureole is None:
+            return light
+        e, a = self.elevation_deg[:, None], self.azimuth_deg
+        for s, sun in enumerate(self.apparent_sun_deg):
+            light[s] += np.exp(self.aureole[s] + self._log_phase_at(scattering_angle_rad(sun, e, a)))
+        return light
 
     def arrays(self) -> dict[str, np.ndarray]:
         """What the table holds, by name, for files."""

@@ -18,7 +18,7 @@ MEAN_ROWS_DEG = (np.arange(30) + 0.5) * 3.0
 
 
 def sky_elevations(horizon_deg: float) -> np.ndarray:
-    """Elevations [deg] of the nodes, closer towards the horizon: those of the sky in the layout `twilight`."""
+    """Elevations [deg] of the nodes, closer towards the horizon."""
     return horizon_deg + (90.0 - horizon_deg) * np.linspace(0.0, 1.0, NODES) ** 2
 
 

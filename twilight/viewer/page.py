@@ -26,7 +26,7 @@ def _program() -> dict[str, str]:
     def text(name: str) -> str:
         return folder.joinpath(name).read_text(encoding="utf-8")
 
-    shaders = {name: text(name) for name in (*SHADERS, "projection.glsl", "space.glsl", "tone.glsl")}
+    shaders = {name: text(name) for name in (*SHADERS, "projection.glsl", "space.glsl", "table.glsl", "tone.glsl")}
     shaders["tone.glsl"] = shaders["tone.glsl"].replace("//#include constants.glsl", tones.shader_constants())
     script = "\n".join(text(f"{name}.js") for name in SCRIPTS)
     return {
