@@ -19,7 +19,7 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.light_sources import SOURCE_NAMES, SOURCES, Source
-from twilight.engine.moments import Moments, moments_at
+from twilight.engine.moments import Moments
 from twilight.engine.night import levels_of
 from twilight.engine.over_suns import HIGHEST_SUN_DEG, DiscOverSuns, OverSuns
 from twilight.engine.solve import Solved
@@ -29,8 +29,6 @@ from twilight.numerics import spectrum
 from twilight.sky.night import NightLevels
 from twilight.sky.quantities.measure import Spectra
 
-__all__ = ["LightField", "Moments", "check_sources", "moments_at"]
-
 TIMES_BRIGHTER = 1e4
 """A source of the night is left out where sunlight is so many times brighter at every wavelength in everything that is
 asked for: each changes it by less than a ten-thousandth."""
@@ -38,6 +36,8 @@ FEW_LINES = 100
 """Lines of sight up to which they are computed one by one, for each sun whose table or hemisphere is missing."""
 FEW_SUNS = 2
 """Moments up to which they are, for each of these suns."""
+LEAST_VIEW_SR = 1e-9
+"""A surface that has less than this of a sky of radiance 1 has nothing of it [sr]."""
 ZENITH_DEG = 90.0 - 1e-9
 """Elevation from which on a direction is the zenith, whatever its azimuth [deg]."""
 
@@ -149,14 +149,21 @@ class LightField:
         lit_ground = (sources is None or "ground" in sources) and any(one.ground_view > 0.0 for one in surfaces)
         lit = [*surfaces, *([Surface.horizontal()] if lit_ground else [])]
 
+        view_sr = np.array([one.sky_view for one in lit])
+        seeing = view_sr > LEAST_VIEW_SR
+
         def of(term: Source, which: np.ndarray) -> np.ndarray | None:
             some = moments.part(which)
-            found = [term.irradiance(some, one) for one in lit]
-            known = [one for one in found if one is not None]
-            return np.stack(known, axis=1) if known else None
+            found = np.zeros((which.size, len(lit), self.wavelength_nm.size))
+            for s in np.flatnonzero(seeing):
+                part = term.irradiance(some, lit[s])
+                if part is None:
+                    return None
+                found[:, s] = part
+            return found
 
         shape = (len(moments.places), len(lit), self.wavelength_nm.size)
-        out = self._sum(of, sources, np.zeros(shape), np.array([one.sky_view for one in lit]))
+        out = self._sum(of, sources, np.zeros(shape), view_sr)
         if not lit_ground:
             return out
         ground = self.solved.medium.ground_albedo / np.pi * out[:, -1]
@@ -172,7 +179,7 @@ class LightField:
     ) -> np.ndarray:
         """The terms added to `out` (N, T, W), sunlight first; of: a term of moments; view_sr (T,): what each target has
         of a sky of radiance 1."""
-        seeing = view_sr > 1e-9
+        seeing = view_sr > LEAST_VIEW_SR
         for term in self.terms(sources):
             which = np.arange(out.shape[0])
             if term.by_night and seeing.any() and out.any():

@@ -55,7 +55,8 @@ class Moments(NamedTuple):
         """Some of them; chosen: a range, or indices."""
         index = np.arange(len(self.places))[chosen]
         places = tuple(self.places[i] for i in index)
-        return Moments(places, *(v[index] for v in self[1:4]), Moons(*(v[index] for v in self.moon)))
+        height, azimuth, distance = self.sun_elevation_deg[index], self.sun_azimuth_deg[index], self.distance_au[index]
+        return Moments(places, height, azimuth, distance, Moons._make(v[index] for v in self.moon))
 
 
 def moments_at(
@@ -83,4 +84,4 @@ def moments_at(
             its.elevation_deg, its.azimuth_deg, its.phase_angle_deg, distance_km, its.sun_distance_au, waxing
         )  # fmt: skip
     places = tuple(Place(a, b, t) for (a, b), t in zip(keys, times, strict=True))
-    return Moments(places, *sun, Moons(*moon[:5], moon[5] > 0.0))
+    return Moments(places, sun[0], sun[1], sun[2], Moons._make([*moon[:5], moon[5] > 0.0]))
