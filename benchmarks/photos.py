@@ -16,13 +16,6 @@ from pathlib import Path
 
 import numpy as np
 import results
-
-from twilight.config import load
-from twilight.engine import run
-from twilight.scene import resolve
-from twilight.sky.colour import sky_to_xyz
-from twilight.studies.validate.photographs.estimate import estimate, sentences
-from twilight.studies.validate.photographs.figure import write_figure
 from twilight.studies.validate.photographs.library import (
     OTHERS,
     SUN,
@@ -31,6 +24,13 @@ from twilight.studies.validate.photographs.library import (
     make_library,
     with_settings,
 )
+
+from twilight.config import load
+from twilight.engine import run
+from twilight.scene import resolve
+from twilight.sky.colour import sky_to_xyz
+from twilight.studies.validate.photographs.estimate import estimate, sentences
+from twilight.studies.validate.photographs.figure import write_figure
 from twilight.studies.validate.photographs.photo import OBSERVER, compare
 from twilight.studies.validate.photographs.photograph import read_photograph
 

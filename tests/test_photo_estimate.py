@@ -6,6 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from photographs import eight_bit, fisheye, latlong, picture, take
+from twilight.studies.validate.photographs.library import (
+    AEROSOL,
+    OTHERS,
+    SUN,
+    Design,
+    Library,
+    climate_settings,
+    make_library,
+    with_settings,
+)
 from typer.testing import CliRunner
 
 from twilight.atmosphere.screen import Screen
@@ -23,16 +33,6 @@ from twilight.studies.camera import write_camera
 from twilight.studies.camera.image import write_exr
 from twilight.studies.validate.photographs import emulator
 from twilight.studies.validate.photographs.estimate import estimate, facts, sentences, unconstrained_wavelengths
-from twilight.studies.validate.photographs.library import (
-    AEROSOL,
-    OTHERS,
-    SUN,
-    Design,
-    Library,
-    climate_settings,
-    make_library,
-    with_settings,
-)
 from twilight.studies.validate.photographs.photo import OBSERVER
 from twilight.studies.validate.photographs.photograph import Photograph
 

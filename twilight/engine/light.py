@@ -23,7 +23,7 @@ from twilight.base.errors import TwilightError
 from twilight.engine.hemisphere import disc_beams, whole_hemisphere
 from twilight.engine.night import levels_of
 from twilight.engine.sky_table import SkyTable
-from twilight.engine.solve import Solved
+from twilight.engine.solve import Field
 from twilight.engine.surfaces import Surface
 from twilight.numerics import spectrum
 from twilight.sky.ephemeris import sun_position
@@ -260,11 +260,11 @@ class LightField:
     solved: of a solver whose field serves every sun; levels: of the night, None for none.
     """
 
-    solved: Solved
+    solved: Field
     levels: NightLevels | None = None
 
     @classmethod
-    def of(cls, solved: Solved) -> LightField:
+    def of(cls, solved: Field) -> LightField:
         """With the night of the scene's configuration."""
         night = solved.scene.configuration.night
         return cls(solved, None if night is None else levels_of(night))

@@ -21,7 +21,7 @@ from twilight.numerics.spectrum import hermite_weights
 
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
-    from twilight.engine.solve import Solved
+    from twilight.engine.solve import Field
 
 ROW_POWER = 1.8
 """Power of the row's number with which elevations rise: rows stand closer together at the horizon."""
@@ -50,7 +50,7 @@ class SkyTable:
     Errors: TwilightError for a solver whose field serves one sun alone.
     """
 
-    def __init__(self, solved: Solved):
+    def __init__(self, solved: Field):
         self.solved = solved
         if not solved.scene.capabilities.every_sun:
             name = solved.scene.solver_name

@@ -21,7 +21,7 @@ from twilight.numerics.spectrum import hermite_weights
 from twilight.sky.table import SkyTable, stack
 
 if TYPE_CHECKING:
-    from twilight.engine.solve import Solved
+    from twilight.engine.solve import Field
 
 SUN_COUNT = 97
 """Suns from `LOWEST_SUN_DEG` to the zenith, close together about `CENTRE_DEG`."""
@@ -65,7 +65,7 @@ class SunTables:
 
     def __init__(
         self,
-        solved: Solved,
+        solved: Field,
         altitude_km: float | None = None,
         *,
         rows_deg: np.ndarray | None = None,
