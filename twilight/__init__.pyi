@@ -7,7 +7,7 @@ from twilight.api.representation import Sky, SkySeries, open_dataset
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import Climate, Config, load, load_climate
-from twilight.engine import Solved
+from twilight.engine import Field
 from twilight.engine.surfaces import Surface
 from twilight.engine.towards import Direction
 
@@ -19,7 +19,7 @@ __all__ = [
     "Medium",
     "Sky",
     "SkySeries",
-    "Solved",
+    "Field",
     "Surface",
     "TwilightError",
     "TwilightWarning",
