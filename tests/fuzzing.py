@@ -150,7 +150,7 @@ def seeds(root: Path) -> list[dict[str, Any]]:
                     "latitude_deg": 49, "longitude_deg": 7, "time_zone": "Europe/Berlin"},
             "observer": {"altitude_km": 0.5}, "wavelengths": {"list_nm": [450, 550, 650]},
             "solar_spectrum": "sao2010", "solver": {"name": "cells", "quality": "draft", "max_orders": 4},
-            "texture": {"azimuth_count": 36, "elevation_count": 9, "latlong_width": 16},
+            "texture": {"azimuth_count": 36, "elevation_count": 9},
             "output": {"renderer": "blender", "width": 64, "spectral_width": 32, "views": ["fisheye"],
                        "exposure_ev100": 3, "tone_mapping": "gamma"},
             "omit_negligible": False,

@@ -180,7 +180,7 @@ def test_a_wrong_climate_is_refused_in_one_sentence(tmp_path, text, parts):
         ("wavelengths: {list_nm: [400], count: 3}", ["wavelengths", "list_nm", "count"]),
         ("wavelengths: {cont: 3}", ["wavelengths.cont is not a key; did you mean count?"]),
         ("texture: {resolution_deg: 7}", ["texture", "resolution_deg", "7"]),
-        ("texture: {latlong_width: 510}", ["texture", "latlong_width", "510"]),
+        ("texture: {azimuth_count: 2}", ["texture", "azimuth_count", "2"]),
         ("output: {rendrer: mitsuba}", ["output.rendrer is not a key; did you mean renderer?"]),
         ("output: {renderer: maya}", ["output.renderer", "mitsuba", "'maya'"]),
         ("solver: {name: cels}", ["cels is not a solver; did you mean cells?"]),

@@ -67,8 +67,9 @@ def timeline(
     """The suns of a film: from one elevation to another, or along the configuration's sequence or time span.
 
     speed: seconds of the sky in a second of the film; frames: number of pictures, which then says the speed.
-    from_deg, to_deg: true elevations in place of the configuration's; with one sun and neither of them, `SUNSET_DEG`.  Azimuths are counted from north
-    where there is a place, else from the sun.  Errors: TwilightError for what makes no film.
+    from_deg, to_deg: true elevations in place of the configuration's; with one sun and neither of them, `SUNSET_DEG`.
+    Azimuths are counted from north where there is a place, else from the sun.  Errors: TwilightError for what makes no
+    film.
     """
     step = _Step(speed / frames_per_second, frames)
     sun = config.sun

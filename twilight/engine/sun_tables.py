@@ -105,7 +105,8 @@ class SunTables:
         stop = first + wanted.size
         tables = []
         for k in range(first, stop):
-            progress(f"sun {self.suns_deg[k]:+.1f} deg", (k - first) / (stop - first))
+            words = f"sun {k + 1 - first} of {stop - first}, {self.suns_deg[k]:+.1f} deg"
+            progress(words, (k - first) / (stop - first))
             tables.append(self._table(k))
         return stack(tables)
 
