@@ -5,7 +5,8 @@
 Runs the first command of README with folders of machine code and of fields that are empty, then again with the machine
 code, then with the field too, and the same sky by `--solver compact` with empty folders; and twice the timeline of a
 night at the default solver, by then compiled: the climate's skies are computed first and then read.  FOLDER is another
-checkout of the program, whose figures are measured in turn with these and written beside them.  Writes benchmarks/cold_start.csv.
+checkout of the program, whose figures are measured in turn with these and written beside them.  Writes
+benchmarks/cold_start.csv.
 "preview" is the time until the preview of the first case is on disk: the picture that a user sees meanwhile.
 Processor seconds are of all processes of a command, wall seconds those of this machine as it was.
 """

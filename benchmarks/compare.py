@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parents[1]
 TABLE = ROOT / "benchmarks" / "compare.csv"
 CLIMATE = "continental-average"
 SOLVERS = (
-    "zones,compact,cells:draft,cells:standard,montecarlo:draft,tables:standard,tables:fine,preetham,cie,sunsky,"
+    "zones,compact,cells:draft,cells:standard,cells:haber2005,montecarlo:draft,tables:standard,tables:fine,preetham,cie,sunsky,"
     "sasktran2"
 )
 

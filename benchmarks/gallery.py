@@ -79,7 +79,12 @@ SKIES = (
         "continental-average --sun-elevation -11 --tone camera --set output.camera.iso=1600 "
         "--set output.camera.f_number=2.8 --output camera",
     ),
-    ("haber2005", "The air of Haber, Magnor and Seidel 2005", "haber2005 --sun-elevation -3"),
+    (
+        "haber2005",
+        "The air of Haber, Magnor and Seidel 2005 at -6 deg: brown, for its ozone filters sunlight vertically only: no "
+        "blue hour",
+        "haber2005-air --sun-elevation -6",
+    ),
 )
 """Name, title, and what follows `twilight render` (and `--quality draft`)."""
 
@@ -116,7 +121,7 @@ def page() -> str:
         "",
     ]
     for name, title, arguments in SKIES:
-        parts += [f"## {title}", "", f"![{title}](gallery/{name}.jpg)", "", "```sh", command(arguments), "```", ""]
+        parts += [f"## {title}", "", f"![{name}](gallery/{name}.jpg)", "", "```sh", command(arguments), "```", ""]
     return "\n".join(parts)
 
 

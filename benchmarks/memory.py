@@ -34,8 +34,6 @@ CASES = {
     "1000 wavelengths standard": (*CONTINENTAL, "--quality", "standard", "--set", THOUSAND, "--only", "h5"),
     "100 wavelengths standard": (*CONTINENTAL, "--quality", "standard", "--set", HUNDRED, "--only", "h5"),
     "81 wavelengths draft": (*CONTINENTAL, "--quality", "draft", "--set", EIGHTY_ONE, "--only", "h5"),
-    "panorama 2048x1024 draft": (*CONTINENTAL, "--quality", "draft", "--set", "texture.latlong_width=2048"),
-    "panorama 2048x1024 standard": (*CONTINENTAL, "--quality", "standard", "--set", "texture.latlong_width=2048"),
     "view 2048x1024 draft": (*CONTINENTAL, "--quality", "draft", "--projection", "latlong", "--size", "2048x1024"),
     "sky draft": (*CONTINENTAL, "--quality", "draft"),
     "sky standard": (*CONTINENTAL, "--quality", "standard"),

@@ -34,7 +34,7 @@ AIRS = (
     "antarctic",
     "volcanic-stratosphere",
     "pure-air",
-    "haber2005",
+    "haber2005-air",
 )
 WAVELENGTHS_NM = (380.0, 450.0, 550.0, 650.0)
 IN_A_BAND_NM = (550.0, 720.0)
@@ -81,7 +81,7 @@ CASES["montecarlo urban"] = light("urban", (-4.0,), (450.0,), solver="montecarlo
 CASES["montecarlo volcanic"] = light(
     "volcanic-stratosphere", (2.0,), (650.0,), solver="montecarlo", settings={**FEW, **POLARISED}
 )
-CASES["cells haber2005"] = light("haber2005", (4.0, -3.0), (450.0, 650.0), solver="cells", quality="draft")
+CASES["cells haber2005"] = light("haber2005-air", (4.0, -3.0), (450.0, 650.0), solver="cells", quality="draft")
 CASES["cells urban"] = light("urban", (-3.0,), (450.0, 650.0), solver="cells", quality="draft")
 CASES["tables"] = light("pure-air", (4.0, -3.0), (450.0, 650.0), solver="tables", quality="standard")
 CASES["compact"] = light("continental-average", solver="compact")

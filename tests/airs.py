@@ -97,6 +97,7 @@ def on_levels(medium: Medium, altitude_km, values_at_km=None, **changes) -> Medi
 def problem_of_field(field, *, every_observer=True) -> Problem:
     """What the engine takes for a solver whose field is there: of `field.medium`, for any sun, without refraction."""
     solver = SimpleNamespace(
+        __name__=type(field).__name__.lower(),
         CAPABILITIES=Capabilities(every_sun=True, every_observer=every_observer),
         QUALITIES={},
         prepare=lambda medium, settings, **options: field,

@@ -10,16 +10,18 @@ from typing import Any
 import numpy as np
 from airs import problem_of_field, turbid
 
-from twilight.engine.solve import Solved
+from twilight.engine.solve import Field
+from twilight.numerics.orientation import scattering_angle_rad
 from twilight.solvers.base import BareField
-from twilight.viewer.tables import ViewerTableSizes
+from twilight.viewer.colours import Channels
+from twilight.viewer.tables import PageNodes
 
 EIGHT_NM = np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0])
 """Wavelengths of pages and shaders [nm]."""
 FIVE_NM = np.array([400.0, 470.0, 540.0, 600.0, 680.0])
 """Wavelengths of films [nm]."""
-COARSE = ViewerTableSizes(suns=33, sky=17, ground=5, azimuths=13)
-"""Sizes of the tables of pages and films."""
+COARSE = PageNodes(ground=5, haze=5, sky=17, limb=17, columns=13)
+"""Nodes of the tables of pages."""
 ALL_SKY = {"projection": "fisheye", "fov": 180, "elevation": 90, "azimuth": 0}
 """State of a page that shows the whole sky."""
 
@@ -48,7 +50,7 @@ class ClosedSky(BareField):
         return self.level(sun_elevation_deg) * (1.0 + 0.02 * observer_altitude_km) * shape[..., None] * colour
 
 
-def solved(level: Callable[[float], float]) -> Solved:
+def solved(level: Callable[[float], float]) -> Field:
     """Of hazy air at EIGHT_NM."""
     return problem_of_field(ClosedSky(turbid(wavelength_nm=EIGHT_NM), level)).solve()
 
@@ -58,8 +60,22 @@ def gone_at_17_deg(sun_elevation_deg: float) -> float:
     return math.exp(2.0 * min(sun_elevation_deg, 0.0) ** 3 / (100.0 + sun_elevation_deg**2))
 
 
-def closed(name: str = "closed", level: float = 1.0) -> Solved:
+def closed(name: str = "closed", level: float = 1.0) -> Field:
     """A solved sky of that level, times a factor, under a title."""
     medium = turbid(wavelength_nm=EIGHT_NM)
     problem = problem_of_field(ClosedSky(medium, lambda sun: level * gone_at_17_deg(sun)))
     return replace(problem, scene=replace(problem.scene, title=name)).solve()
+
+
+def field_luminance(solved: Field, sun_deg: float, count: int = 1000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Elevation and azimuth [deg] of lines of sight from 0.3 deg up to the zenith, a third of them below 10 deg, 0.3
+    deg off the sun's disc at least, and the field's luminance there [cd m^-2], (N,) each."""
+    random = np.random.default_rng(1)
+    elevation = np.degrees(np.arcsin(random.uniform(math.sin(math.radians(0.3)), 1.0, count)))
+    elevation[: count // 3] = random.uniform(0.3, 10.0, count // 3)
+    azimuth = random.uniform(-180.0, 180.0, count)
+    azimuth[::5] = random.uniform(-10.0, 10.0, azimuth[::5].size)
+    keep = np.degrees(scattering_angle_rad(sun_deg, elevation, azimuth)) > 0.3 + 0.27 + 0.6
+    elevation, azimuth = elevation[keep], azimuth[keep]
+    channels = Channels(solved.medium.wavelength_nm)
+    return elevation, azimuth, channels.of(solved.radiance(sun_deg, elevation, azimuth))[:, 1]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from airs import problem_of_field, turbid
-from closed_sky import COARSE, FIVE_NM, ClosedSky
+from closed_sky import FIVE_NM, ClosedSky
 
 from twilight.animation.film import Animation
 from twilight.config import load
 
-FIVE = {"from_deg": 0.0, "to_deg": -10.0, "speed": 600.0, "frames_per_second": 1.0, "sizes": COARSE}
+FIVE = {"from_deg": 0.0, "to_deg": -10.0, "speed": 600.0, "frames_per_second": 1.0, "nodes": (17, 13)}
 """Of five pictures."""
 MEDIUM = turbid(wavelength_nm=FIVE_NM)
 SKY = ClosedSky(MEDIUM, lambda sun_deg: 10.0 ** (sun_deg / 4.0) * 0.01, lambda e, a: np.full(e.shape, -1.5))

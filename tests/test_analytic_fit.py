@@ -197,8 +197,11 @@ def test_the_command_fits_one_sky_and_reads_one(small, tmp_path):
         (["--haze", "fog"], "haze: fog is not known"),
         (["no-such-air"], "no-such-air"),
         (["none.h5", "--per-sky"], "none.h5: no such file"),
-        (["none.h5", "--per-sky", "--sun-elevation", "3"], "--sun-elevation: none.h5 is a computed sky"),
-        (["pure-air", "--per-sky", "--solver", "preetham", "--sun-elevation", "-3"], "sun.elevation_deg is -3"),
+        (["none.h5", "--per-sky", "--sun-elevation", "3"], "--sun-elevation: none.h5 is computed"),
+        (
+            ["pure-air", "--per-sky", "--solver", "preetham", "--sun-elevation", "-3"],
+            "there is no sun from 0 to 90 deg to fit to; those of the scene are at -3",
+        ),
     ],
 )
 def test_what_cannot_be_fitted_is_one_sentence(words, sentence, small, monkeypatch, tmp_path):
@@ -208,3 +211,32 @@ def test_what_cannot_be_fitted_is_one_sentence(words, sentence, small, monkeypat
     assert result.exit_code == 2
     assert sentence in result.output and "Traceback" not in result.output
     assert not list(tmp_path.rglob("*.yaml"))
+
+
+def test_each_sky_of_a_scene_and_of_a_data_set(small, monkeypatch, tmp_path):
+    """Suns below the horizon are left out with a word, before anything is computed; a sweep's Zarr is read."""
+    import yaml
+    from typer.testing import CliRunner
+
+    from twilight.cli.app import app
+
+    monkeypatch.chdir(tmp_path)
+    scene = {
+        "version": 1, "name": "two", "climate": "pure-air", "sun": {"elevations_deg": [40, -2, 20]},
+        "solver": {"name": "cie", "sky_type": 12}, "texture": {"resolution_deg": 10.0}, "wavelengths": {"count": 4},
+    }  # fmt: skip
+    (tmp_path / "two.yaml").write_text(yaml.safe_dump(scene))
+    result = CliRunner().invoke(app, ["fit", "perez", "two.yaml", "--per-sky"])
+    assert result.exit_code == 0, result.output
+    assert "1 of 3 suns are left out, at -2 deg" in result.stderr
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["perez_two_1.yaml", "perez_two_2.yaml"]
+    swept = CliRunner().invoke(
+        app, ["sweep", "two.yaml", "--set", "sun.elevations_deg=[40, 20]", "--workers", "1", "--output", "two.zarr"]
+    )
+    assert swept.exit_code == 0, swept.output
+    again = CliRunner().invoke(app, ["fit", "perez", "two.zarr", "--per-sky", "--output", "set.yaml"])
+    assert again.exit_code == 0, again.output
+    for number in (1, 2):
+        files = f"out/perez_two_{number}.yaml", f"set_{number}.yaml"
+        one, other = (load_coefficients(str(tmp_path / file)) for file in files)
+        np.testing.assert_allclose(one.parameters("x", 1.0), other.parameters("x", 1.0), rtol=0.02, atol=0.01)

@@ -183,8 +183,8 @@ def test_air_clearer_than_the_model_takes_its_clearest_sky_and_says_so():
     with pytest.warns(UserWarning, match="turbidity of test-air is 1; the preetham solver takes 2"):
         field = preetham.prepare(turbid(1.0))
     assert (field.turbidity, field.medium_turbidity) == (2.0, 1.0)
-    with pytest.warns(UserWarning, match="takes 6"):
-        preetham.prepare(turbid(9.0))
+    with pytest.warns(UserWarning, match="takes 100"):
+        preetham.prepare(turbid(120.0))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         preetham.prepare(turbid(4.0))
@@ -201,11 +201,11 @@ def test_air_clearer_than_the_model_takes_its_clearest_sky_and_says_so():
         ),
         (
             lambda: preetham.prepare(turbid(), PreethamSettings(turbidity=1.5)),
-            "solver.turbidity is 1.5; .* allows 2 to 6",
+            "solver.turbidity is 1.5; .* allows 2 to 100",
         ),
         (
             lambda: preetham.prepare(turbid(1.0), PreethamSettings(outside="refuse")),
-            "turbidity of test-air is 1; .* 2 to 6",
+            "turbidity of test-air is 1; .* 2 to 100",
         ),
         (lambda: preetham.prepare(turbid(3.0, np.array([500.0, 900.0]))), "300 to 830 nm: wavelengths holds 900 nm"),
         (lambda: PreethamSettings(ozone_cm=-1.0), "solver.ozone_cm is -1; allowed is 0 to 10"),
@@ -292,3 +292,18 @@ def test_a_broken_set_is_refused(document, words):
     """Coefficients that give an impossible sky would be used."""
     with pytest.raises(TwilightError, match="here: .*" + words):
         parse_coefficients(yaml.safe_dump(document), "here")
+
+
+def test_a_turbid_sky_goes_over_to_the_overcast_one():
+    """Between turbidity 6 and 10 the sky would stop at 6, or jump to the overcast sky (sec. 5)."""
+    where = 40.0, np.array([5.0, 45.0, 90.0]), np.array([0.0, 90.0, 0.0])
+
+    def sky(turbidity):
+        field = preetham.prepare(turbid(3.0), PreethamSettings(turbidity=turbidity))
+        return field.radiance(*where), field.sunlight(40.0)
+
+    clear, half, grey = (sky(t) for t in (6.0, 8.0, 30.0))
+    np.testing.assert_allclose(half[0], 0.5 * (clear[0] + grey[0]), rtol=1e-12)
+    expected = (1.0 + 2.0 * np.sin(np.radians(where[1]))) / 3.0
+    np.testing.assert_allclose(grey[0] / grey[0][2], np.broadcast_to(expected[:, None], grey[0].shape), rtol=1e-12)
+    assert np.all(grey[1] == 0.0) and np.all(half[1] > 0.0)

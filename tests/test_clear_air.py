@@ -176,7 +176,7 @@ def test_light_changes_smoothly_with_the_sun_the_air_and_the_observer():
 REFUSED = [
     ({"climate": "overcast-stratus"}, "the optical depth of aerosol is 0 to"),
     ({"climate": "bruneton2008", "wavelengths__list_nm": [450.0, 550.0]}, "the part of scattering by air above 39 km"),
-    ({"climate": "haber2005"}, "the part of scattering by air above 39 km"),
+    ({"climate": "haber2005-air"}, "the part of scattering by air above 39 km"),
     ({"climate": "noctilucent"}, "the optical depth of aerosol above 60 km"),
     ({"climate__aerosol__optical_depth_550nm": 4.0}, "the optical depth of aerosol is 0 to"),
     ({"climate__ground__altitude_km": 4.5, "observer__altitude_km": 4.5}, "the compact model of clear air"),

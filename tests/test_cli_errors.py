@@ -30,7 +30,7 @@ from twilight.cli.app import app
         (["{table}", "--latitude", "3"], ["--at"]),
         (["{table}", "--sun-elevation", "3", "--at", "2003-12-08T16:00"], ["--sun-elevation", "--at"]),
         (["{table}", "--at", "16:00", "--latitude", "3", "--longitude", "4"], ["--at", "sun.at", "2003-12-08T16:00"]),
-        (["{table}", "--altitude-km", "-1"], ["--altitude-km", "observer.altitude_km", "0 to 40000"]),
+        (["{table}", "--altitude-km", "-1"], ["--altitude-km", "observer.altitude_km", "-0.5 to 40000"]),
         (["{table}", "--solver", "cels"], ["--solver", "cells"]),
         (["{table}", "--quality", "brigt"], ["--quality", "did you mean bright?"]),
         (["{table}", "--renderer", "maya"], ["--renderer", "output.renderer", "mitsuba"]),
@@ -158,6 +158,45 @@ def test_signals_end_a_render_cleanly(table, tmp_path, number, code):
     assert result.returncode == code
     assert "Traceback" not in result.stderr
     assert not (tmp_path / "sky").exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize("where", ["main", "pool"])
+def test_signals_end_a_command_inside_a_kernel(tmp_path, number, code, where):
+    """Compiled code that would run for a month, in the main thread or in slices: the command ends, no file is left."""
+    program = (
+        "import os, signal, sys, threading\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "import numba, typer\n"
+        "from twilight.base.threads import in_slices\n"
+        "from twilight.base.whole_files import whole_file\n"
+        "from twilight.cli.terminal import with_errors_as_sentences\n"
+        "from twilight.cli import app, main\n"
+        "from twilight.jit.kernels import njit\n"
+        "@njit()\n"
+        "def long(n, start):\n"
+        "    x = start\n"
+        "    for i in range(n):\n"
+        "        x = x * 1.0000001 + 1.0 / (x + i)\n"
+        "    return x\n"
+        "def command():\n"
+        "    long(10, 1.0)\n"
+        f"    threading.Timer(0.3, os.kill, (os.getpid(), {int(number)})).start()\n"
+        "    numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))\n"
+        "    with whole_file('table.csv') as temporary:\n"
+        "        temporary.write_text('half')\n"
+        f"        if {where!r} == 'main':\n"
+        "            long(10**16, 1.0)\n"
+        "        in_slices(lambda i, j: long(10**16, 1.0), 8)\n"
+        "app.app = typer.Typer()\n"
+        "app.app.command()(with_errors_as_sentences(command))\n"
+        "main()\n"
+    )
+    result = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert result.returncode == code, result.stderr
+    assert "Traceback" not in result.stderr and result.stderr.startswith("twilight: ")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_picture_sheet_of_a_missing_picture_is_refused(tmp_path):

@@ -14,6 +14,7 @@ from rendering import TABLE_NM, call
 from typer.testing import CliRunner
 
 from twilight import solvers
+from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.cli.options import settings_of
 from twilight.config import load
@@ -185,3 +186,39 @@ def test_version_and_help():
 
     assert __version__ in call("--version").stdout
     assert "render" in call("--help").stdout
+
+
+def test_what_is_missing_is_said_in_short(tmp_path, monkeypatch):
+    """A file's neighbour in its folder first, then what comes with the program, without a list of all names."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "evening.yaml").write_text("version: 1\nclimate: pure-air\n")
+    said = call("render", "evenng.yaml").stderr
+    assert "did you mean evening.yaml?" in said and len(said) < 100
+    assert len(call("render", "nothing-like-it.yaml").stderr) < 160
+    assert "did you mean urban" in call("render", "urbann.yaml").stderr
+    assert len(call("render", "urbann").stderr) < 100
+
+
+def test_a_sweep_that_varies_nothing_is_refused_at_once(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "one.yaml").write_text("version: 1\nclimate: pure-air\nsun: {elevation_deg: 3}\n")
+    refused = call("sweep", "one.yaml")
+    assert refused.exit_code == 2 and "varies nothing: a sweep needs a section vary" in refused.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["one.yaml"]
+
+
+def test_an_altitude_in_metres_is_said_before_anything_is_computed(monkeypatch):
+    from twilight.api import light
+
+    def computes(*_):
+        raise TwilightError("computes now")
+
+    monkeypatch.setattr(light, "field_for", computes)
+    place = ["--latitude", "48", "--longitude", "11", "--altitude-km", "2400"]
+    for words, says in (
+        (["light", "pure-air", "--at", "2026-06-21T21:00Z"], "is 2400 km, above the air; 2400 m are 2.4 km"),
+        (["timeline", "pure-air", "--at", "2026-06-21"], "altitude_km: 2400"),
+        (["times", "--date", "2026-06-21"], "altitude_km: 2400"),
+    ):
+        refused = call(*words, *place)
+        assert refused.exit_code == 2 and says in refused.stderr

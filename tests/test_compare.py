@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import math
 import os
 import signal
@@ -21,7 +22,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import silent
 from twilight.config import load
 from twilight.studies.compare import bench as bench_module
-from twilight.studies.compare.ablations import ABLATIONS, Ablation, ablate
+from twilight.studies.compare.ablations import ABLATIONS, Ablation, ablate, chosen_ablations
 from twilight.studies.compare.bench import Bench
 from twilight.studies.compare.comparison import SolverPreset, compare, solver_presets, with_preset
 from twilight.studies.compare.directions import stratified_directions
@@ -34,6 +35,7 @@ from twilight.studies.compare.reference_solution import (
     read_references,
     write_references,
 )
+from twilight.studies.compare.worker import Compiled, execute
 
 NM = (450.0, 550.0, 680.0)
 SCENE = {"version": 1, "climate": {"version": 1, "name": "toy air"}, "wavelengths": {"list_nm": list(NM)}}
@@ -240,7 +242,7 @@ def test_radiances_computed_elsewhere_are_a_row_and_a_line(files, toy, tmp_path)
         (["--directions", "0"], "--directions"),
         (["--time-limit", "nan"], "--time-limit"),
         (["--repeats", "0"], "--repeats"),
-        (["--ablations"], "takes no --solvers"),
+        (["--ablations", "all"], "takes no --solvers"),
         (["--set", "vary={observer.altitude_km: [0, 1]}"], "series of 2 scenes"),
     ),
 )
@@ -306,6 +308,67 @@ def test_every_ablation_is_a_configuration_that_can_be_read():
     for ablation in ABLATIONS:
         simple, full = load("continental-average", ablation.settings), load("continental-average", ablation.against)
         assert simple != full, ablation.name
+
+
+TINY = {"wavelengths": {"list_nm": [450.0, 620.0]}, "texture.resolution_deg": 30.0}
+
+
+def run_in_process(config) -> np.ndarray:
+    """The radiances that a worker would send, of one sun in two directions."""
+    directions = SampleDirections((10.0, 80.0), (0.0, 90.0))
+    message = Job(config, (-2.0,), {-2.0: directions}, timed=False).message((-2.0,), ())
+    for _ in range(3):
+        sent: list[dict] = []
+        try:
+            execute(json.loads(json.dumps(message)), sent.append)
+        except Compiled:
+            continue
+        assert not [answer["reason"] for answer in sent if "reason" in answer]
+        return np.array([answer["radiance"] for answer in sent if "radiance" in answer])
+    raise AssertionError("machine code is made again and again")
+
+
+def tiny(settings):
+    """An ablation's settings at little cost: what it changes stays, unless it is the size of the cells."""
+    small = {**TINY, "aerosol.phase_function": "henyey_greenstein", **settings}
+    if "wavelengths.count" in settings:
+        small.pop("wavelengths")
+        small["wavelengths.count"] = 4 if settings["wavelengths.count"] == 40 else 3
+    elif "wavelengths" in settings and len(settings["wavelengths"]["list_nm"]) > 3:
+        small["wavelengths"] = {"list_nm": [400.0, 450.0, 550.0, 650.0]}
+    if settings.get("solver.quality") == "haber2005":
+        small["solver.azimuth_cells"] = 12
+        small["solver.max_orders"] = 2
+    else:
+        small["solver.quality"] = "draft"
+    return small
+
+
+OF_EXPERTS = [a for a in ABLATIONS if any(k.startswith("solver.expert.") for k in {**a.settings, **a.against})]
+
+
+@pytest.mark.parametrize("ablation", [OF_EXPERTS[0], OF_EXPERTS[-1]], ids=lambda a: a.name)
+def test_options_for_experts_reach_the_worker(ablation):
+    """Nested under `expert` they would be a TypeError, and the ablation without a number."""
+    assert np.all(run_in_process(load("continental-average", tiny(ablation.settings))) > 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ablation", ABLATIONS, ids=lambda a: a.name)
+def test_every_ablation_runs(ablation):
+    """An ablation would have no numbers, and nobody would see it before the benchmark is run again."""
+    for settings in (ablation.settings, ablation.against):
+        assert np.all(run_in_process(load("continental-average", tiny(settings))) > 0.0)
+
+
+def test_ablations_are_picked_by_parts_of_their_names():
+    assert chosen_ablations("all") == ABLATIONS
+    assert [a.name for a in chosen_ablations("polarisation, OZONE")] == [
+        "no polarisation", "ozone as a vertical filter", "no ozone",
+    ]  # fmt: skip
+    assert not any("," in a.name for a in ABLATIONS)
+    with pytest.raises(TwilightError, match=r"colour is in the name of no ablation: all, or no polarisation;"):
+        chosen_ablations("polarisation,colour")
 
 
 def test_the_reference_solver_caches_each_sun(tmp_path, monkeypatch):

@@ -76,9 +76,15 @@ def test_a_table_lies_beside_the_climate_also_when_a_configuration_elsewhere_nam
     assert Path(config.climate.medium.table) == tmp_path / "air" / "t.csv"
 
 
+def test_a_name_is_a_climate_or_a_configuration_and_not_both():
+    """`twilight render NAME` would mean one of two things, and take the first in silence."""
+    assert not shipped("climates").keys() & shipped("configs").keys()
+    assert load("haber2005").solver == {"name": "cells", "quality": "haber2005"}
+
+
 def test_all_shipped_documents_load_and_are_named_like_their_files():
     climates, configs = shipped("climates"), shipped("configs")
-    assert set(OPAC_TYPES) | {"pure-air", "volcanic-stratosphere", "haber2005"} <= set(climates)
+    assert set(OPAC_TYPES) | {"pure-air", "volcanic-stratosphere", "haber2005-air"} <= set(climates)
     for name, path in climates.items():
         climate = load_climate(path)
         assert climate.name == name and climate.description
@@ -119,7 +125,7 @@ def test_all_shipped_documents_load_and_are_named_like_their_files():
         ("gases: {no2: 1}", ["gases.no2", "true or false"]),
         ("gases: {o3: true}", ["gases.o3 is not a key", "ozone"]),
         ("refraction: {modl: ciddor}", ["refraction.modl is not a key; did you mean model?"]),
-        ("refraction: none", ["refraction", "mapping with the keys model, co2_ppm"]),
+        ("refraction: none", ["refraction", "mapping with the keys model, relative_humidity_percent, co2_ppm"]),
         ("ground: {albedo: 1.5}", ["ground.albedo", "0 to 1", "1.5"]),
         ("ground: {albedo: bright}", ["ground.albedo", "0 to 1", "'bright'"]),
         (
@@ -168,13 +174,13 @@ def test_a_wrong_climate_is_refused_in_one_sentence(tmp_path, text, parts):
         ),
         ("sun: up", ["sun", "elevation_deg"]),
         ("observer: {altitud_km: 3}", ["observer.altitud_km is not a key; did you mean altitude_km?"]),
-        ("observer: {altitude_km: -1}", ["observer.altitude_km", "0 to 40000 (km)"]),
+        ("observer: {altitude_km: -1}", ["observer.altitude_km", "-0.5 to 40000 (km)"]),
         ("wavelengths: {list_nm: [500, 400]}", ["wavelengths", "increase"]),
         ("wavelengths: {list_nm: [100, 400]}", ["wavelengths.list_nm[0]", "280 to 1000 (nm)"]),
         ("wavelengths: {list_nm: [400], count: 3}", ["wavelengths", "list_nm", "count"]),
         ("wavelengths: {cont: 3}", ["wavelengths.cont is not a key; did you mean count?"]),
         ("texture: {resolution_deg: 7}", ["texture", "resolution_deg", "7"]),
-        ("texture: {latlong_width: 510}", ["texture", "latlong_width", "510"]),
+        ("texture: {azimuth_count: 2}", ["texture", "azimuth_count", "2"]),
         ("output: {rendrer: mitsuba}", ["output.rendrer is not a key; did you mean renderer?"]),
         ("output: {renderer: maya}", ["output.renderer", "mitsuba", "'maya'"]),
         ("solver: {name: cels}", ["cels is not a solver; did you mean cells?"]),

@@ -68,7 +68,6 @@ def test_more_of_anything_costs_more():
         {"wavelengths": {"count": 80}},
         {"solver.quality": "standard"},
         {"texture.resolution_deg": 1},
-        {"texture.latlong_width": 2048},
     ):
         large = full_cost(resolve(load("pure-air", base | more)))
         assert large.cpu_s > 1.2 * small.cpu_s

@@ -131,7 +131,7 @@ def test_names_stay_inside_the_output_folder(tmp_path, monkeypatch, name):
 def test_settings_of_the_command_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     keys = ("sun", "climate", "solver.name", "vary", "name", "medium.table", "a.b.c", "", "=",
-            "climate.medium.table", "texture.latlong_width", "sun.elevations_deg", "é", "output.views", "vary.x", "\0",
+            "climate.medium.table", "texture.resolution_deg", "sun.elevations_deg", "é", "output.views", "vary.x", "\0",
             "climate.climate")  # fmt: skip
     for key in keys:
         for value in (*ODD_YAML, "../../etc/passwd", "/dev/zero", "\0", "1e999", "[1, 2]", "{}", "null"):

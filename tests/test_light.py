@@ -287,8 +287,8 @@ def test_the_moon_lights_the_night_as_in_a_render():
 
 @pytest.mark.slow
 def test_ten_thousand_moments_take_seconds():
-    """Lux and colour temperature through a year, with stars, zodiacal light and moon: 1.6 processor s when its skies are
-    there."""
+    """Lux and colour temperature through a year, with stars, zodiacal light and moon: 1.6 processor s of skies
+    that are there."""
     start = datetime(2026, 1, 1, tzinfo=UTC)
     times = [start + timedelta(minutes=52.56 * i) for i in range(10_000)]
     asked = ("horizontal", ["illuminance", "cct"], {key: v for key, v in AIR.items() if key != "solver"})

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from airs import problem_of_field, turbid
-from closed_sky import COARSE, ClosedSky
 from closed_sky import FIVE_NM as NM
+from closed_sky import ClosedSky
 
 from twilight.animation.film import Animation
 from twilight.animation.moon import MoonDiscPainter
@@ -30,7 +30,7 @@ SKY = ClosedSky(
 def film(path, settings, **options):
     view = {"kind": "perspective", "width": 48, "height": 32, "elevation_deg": 20.0, "field_of_view_deg": 70.0}
     config = load("pure-air", {"observer.view": view, **settings})
-    return Animation(config, path, problem=problem_of_field(SKY), sizes=COARSE, **options)
+    return Animation(config, path, problem=problem_of_field(SKY), nodes=(17, 13), **options)
 
 
 def luminances(folder):

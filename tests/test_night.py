@@ -256,13 +256,13 @@ def test_a_render_at_a_place_and_time_has_its_own_night():
 
     def at(moment, **more):
         sun = {"at": moment, "latitude_deg": 0.0, "longitude_deg": 0.0, "time_zone": "UTC"}
-        settings = {"sun": sun, "solver.name": "preetham", "texture.resolution_deg": 15.0, "texture.latlong_width": 16}
+        settings = {"sun": sun, "solver.name": "preetham", "texture.resolution_deg": 15.0}
         return next(iter(frames(resolve(load("pure-air", settings | {"aerosol.type": "continental_average"} | more)))))
 
     bare, lit = at("2026-03-20T15:00"), at("2026-03-20T15:00", night={})
     assert bare.sky.night_radiance is None
     assert np.array_equal(bare.sky.sun_normalised_radiance, lit.sky.sun_normalised_radiance)
-    assert lit.panorama.night_radiance.shape == lit.panorama.sun_normalised_radiance.shape
+    assert lit.sky.night_radiance.shape == lit.sky.sun_normalised_radiance.shape
     assert lit.sky.provenance["configuration"]["night"] == {"airglow": 1.0, "starlight": 1.0, "zodiacal_light": 1.0}
     assert lit.sky.provenance["hash"] != bare.sky.provenance["hash"]
     # the Milky Way has moved on by the next season's afternoon

@@ -17,12 +17,15 @@ from rendering import call
 from twilight.base.errors import TwilightError
 from twilight.base.progress import silent
 from twilight.config import load_climate
+from twilight.engine.answer import Answer
+from twilight.engine.table import fill
 from twilight.numerics.spectrum import solar_at
 from twilight.scene.medium import climate_medium
 from twilight.studies.export import prague, prague_fit, prague_transmittance
 from twilight.studies.export.prague_air import airs_of, channel_nodes, ground_extinction_per_km
 from twilight.studies.export.prague_file import PragueAxes, read_prague, write_prague
 from twilight.studies.export.prague_sky import PragueSky, angles_of, distance_nodes_m, elevation_of
+from twilight.transport.scattered_once import ScatteredOnce
 
 READER = os.environ.get("TWILIGHT_PRAGUE_READER", "")
 """Folder with PragueSkyModel.cpp and PragueSkyModel.h of github.com/PetrVevoda/pragueskymodel."""
@@ -44,8 +47,17 @@ class SmoothField:
     def __init__(self, medium, brightness):
         self.medium, self.brightness = medium, brightness
         self.blocks = [SimpleNamespace(term_medium=medium, bands=None)]
+        self.scene = SimpleNamespace(medium=medium)
+        self.once = ScatteredOnce(medium, None, medium.bottom_km, aerosol=False)
 
-    def radiance(self, sun, elevation, azimuth, altitude_km=None):
+    def table(self, sun, altitude_km, *, rows_deg, columns_deg, refine):
+        def light(rows, columns):
+            found = self.stokes(sun, *np.meshgrid(rows, columns, indexing="ij"))
+            return Answer(found[..., 0, :], None, found[..., 1:, :])
+
+        return fill(light, self.once, sun, rows_deg, columns_deg, refine=refine)
+
+    def radiance(self, sun, elevation, azimuth):
         angles = angles_of(sun, elevation, azimuth, 50.0)
         shape = (1.0 + np.cos(angles.gamma) ** 2 + 3.0 * np.exp(-2.0 * angles.gamma)) * (
             1.3 + np.cos(angles.shadow if sun < 0 else angles.zero)
@@ -53,7 +65,7 @@ class SmoothField:
         light = self.brightness * math.exp(1.1 * min(sun, 0.0)) * shape / (0.2 + np.cos(angles.zero))
         return light[..., None] * np.array([0.02, 0.01])
 
-    def stokes(self, sun, elevation, azimuth, altitude_km=None):
+    def stokes(self, sun, elevation, azimuth):
         light = self.radiance(sun, elevation, azimuth)
         degree, chi = rayleigh(sun, elevation, azimuth)
         parts = [np.ones_like(degree), degree * np.cos(2 * chi), degree * np.sin(2 * chi)]
@@ -211,7 +223,7 @@ def test_a_file_that_is_not_whole_is_refused(made, tmp_path):
         (["continental-average", "--output", "sky.dat", "--start-nm", "nan"], "from nan to nan nm; allowed is 280 to"),
         (["continental-average", "--output", "sky.dat", "--visibility", "20,far"], "--visibility: 20,far"),
         (["continental-average", "--output", "sky.dat", "--albedo", "1.5"], "--albedo: 1.5 is not allowed"),
-        (["bruneton2008", "--output", "sky.dat"], "knows land under computed air"),
+        (["bruneton2008", "--output", "sky.dat"], "knows computed air, no table"),
         (["continental-average", "--output", "sky.dat", "--quality", "best"], "best"),
     ],
 )

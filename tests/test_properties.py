@@ -15,10 +15,10 @@ from twilight.numerics import spectrum
 from twilight.numerics.grids import texture_grid
 from twilight.sky.sky import Sky
 from twilight.solvers import zones
+from twilight.solvers.cells.exchange import make_rings, pair_capture, sphere_capture
 from twilight.solvers.cells.grid import make_grid
-from twilight.solvers.cells.pairs import make_rings, pair_capture, sphere_capture
+from twilight.solvers.cells.layers import make_layers
 from twilight.transport.beam import beam_at, prepare_beam
-from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
 
 TINY = replace(
@@ -123,20 +123,22 @@ def test_the_transfer_between_cells_is_reciprocal(air, seed):
     Light goes from one to the other through the same air: exp(-depth) / (4 pi distance^2) either way.
     """
     medium = medium_of(air, refractivity=0.0)
-    profile = prepare_profile(medium)
+    layers = make_layers(medium, False)
     grid = make_grid(36, 1.0, 30.0, 0.0, medium.top_km, medium.earth_radius_km)
-    rings = make_rings(grid, profile, 1, np.arange(grid.ring_radius_km.size))
+    rings = make_rings(grid, layers, np.arange(grid.ring_radius_km.size))
+    extinction = layers.extinction[rings.layer]
     rng = np.random.default_rng(seed)
     depth, there, back, toward = np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(3)
     compared = 0
     for _ in range(400):
         i, j = rng.integers(rings.radius.size, size=2)
-        lit = pair_capture(profile, rings, i, j, rng.uniform(0, 2 * np.pi), 0.0, depth, there, back, toward)
+        turn = rng.uniform(0, 2 * np.pi)
+        lit = pair_capture(layers, layers.extinction, rings, i, j, turn, depth, there, back, toward)
         chord = np.max(rings.size[[i, j]])
-        thick = chord * max(rings.extinction[i, 0], rings.extinction[j, 0])
-        held = [rings.extinction[k, 0] * rings.volume[k] for k in (i, j)]
+        thick = chord * max(extinction[i, 0], extinction[j, 0])
+        held = [extinction[k, 0] * rings.volume[k] for k in (i, j)]
         if lit and min(held) > 0.0 and thick < 0.05 and min(there[0], back[0]) > 0.0:
-            seen = max(there[0] / rings.extinction[i, 0], back[0] / rings.extinction[j, 0]) / rings.size[[i, j]].min()
+            seen = max(there[0] / extinction[i, 0], back[0] / extinction[j, 0]) / rings.size[[i, j]].min()
             if seen < 1e-3:  # a cell that covers more of the sky is no point
                 assert there[0] / held[0] == pytest.approx(back[0] / held[1], rel=0.01)
                 compared += 1

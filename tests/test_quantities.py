@@ -195,7 +195,7 @@ def test_a_curve_of_ones_own_is_taken_from_arrays_files_and_speclite(tmp_path):
     [
         ("Vv", "the band 'Vv' is not known"),
         ("nowhere-x", "neither one of .* nor one of speclite's"),
-        ("missing.csv", "missing.csv: cannot be read"),
+        ("missing.csv", "missing.csv: cannot read the table"),
         (([500, 400], [1, 1]), "must increase"),
         (([400, 500], [0, 0]), "not all 0"),
         (([0.4, 0.5], [1, 1]), "wavelengths are in nm"),

@@ -64,6 +64,36 @@ def test_a_sky_draws_itself(sky, projection, drawing):
     assert sky.plot(projection, ax=axes, width=80) is figure
 
 
+def test_a_sky_is_drawn_in_any_azimuth(sky, drawing):
+    """All round, another azimuth in the middle is the same picture shifted; away from the sun there is no sun."""
+    towards, away = (render_view(sky, view="panorama", width=80, azimuth_deg=a)[0] for a in (0.0, 90.0))
+    assert np.allclose(np.roll(towards, -20, axis=1), away, atol=1e-6) and not np.allclose(towards, away, atol=0.01)
+    for projection in ("wide", "perspective", "cylinder", "fisheye"):
+        front, back = (
+            render_view(sky, view=projection, width=80, azimuth_deg=a, exposure=12.0)[0] for a in (0.0, 180.0)
+        )
+        # the glow of the sun is in the middle of the one, and of the fisheye's lower edge
+        middle = np.s_[60:, 30:50] if projection == "fisheye" else np.s_[:, 30:50]
+        assert np.nanmax(front[middle]) > 1.2 * np.nanmax(back[middle]), projection
+    assert sky.plot("wide", width=80, azimuth_deg=180).axes[0].images[0].get_array().shape[1] == 80
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"projection": 3}, "projection 3 is not known, choose one of wide"),
+        ({"ax": 5}, "ax must be axes of matplotlib's, got 5"),
+        ({"azimuth": 180}, "azimuth is no argument; allowed are projection, ax, azimuth_deg"),
+        ({"azimuth_deg": "east"}, "azimuth_deg must be a finite number, got 'east'"),
+        ({"width": 0}, "width must be a whole number of pixels, 4 or more, got 0"),
+        ({"exposure": None}, "exposure: None must be 'auto' or a finite"),
+    ],
+)
+def test_wrong_arguments_of_a_plot_are_one_sentence(sky, arguments, message):
+    with pytest.raises(TwilightError, match=message):
+        sky.plot(**arguments)
+
+
 def test_magnitude_and_luminance_are_those_of_the_direction(sky):
     assert sky.luminance_at(45.0, 10.0) == pytest.approx(sky.luminance()[4, 1])
     # the conversion in common use is 0.1 mag off for spectra that are not Vega's

@@ -164,7 +164,7 @@ def test_the_stratosphere_is_measured_unless_opac_is_asked_for():
     assert list(regions("antarctic")) == ["stratosphere (sh_midlat_typical)"]
     assert list(regions("volcanic-stratosphere")) == ["stratosphere (high_volcanic)"]
     opac = {"stratosphere": (12.0, 35.0)}
-    assert regions("haber2005") == regions("urban", **{"aerosol.stratosphere": "opac"}) == opac
+    assert regions("urban", **{"aerosol.stratosphere": "opac"}) == opac
     assert regions("urban", **{"aerosol.stratosphere": "none"}) == {}
     assert regions("urban", **{"aerosol.optical_depth_550nm": 0.0}) == {}
     assert regions("pure-air") == {}
@@ -176,9 +176,42 @@ def test_the_stratosphere_is_measured_unless_opac_is_asked_for():
     )
 
 
+@pytest.mark.parametrize("name", ["urban", "desert"])
+def test_air_by_turbidity_and_by_visibility(name):
+    """The amount of aerosol would not be what the words mean, or another height or wavelength be meant."""
+    at = np.array([450.0, 550.0])
+
+    def told(**settings):
+        return dict(facts(climate_medium(load(name, settings).climate, at)))
+
+    by_turbidity = told(**{"aerosol.turbidity": 3.5})
+    assert by_turbidity["turbidity at 550 nm (Preetham 1999)"] == "3.50"
+    by_visibility = told(**{"aerosol.visibility_km": 20})
+    assert by_visibility["visibility at the ground at 550 nm (Koschmieder)"] == "20 km"
+    high = {"ground.altitude_km": 1.5, "aerosol.turbidity": 2.5}
+    assert told(**high)["turbidity at 550 nm (Preetham 1999)"] == "2.50"
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"aerosol.turbidity": 3, "aerosol.visibility_km": 20}, "takes either turbidity or visibility_km, not both"),
+        ({"aerosol.turbidity": 0.5}, "turbidity must be"),
+        (
+            {"atmosphere.profile": "subarctic_winter", "aerosol.visibility_km": 330},
+            r"visibility_km is 330; allowed is 3\d\d, that of pure air",
+        ),
+    ],
+)
+def test_air_that_no_turbidity_or_visibility_has_is_one_sentence(settings, words):
+    """It would be taken in silence, or end in a traceback."""
+    with pytest.raises(TwilightError, match=words):
+        climate_medium(load("urban", settings).climate, np.array([550.0]))
+
+
 def test_keys_of_gases_layers_and_refraction_reach_the_medium():
     at = np.array([600.0])
-    medium = climate_medium(load_climate("haber2005"), at)
+    medium = climate_medium(load_climate("haber2005-air"), at)
     assert medium.top_km == 35 and np.unique(medium.altitude_km).size == 51
     assert medium.overhead_absorption_optical_depth[0] > 0 and medium.absorption_per_km.max() == 0
     twice = [

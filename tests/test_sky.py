@@ -5,7 +5,7 @@ import pytest
 
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
-from twilight.numerics.grids import latlong_grid, texture_grid
+from twilight.numerics.grids import texture_grid
 from twilight.sky.sky import Sky
 
 WAVELENGTHS = np.array([400.0, 500.0, 600.0, 700.0])
@@ -32,10 +32,13 @@ def test_default_texture_is_that_of_the_contract():
     [
         texture_grid(3.0),
         texture_grid(90.0),
-        latlong_grid(64, 37.3),
+        (
+            np.sort(90.0 * np.linspace(0.0, 1.0, 40) ** 2),
+            180.0 * np.linspace(0.0, 2.0, 90, endpoint=False) ** 1.2 / 2.0**0.2,
+        ),
         (np.array([0.0, 10.0, 45.0, 90.0]), np.array([0.0])),
     ],
-    ids=["texture", "one row", "latlong", "uneven with horizon and zenith"],
+    ids=["texture", "one row", "crowded", "uneven with horizon and zenith"],
 )
 def test_uniform_sky_gives_pi_and_two_pi(grid):
     sky = make_sky(lambda e, a: 1.0, grid=grid)
@@ -142,13 +145,6 @@ def test_resample_keeps_everything_else_and_interpolates_the_standard_error():
     assert finer.provenance == {"solver": "x"} and finer.sun_elevation_deg == sky.sun_elevation_deg
     np.testing.assert_allclose(finer.standard_error, 0.1)
     np.testing.assert_allclose(finer.sun_normalised_radiance[1, 2], sky.sample(20.0, 180.0))
-
-
-def test_latlong_grid_meets_the_pixel_centres_of_the_world():
-    elevation, azimuth = latlong_grid(16, 100.0)
-    world = np.sort(np.mod(azimuth + 100.0, 360.0))
-    np.testing.assert_allclose(world, (np.arange(16) + 0.5) * 22.5)
-    np.testing.assert_allclose(elevation, [11.25, 33.75, 56.25, 78.75])
 
 
 def test_luminance_and_illuminance_of_a_uniform_sky_follow_the_sum_rule():

@@ -32,6 +32,7 @@ from twilight.sky.night.points import (
 )
 from twilight.sky.night.world import Place
 from twilight.sky.stars import bright_stars
+from twilight.sky.table import SkyTable
 
 NM = np.array([440.0, 550.0, 680.0])
 PLACE = Place(47.0, 11.0, datetime.fromisoformat("2026-08-12T23:40+02:00"))
@@ -148,7 +149,8 @@ def test_a_view_has_the_stars_before_the_glow_of_the_others(air):
     np.testing.assert_allclose(whole.radiance, (1.0 - resolved_starlight_fraction()) * glow.radiance, rtol=1e-6)
     night = replace(whole, stars=points, sun_azimuth_deg=333.0)
     e, a = np.array([-1.0, 90.0]), np.array([0.0, 180.0])
-    look = ViewRadiance(view, e, a, np.zeros((2, 2, 3)), 0.75, -24.0, night=night)
+    dark = SkyTable(np.zeros(1), np.zeros(1), e, a, np.zeros((1, 2, 2, 3), np.float32), logarithmic=False)
+    look = ViewRadiance(view, dark, 0.75, -24.0, night=night)
     rays = view.rays((0, view.shape[0])).astype(float)
     area = solid_angles(rays)
     azimuth, elevation = azimuth_elevation(rays)

@@ -214,11 +214,15 @@ def test_heights_from_geotiff(tmp_path):
     path = tmp_path / "z.tif"
     z = np.arange(12.0, dtype=np.float32).reshape(3, 4) * 100.0
     shape = {"width": 4, "height": 3, "count": 1, "dtype": "float32", "driver": "GTiff"}
-    with rasterio.open(path, "w", crs="EPSG:32632", transform=from_bounds(0, 0, 8000, 6000, 4, 3), **shape) as file:
+    with rasterio.open(
+        path, "w", crs="EPSG:32632", transform=from_bounds(496e3, 5e6, 504e3, 5006e3, 4, 3), **shape
+    ) as file:
         file.write(z, 1)
     made = heights_of(Terrain(heights=str(path)))
-    assert (made.step_x_km, made.step_y_km) == pytest.approx((2.0, 2.0))
-    assert height_at(made, -3.0, 2.0) == pytest.approx(0.0) and height_at(made, 3.0, -2.0) == pytest.approx(1.1)
+    # on the central meridian a metre of the zone's grid is 1/0.9996 m
+    assert (made.step_x_km, made.step_y_km) == pytest.approx((2.0, 2.0), rel=1e-3)
+    assert height_at(made, -2.99, 1.99) == pytest.approx(0.0, abs=0.01)
+    assert height_at(made, 2.99, -1.99) == pytest.approx(1.1, abs=0.01)
     path.write_bytes(b"no tiff")
     with pytest.raises(TwilightError, match="cannot be read as GeoTIFF"):
         heights_of(Terrain(heights=str(path)))

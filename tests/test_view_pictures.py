@@ -1,63 +1,46 @@
-"""Pictures from any place: nodes and interpolation against the function itself, the sun's disc, configurations."""
+"""Pictures from any place: their pixels against the function itself, the sun's disc, configurations."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
+from airs import problem_of_field, pure_air
 from toy_sky import glow_sky
 
 from twilight.base.errors import TwilightError
-from twilight.config.scene import Config
+from twilight.config.scene import Config, Observer
 from twilight.config.view import View
-from twilight.engine.answer import Answer
 from twilight.engine.night import NightLight
 from twilight.engine.sunbeam import Direct
-from twilight.engine.view import elevation_nodes, view_radiance, with_night, with_sun
+from twilight.engine.view import view_radiance, with_night, with_sun
 from twilight.io.outputs import write_outputs
 from twilight.io.rendered import ViewPixels
 from twilight.numerics.orientation import azimuth_elevation
 from twilight.numerics.projections import view_rays
+from twilight.solvers.base import BareField
+
+AIR = pure_air(np.linspace(0.0, 60.0, 31), refractivity=0.0, wavelengths=(450.0, 650.0))
+"""Air whose rays are straight, so that the horizon is where geometry has it."""
 
 
 @dataclass
-class Air:
-    """As much of a medium as a view asks for."""
+class ClosedView(BareField):
+    """Light that falls by e in 8 deg from the horizon and away from the sun's azimuth, and jumps there in the red."""
 
-    bottom_km: float = 0.0
-    earth_radius_km: float = 6371.0
-    n_wavelengths: int = 2
-    kind: str = "transport"
-    standard_error: bool = False
+    medium: Any
+
+    def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg, *, observer_altitude_km=0.0):
+        elevation, azimuth = np.broadcast_arrays(elevation_deg, azimuth_deg)
+        dip = np.degrees(np.arccos(6371.0 / (6371.0 + observer_altitude_km)))
+        value = np.exp(-np.abs(elevation + dip) / 8.0 + 1.5 * np.cos(np.radians(azimuth)))
+        return np.stack([value, np.where(elevation < -dip, 0.2, 1.0) * value], axis=-1)
 
 
-@dataclass
-class Block:
-    """Light that falls by e in 4 deg from the horizon and in 20 deg from the sun, and is dark where lines miss."""
-
-    altitude_km: float
-    medium: Air = field(default_factory=Air)
-
-    @property
-    def scene(self):
-        return self
-
-    @property
-    def capabilities(self):
-        return self.medium
-
-    def light(self, elevation_deg, azimuth_deg):
-        dip = np.degrees(np.arccos(6371.0 / (6371.0 + self.altitude_km)))
-        folded = np.minimum(azimuth_deg, 360.0 - azimuth_deg)
-        value = np.exp(-np.abs(elevation_deg + dip) / 4.0 - folded / 20.0)
-        return np.stack([value, np.where(elevation_deg < -dip, 0.2, 1.0) * value], axis=-1)
-
-    def rows_at_once(self, columns):
-        return max(1, 2_000 // columns)
-
-    def answer(self, sun_elevation_deg, elevation_deg, azimuth_deg):
-        rows, columns = np.asarray(elevation_deg).shape
-        assert rows <= self.rows_at_once(columns)
-        return Answer(self.light(elevation_deg, azimuth_deg))
+def block_at(altitude_km):
+    """The field as a block of the engine's, with an observer."""
+    made = problem_of_field(ClosedView(AIR))
+    return replace(made, scene=replace(made.scene, observer=Observer(altitude_km=altitude_km))).block(0)
 
 
 @pytest.mark.parametrize(
@@ -72,12 +55,12 @@ class Block:
     ],
 )  # fmt: skip
 def test_a_view_shows_what_is_there(altitude, view):
-    block = Block(altitude)
+    block = block_at(altitude)
     made = View.model_validate(view)
     seen = view_radiance(block, made, -19.0).whole()
     assert seen.radiance.shape == (*made.shape, 2)
     azimuth, elevation = azimuth_elevation(made.rays())
-    exact = block.light(elevation, azimuth)
+    exact = block.answer(-19.0, elevation, azimuth, altitude).radiance
     inside = np.isfinite(seen.radiance[..., 0])
     assert inside.all()
     off = np.abs(seen.radiance / exact - 1.0)
@@ -87,12 +70,23 @@ def test_a_view_shows_what_is_there(altitude, view):
     assert off[away].max() < 0.01
 
 
-def test_nodes_are_a_pixel_apart_at_the_horizon():
-    nodes = elevation_nodes(-30.0, 10.0, 0.05, 11.0, 6371.0, -5.0)
-    dip = np.degrees(np.arccos(6371.0 / 6382.0))
-    near = nodes[np.abs(nodes + dip) < 0.1]
-    assert np.diff(near).max() < 0.051 and (np.diff(nodes) > 0).all()
-    assert nodes[0] == -30.0 and nodes[-1] == 10.0 and nodes.size < 500
+def test_rows_are_half_a_pixel_apart_where_light_needs_them_and_no_nearer():
+    """Light has a kink 0.5 deg above the horizon that no break knows of: rows go down to half a pixel there."""
+
+    @dataclass
+    class Kinked(ClosedView):
+        def radiance(self, sun_elevation_deg, elevation_deg, azimuth_deg, *, observer_altitude_km=0.0):
+            known = super().radiance(0.0, elevation_deg, azimuth_deg, observer_altitude_km=observer_altitude_km)
+            return known * np.exp(-5.0 * np.abs(np.asarray(elevation_deg) - 0.5))[..., None]
+
+    view = View.model_validate({"kind": "perspective", "width": 600, "height": 200, "field_of_view_deg": 24.0})
+    made = view_radiance(problem_of_field(Kinked(AIR)).block(0), view, 10.0)
+    assert made.pitch_deg == pytest.approx(0.04, rel=0.03)
+    rows = made.table.elevation_deg
+    step = np.diff(rows)
+    near = np.abs(0.5 * (rows[1:] + rows[:-1]) - 0.5) < 0.02
+    assert near.any() and step[near].max() < 0.06 and step[step > 0.0].min() > 0.009
+    assert rows.size < 140
 
 
 def test_the_disc_holds_the_suns_irradiance():
@@ -110,7 +104,7 @@ def test_the_night_of_a_view_is_behind_the_sky_and_on_the_ground():
     elevation, azimuth = np.linspace(-2.0, 90.0, 40), np.arange(0.0, 361.0, 5.0)
     shape = 1.0 + np.sin(np.radians(elevation))[:, None] + 0.1 * np.cos(np.radians(azimuth - 70.0))
     night = NightLight(elevation, azimuth, np.stack([shape, 2.0 * shape], axis=-1), np.array([0.3, 0.4]))
-    block, view = Block(0.0), View.model_validate({"kind": "latlong", "width": 64})
+    block, view = block_at(0.0), View.model_validate({"kind": "latlong", "width": 64})
     plain = view_radiance(block, view, 10.0)
     off = replace(plain, night=night).whole().radiance - plain.whole().radiance
     a, e = azimuth_elevation(view.rays())

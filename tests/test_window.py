@@ -42,10 +42,10 @@ def pages(field, tmp_path_factory):
         names=["one", "other"],
         scenes=["one", "other"],
         altitudes_km=[0.0, 5.0, 60.0],
-        sizes=COARSE,
+        nodes=COARSE,
     )
     return SimpleNamespace(
-        one=view_fields([field], sizes=COARSE, names=["closed"], scenes=["continental-average"]).save(
+        one=view_fields([field], nodes=COARSE, names=["closed"], scenes=["continental-average"]).save(
             folder / "one.html"
         ),
         two=two.save(folder / "two.html"),

@@ -30,7 +30,7 @@ def page_file(tmp_path_factory):
         names=["one", "other"],
         scenes=["continental-average --quality draft", "'my air.yaml' --set aerosol.load=2"],
         altitudes_km=[0.0, 5.0],
-        sizes=COARSE,
+        nodes=COARSE,
     )
     return made.save(tmp_path_factory.mktemp("access") / "two.html")
 

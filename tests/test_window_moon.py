@@ -30,7 +30,7 @@ def field():
 def page(field, tmp_path_factory):
     path = tmp_path_factory.mktemp("moon") / "one.html"
     with open_page(
-        view_fields([field], sizes=COARSE, names=["closed"], scenes=["pure-air"]).save(path), 64, 64
+        view_fields([field], nodes=COARSE, names=["closed"], scenes=["pure-air"]).save(path), 64, 64
     ) as opened:
         yield opened
 

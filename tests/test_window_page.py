@@ -12,10 +12,10 @@ from browser import open_page, until
 
 from twilight.solvers.base import BareField
 from twilight.viewer import view_fields, view_sky
-from twilight.viewer.tables import ViewerTableSizes
+from twilight.viewer.tables import PageNodes
 
 NM = np.array([420.0, 500.0, 580.0, 660.0])
-COARSE = ViewerTableSizes(suns=17, sky=9, ground=5, azimuths=7, limb=9)
+COARSE = PageNodes(ground=5, haze=5, sky=9, limb=9, columns=7)
 
 
 @dataclass
@@ -35,7 +35,7 @@ def even(medium):
 
 @pytest.fixture(scope="module")
 def view():
-    return view_fields([even(turbid(wavelength_nm=NM))], scenes=["pure-air"], sizes=COARSE)
+    return view_fields([even(turbid(wavelength_nm=NM))], scenes=["pure-air"], nodes=COARSE)
 
 
 @pytest.fixture(scope="module")

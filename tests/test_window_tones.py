@@ -28,7 +28,7 @@ STEP = 1.0 / 255.0
 
 @pytest.fixture(scope="module")
 def page_file(tmp_path_factory):
-    return view_fields([closed(level=0.1)], sizes=COARSE).save(tmp_path_factory.mktemp("tones") / "sky.html")
+    return view_fields([closed(level=0.1)], nodes=COARSE).save(tmp_path_factory.mktemp("tones") / "sky.html")
 
 
 def screen_of(page, state):

@@ -2,11 +2,12 @@
 
 from twilight.api.calls import medium, render, solve, solver
 from twilight.api.light import light
-from twilight.api.representation import Sky, SkySeries, open_dataset, read_sky
+from twilight.api.photographs import estimate, read_sky
+from twilight.api.representation import Sky, SkySeries, open_dataset
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import Climate, Config, load, load_climate
-from twilight.engine import Solved
+from twilight.engine import Field
 from twilight.engine.surfaces import Surface
 from twilight.engine.towards import Direction
 
@@ -15,14 +16,15 @@ __all__ = [
     "Climate",
     "Config",
     "Direction",
+    "Field",
     "Medium",
     "Sky",
     "SkySeries",
-    "Solved",
     "Surface",
     "TwilightError",
     "TwilightWarning",
     "__version__",
+    "estimate",
     "light",
     "load",
     "load_climate",

@@ -15,7 +15,7 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.base.extras import is_installed, missing
 from twilight.base.progress import Progress
-from twilight.base.whole_files import whole_file
+from twilight.base.whole_files import unfinished, whole_file
 from twilight.io.exr import write_channels
 from twilight.numerics import spectrum
 from twilight.sky import colour
@@ -119,8 +119,8 @@ def _indexed(image: Any) -> Any:
 def _folder(pictures: Sequence[Path], output: Path) -> None:
     """The pictures as 00001.exr and so on; they are linked or copied, so that none is lost on the way."""
     made = output.with_name(f".{output.name}.{secrets.token_hex(4)}.part")
-    made.mkdir()
-    try:
+    with unfinished(made):
+        made.mkdir()
         for i, picture in enumerate(pictures):
             target = made / f"{i + 1:05d}.exr"
             try:
@@ -128,8 +128,6 @@ def _folder(pictures: Sequence[Path], output: Path) -> None:
             except OSError:
                 shutil.copyfile(picture, target)
         os.rename(made, output)
-    finally:
-        shutil.rmtree(made, ignore_errors=True)
 
 
 def write_exr(light: np.ndarray, inside: np.ndarray, path: Path, facts: dict[str, Any]) -> None:

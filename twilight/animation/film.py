@@ -15,7 +15,7 @@ import numpy as np
 
 from twilight import solvers
 from twilight.animation.disc import DiscPainter
-from twilight.animation.draw import Painter, suns_between
+from twilight.animation.draw import Painter, horizon_of
 from twilight.animation.encode import check_output, encode, write_exr
 from twilight.animation.exposure import meter, smoothed
 from twilight.animation.moon import MoonDiscPainter, moons_of
@@ -30,6 +30,8 @@ from twilight.config.scene import Config
 from twilight.config.view import View
 from twilight.engine import Problem
 from twilight.engine.night import check_stars
+from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT, SunTables, suns_between
+from twilight.engine.table import first_columns, first_rows, with_ground
 from twilight.io.eight_bit import to_bytes
 from twilight.io.journal import locked
 from twilight.io.provenance import configuration_hash
@@ -37,14 +39,12 @@ from twilight.numerics.orientation import azimuth_elevation
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import resolve
 from twilight.sky.moon import Moon
+from twilight.sky.table import SkyTable
 from twilight.sky.tone import Shot, Tone, tone_of
 from twilight.sky.tone.eye import adapt
-from twilight.studies.export.field_values import FieldSource
-from twilight.studies.export.sky_tables import LOWEST_SUN_DEG
 from twilight.viewer import check_altitudes, lines
 from twilight.viewer.colours import Channels
 from twilight.viewer.moonlight import MoonColours
-from twilight.viewer.tables import ViewerTables, ViewerTableSizes, fill
 
 METERED_PIXELS = 96
 """Width at which pictures are metered before any is drawn."""
@@ -76,7 +76,7 @@ class FilmResult:
 class FilmParts:
     """What pictures are made of; None where a film has no such part."""
 
-    tables: ViewerTables
+    table: SkyTable
     nights: Nights | None
     moon: MoonColours | None
     disc: DiscPainter | None
@@ -86,19 +86,15 @@ class FilmParts:
 class SkyPainter:
     """Draws directions (elevation, azimuth) (H, W) [deg]: sunlight, moonlight and the night's light."""
 
-    def __init__(
-        self, parts: FilmParts, sizes: ViewerTableSizes, suns_deg: np.ndarray, directions: tuple[np.ndarray, np.ndarray]
-    ):
+    def __init__(self, parts: FilmParts, directions: tuple[np.ndarray, np.ndarray]):
         self.directions, self._moon = directions, parts.moon
-        self._air = Painter(parts.tables, sizes, suns_deg, *directions)
+        self._air = Painter(parts.table, *directions)
         self._night = None if parts.nights is None else NightPainter(parts.nights, *directions)
         self.outside = self._air.outside
 
     def light(self, time_s: float, sun: tuple[float, float, float], moon: Moon | None) -> np.ndarray:
         """Channels of the film's tone [cd m^-2], (H, W, 4), without discs; sun: as `Painter.light`."""
-        # below the lowest sun of the tables its light falls by e per degree
-        below = min(0.0, sun[0] - LOWEST_SUN_DEG)
-        light = self._air.light(sun[0] - below, *sun[1:]) * math.exp(below)
+        light = self._air.light(*sun)
         if moon is not None and self._moon is not None and moon.shines:
             light += self._moon.moonlit(self._air.light(moon.elevation_deg, sun[1] + moon.azimuth_deg), moon)
         return light if self._night is None else light + self._night.light(time_s)
@@ -109,7 +105,8 @@ class Animation:
 
     output: .mp4, .webp, .gif, or without a suffix a folder of numbered EXR.  exposure: `constant`, `metered`, or
     an exposure value at ISO 100; None: output.exposure_ev100, else `metered`.  output.tone_mapping is the tone.
-    speed, from_deg, to_deg: as `timeline`.  Errors: TwilightError for whatever cannot be shown.
+    speed, from_deg, to_deg, frames: as `timeline`.  nodes: rows of the sky and columns of the table.
+    Errors: TwilightError for whatever cannot be shown.
     """
 
     def __init__(
@@ -122,11 +119,11 @@ class Animation:
         exposure: str | float | None = None,
         from_deg: float | None = None,
         to_deg: float | None = None,
-        sizes: ViewerTableSizes | None = None,
+        frames: int | None = None,
+        nodes: tuple[int, int] = (ROW_COUNT, COLUMN_COUNT),
         problem: Problem | None = None,
     ):
         self.config, self.output, self.frames_per_second = config, output, frames_per_second
-        self.sizes = sizes or ViewerTableSizes()
         self.view = config.observer.view or View(**USUAL_VIEW)
         self.exposure = _exposure(config, exposure)
         _check_layers(config)
@@ -135,15 +132,19 @@ class Animation:
             raise TwilightError("--exposure: EXR hold luminances, which have no exposure; leave it out")
         check_output(output, self.view.shape, frames_per_second)
         self.line: FilmTimeline = timeline(
-            config, speed=speed, frames_per_second=frames_per_second, from_deg=from_deg, to_deg=to_deg
+            config, speed=speed, frames_per_second=frames_per_second, from_deg=from_deg, to_deg=to_deg, frames=frames
         )
         self.moons = moons_of(config, self.line)
         lit_from = [*self.line.elevation_deg, *(moon.elevation_deg for moon in self.moons or () if moon.shines)]
-        self.suns_deg = suns_between(min(lit_from), max(lit_from), self.sizes)
+        self._lit_deg = min(lit_from), max(lit_from)
+        self.suns_deg = suns_between(*self._lit_deg)
         if problem is None:
             problem = Problem(resolve(config), tuple(float(s) for s in self.suns_deg), cached=True)
         self.problem = problem
         check_altitudes(self.problem.scene, None, config.title)
+        scene = self.problem.scene
+        self._rows_deg = first_rows(*with_ground(scene, scene.altitude_km), nodes[0])
+        self._columns_deg = first_columns(nodes[1])
         if output.suffix:
             check_file(output)
         else:
@@ -160,7 +161,7 @@ class Animation:
         drawn, processor_s = 0, 0.0
         with locked(self.folder / "lock", "another film"):
             parts = self._parts(part_of(tell, 0.0, 0.4))
-            painter = SkyPainter(parts, self.sizes, self.suns_deg, self._directions(self.view))
+            painter = SkyPainter(parts, self._directions(self.view))
             exposures_of_frames = self._exposures(parts, part_of(tell, 0.4, 0.1))
             paths, fraction = [], part_of(tell, 0.5, 0.4)
             for i, exposure_of_frame in enumerate(exposures_of_frames):
@@ -184,34 +185,31 @@ class Animation:
         if arrays is None:
             solved = self.problem.solve(part_of(progress, 0.0, 0.5, "field"))
             channels = Channels(solved.medium.wavelength_nm, self.config.solar_spectrum, self._measures)
-            source = FieldSource(solved, solved.medium, bool(getattr(self.problem.scene.settings, "refraction", False)))
-            altitude, fraction = self.problem.scene.altitude_km, part_of(progress, 0.5, 0.5, "tables")
-            made = fill(source, channels, (altitude,), self.sizes, fraction, self.suns_deg)
-            arrays = {"sky": made.sky, "horizon": made.horizon_deg, "haze": made.haze_deg}
-            if made.aureole is not None and made.phase is not None:
-                arrays |= {"aureole": made.aureole, "phase": made.phase}
+            altitude = self.problem.scene.altitude_km
+            tables = SunTables(solved, altitude, rows_deg=self._rows_deg, columns_deg=self._columns_deg)
+            spectra = tables.between(*self._lit_deg, part_of(progress, 0.5, 0.5, "tables"))
+            table = spectra.seen(channels.of)
+            arrays = {f"table_{name}": value for name, value in table.arrays().items()}
             if self.moons is not None:
-                spectra = made.spectrum.reshape(channels.wavelength_nm.size, -1).T
-                arrays["moon"] = MoonColours.of(spectra, channels).matrices
+                arrays["moon"] = MoonColours.of(spectra.light_at_nodes()[::2, ::2, ::2], channels).matrices
             if self.config.sun.disc or self.moons is not None:
-                nodes = lines.sky_elevations(float(made.horizon_deg[0]))
+                nodes = lines.sky_elevations(horizon_of(table))
                 arrays["refraction_deg"], arrays["beam"] = lines.sunbeam(solved, channels, altitude, nodes)
             nights = nights_of(self.config, solved.medium, channels, self.line)
             if nights is not None:
                 arrays |= nights.arrays()
             with whole_file(path) as temporary:
                 np.savez(temporary, allow_pickle=False, **arrays)
-        tables = ViewerTables(
-            arrays["sky"], arrays.get("aureole"), np.empty(0), arrays.get("phase"), arrays["horizon"], arrays["haze"]
-        )
+        held = {name.removeprefix("table_"): value for name, value in arrays.items() if name.startswith("table_")}
+        table = SkyTable.of_arrays(held)
         nights = Nights.from_arrays(arrays) if "night_time_s" in arrays else None
         moon = MoonColours(arrays["moon"]) if "moon" in arrays else None
         disc = moon_disc = None
         if "beam" in arrays:
-            beam = arrays["refraction_deg"], arrays["beam"], float(arrays["horizon"][0])
+            beam = arrays["refraction_deg"], arrays["beam"], horizon_of(table)
             disc = DiscPainter(*beam) if self.config.sun.disc else None
             moon_disc = None if moon is None else MoonDiscPainter(*beam, moon)
-        return FilmParts(tables, nights, moon, disc, moon_disc)
+        return FilmParts(table, nights, moon, disc, moon_disc)
 
     @cached_property
     def _scene(self) -> str:
@@ -231,7 +229,7 @@ class Animation:
                 "settings": repr(settings),
                 "altitude_km": self.problem.scene.altitude_km,
                 "suns_deg": self.suns_deg.tolist(),
-                "sizes": vars(self.sizes),
+                "nodes": [self._rows_deg.tolist(), self._columns_deg.tolist()],
                 "solar_spectrum": self.config.solar_spectrum,
                 "disc": self.config.sun.disc,
                 "moon": self.moons is not None,
@@ -265,7 +263,7 @@ class Animation:
             return [FrameExposure(0.0, None)] * n
         if isinstance(self.exposure, float) and output.tone_mapping != "eye":
             return [FrameExposure(self.exposure, None)] * n
-        painter = SkyPainter(parts, self.sizes, self.suns_deg, self._directions(_smaller(self.view)))
+        painter = SkyPainter(parts, self._directions(_smaller(self.view)))
         found = np.empty((n, 2))
         for i in range(n):
             light = painter.light(float(self.line.time_s[i]), self._sun(i), self._moon(i))

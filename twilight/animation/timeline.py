@@ -35,6 +35,26 @@ class FilmTimeline:
         return self.time_s.size
 
 
+@dataclass(frozen=True)
+class _Step:
+    """step_s: seconds of the sky from picture to picture; frames: number of pictures, in its place."""
+
+    step_s: float
+    frames: int | None
+
+    def times(self, span_s: float) -> np.ndarray:
+        """Times of the pictures [s] in a span of the sky."""
+        if self.frames is not None:
+            return np.linspace(0.0, span_s, self.frames)
+        count = int(span_s / self.step_s + 1e-9) + 1
+        if not 2 <= count <= MOST_FRAMES:
+            raise TwilightError(
+                f"--speed, --frames-per-second: {span_s:g} s of sky at {self.step_s:g} s a picture are {count} "
+                f"pictures; a film has 2 to {MOST_FRAMES}"
+            )
+        return np.arange(count) * self.step_s
+
+
 def timeline(
     config: Config,
     *,
@@ -42,20 +62,23 @@ def timeline(
     frames_per_second: float,
     from_deg: float | None = None,
     to_deg: float | None = None,
+    frames: int | None = None,
 ) -> FilmTimeline:
     """The suns of a film: from one elevation to another, or along the configuration's sequence or time span.
 
-    speed: seconds of the sky in a second of the film.  from_deg, to_deg: true elevations in place of the
-    configuration's; with one sun and neither of them, `SUNSET_DEG`.  Azimuths are counted from north where there is a
-    place, else from the sun.  Errors: TwilightError for what makes no film.
+    speed: seconds of the sky in a second of the film; frames: number of pictures, which then says the speed.
+    from_deg, to_deg: true elevations in place of the configuration's; with one sun and neither of them, `SUNSET_DEG`.
+    Azimuths are counted from north where there is a place, else from the sun.  Errors: TwilightError for what makes no
+    film.
     """
-    step_s, sun = speed / frames_per_second, config.sun
+    step = _Step(speed / frames_per_second, frames)
+    sun = config.sun
     if isinstance(sun, SunAt | SunTimes | SunInterval):
         if from_deg is not None or to_deg is not None:
             raise TwilightError("--from, --to: the configuration has a time; sun.start and sun.stop say what is shown")
         if not isinstance(sun, SunInterval):
             raise TwilightError("sun: single moments make no film; it needs sun.start and sun.stop")
-        return _over_a_place(config, sun, step_s)
+        return _over_a_place(config, sun, step)
     path = [sun.elevation_deg] if isinstance(sun, SunElevation) else list(sun.elevations_deg)
     if isinstance(sun, SunElevation) or from_deg is not None or to_deg is not None:
         ends = SUNSET_DEG if isinstance(sun, SunElevation) else (path[0], path[-1])
@@ -65,14 +88,14 @@ def timeline(
         raise TwilightError(
             f"the film begins and ends at {path[0]:g} deg; a film needs a sun that moves (--from, --to)"
         )
-    time = np.arange(_count(way[-1] / FALL_DEG_PER_S, step_s)) * step_s
+    time = step.times(way[-1] / FALL_DEG_PER_S)
     elevation = np.interp(time * FALL_DEG_PER_S, way, path)
     return _checked(config, FilmTimeline(time, elevation, np.zeros(time.size), np.full(time.size, sun.distance_au)))
 
 
-def _over_a_place(config: Config, sun: SunInterval, step_s: float) -> FilmTimeline:
+def _over_a_place(config: Config, sun: SunInterval, step: _Step) -> FilmTimeline:
     start, stop = sun.aware(sun.start), sun.aware(sun.stop)
-    time = np.arange(_count(stop.timestamp() - start.timestamp(), step_s)) * step_s
+    time = step.times(stop.timestamp() - start.timestamp())
     altitude_km = config.observer.altitude_km
     found = [
         sun_position(start + timedelta(seconds=float(t)), sun.latitude_deg, sun.longitude_deg, altitude_km)
@@ -80,16 +103,6 @@ def _over_a_place(config: Config, sun: SunInterval, step_s: float) -> FilmTimeli
     ]
     columns = np.array([(float(p.elevation_deg), float(p.azimuth_deg), float(p.distance_au)) for p in found]).T
     return _checked(config, FilmTimeline(time, columns[0], np.degrees(np.unwrap(np.radians(columns[1]))), columns[2]))
-
-
-def _count(span_s: float, step_s: float) -> int:
-    count = int(span_s / step_s + 1e-9) + 1
-    if not 2 <= count <= MOST_FRAMES:
-        raise TwilightError(
-            f"--speed, --frames-per-second: {span_s:g} s of sky at {step_s:g} s a picture are {count} pictures; a film "
-            f"has 2 to {MOST_FRAMES}"
-        )
-    return count
 
 
 def _checked(config: Config, line: FilmTimeline) -> FilmTimeline:

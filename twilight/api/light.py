@@ -140,14 +140,14 @@ def light(
     names = [quantity] if isinstance(quantity, str | Quantity) else list(quantity)
     found = [quantity_of(name) for name in names]
     places = _Places.of(place, time_zone)
-    several_times, times = _times(time, places)
+    altitude_km = places.altitude_km if altitude_km is None else altitude_km
+    several_times, times = _times(time, places, altitude_km)
     aim = _Aim.of_targets(towards)
     for one in found:
         check_of(one, aim.of)
     check_sources(sources)
     if returns not in ("xarray", "pandas", "astropy"):
         raise TwilightError(f"light: returns is '{returns}'; allowed is xarray, pandas, astropy")
-    altitude_km = places.altitude_km if altitude_km is None else altitude_km
     config = config_of(climate, altitude_km=altitude_km, quality=quality, settings=settings)
     tell = progress or silent
     chosen = field_for(config, found, part_of(tell, 0.0, 0.5))
@@ -367,7 +367,7 @@ def _is_number(value: Any) -> bool:
     return np.ndim(value) == 0 and not hasattr(value, "latitude") and not hasattr(value, "to_geodetic")
 
 
-def _times(time: TimeLike | TimesLike, places: _Places) -> tuple[bool, list[datetime]]:
+def _times(time: TimeLike | TimesLike, places: _Places, altitude_km: float | None) -> tuple[bool, list[datetime]]:
     zone = places.time_zone
 
     def one(moment: datetime | str) -> datetime:
@@ -375,10 +375,8 @@ def _times(time: TimeLike | TimesLike, places: _Places) -> tuple[bool, list[date
             try:
                 datetime.fromisoformat(moment.strip())
             except ValueError:
-                return time_of(moment, places.latitude_deg[0], places.longitude_deg[0], zone)
-        if isinstance(moment, datetime) and moment.tzinfo is None and zone is None:
-            moment = moment.replace(tzinfo=UTC)
-        return parse_time(moment, zone or "UTC")
+                return time_of(moment, places.latitude_deg[0], places.longitude_deg[0], zone, altitude_km or 0.0)
+        return parse_time(moment, zone)
 
     several, moments = times_of(time)
     made = [one(moment) for moment in moments]

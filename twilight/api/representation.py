@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import io
+from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
@@ -20,7 +21,7 @@ from twilight.base.reading import first_line
 from twilight.io.eight_bit import to_bytes
 from twilight.io.labels import attributes
 from twilight.io.netcdf import interruptible_h5netcdf, read_sky, sky_to_dataset
-from twilight.io.picture import label_of, render_view, view_directions, width_of
+from twilight.io.picture import SHAPES, label_of, render_view, view_directions, width_of
 from twilight.io.series import series_to_dataset
 from twilight.sky.comparison import SkyComparison
 from twilight.sky.series import SkySeries
@@ -83,24 +84,48 @@ def plot(self: Sky, projection: str = "wide", ax: Axes | None = None, **options:
     ax
         Axes to draw into; None: those of a new figure.
     **options
-        width [pixel], exposure [EV100], tone_mapping, observer (of colour): of `twilight.io.picture.render_view`.
+        azimuth_deg: from the sun, of the middle of the picture, of a fisheye that of its lower edge (180: the Belt of
+        Venus); width [pixel], exposure [EV100 or auto], tone_mapping, observer (of colour).
 
     Returns
     -------
     matplotlib.figure.Figure
         The figure, whose `savefig` writes it; its `axes` hold the picture.
 
+    Raises
+    ------
+    TwilightError
+        For an argument that is not allowed, in one sentence.
+
     Warns
     -----
     TwilightWarning
         Where the wavelengths are too few for colours.
     """
+    _check_plot(projection, ax, options)
     picture, _ = render_view(self, view=projection, **options)
     ax = ax or _axes(picture.shape)
     ax.imshow(_bytes(picture))
     ax.set_axis_off()
     ax.set_title(label_of(self), fontsize="small")
     return ax.figure  # type: ignore[return-value]
+
+
+def _check_plot(projection: object, ax: object, options: Mapping[str, object]) -> None:
+    """TwilightError for arguments of `plot` that are none."""
+    if not isinstance(projection, str) or projection not in SHAPES:
+        raise TwilightError(f"plot: projection {projection!r} is not known, choose one of {', '.join(SHAPES)}")
+    if ax is not None and not hasattr(ax, "imshow"):
+        raise TwilightError(f"plot: ax must be axes of matplotlib's, got {ax!r}")
+    known = PlotOptions.__optional_keys__
+    for name, value in options.items():
+        if name not in known:
+            raise TwilightError(f"plot: {name} is no argument; allowed are projection, ax, {', '.join(sorted(known))}")
+        number = isinstance(value, int | float | np.number) and np.isfinite(value)
+        if name == "azimuth_deg" and not number:
+            raise TwilightError(f"plot: azimuth_deg must be a finite number, got {value!r}")
+        if name == "width" and not (value is None or (number and value == int(value) and value >= 4)):  # type: ignore[arg-type, call-overload, operator]
+            raise TwilightError(f"plot: width must be a whole number of pixels, 4 or more, got {value!r}")
 
 
 def plot_comparison(

@@ -87,6 +87,7 @@ TargetsLike = Target | Sequence[Target] | tuple[AnglesLike, AnglesLike] | Astrop
 class PlotOptions(TypedDict, total=False):
     """Arguments of `Sky.plot` beside projection and axes."""
 
+    azimuth_deg: float
     width: int | None
     exposure: float | Literal["auto"]
     tone_mapping: str

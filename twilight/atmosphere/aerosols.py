@@ -14,6 +14,9 @@ from twilight.atmosphere.mie import N_ANGLES, SizeDistribution, particle_optics
 from twilight.base.errors import TwilightError
 from twilight.numerics.phase import PhaseFunction
 
+VISIBLE_CONTRAST_DEPTH = math.log(1.0 / 0.02)
+"""Optical depth that leaves 0.02 of a contrast: 3.912 (Koschmieder 1924; Preetham 1999 sec. 2.1)."""
+
 _REFERENCE_NM = 550.0
 """Wavelength at which optical depths of aerosol are given [nm]."""
 
@@ -260,6 +263,25 @@ def tropospheric_factor(
             "scale"
         )
     return np.divide(target - above, below, out=np.ones(target.size), where=below > 0.0)
+
+
+def visibility_factor(
+    visibility_km: float, air_per_km: float, tropospheric: Iterable[AerosolRegion], ground_km: float
+) -> float:
+    """Factor on the tropospheric aerosol that gives the visibility, V = ln(1 / 0.02) / extinction at the ground.
+
+    Koschmieder 1924: a black object at V has 0.02 of its contrast with the horizon sky left.  air_per_km: scattering of
+    air at the ground, of the regions' one wavelength.  Raises TwilightError where no factor does it.
+    """
+    lowest = [region.at(np.array([ground_km]))[0] for region in tropospheric if region.bottom_km <= ground_km]
+    extinction = float(sum((values[0, 0] for values in lowest), 0.0))
+    wanted = VISIBLE_CONTRAST_DEPTH / visibility_km - air_per_km
+    if wanted < 0.0:
+        most = VISIBLE_CONTRAST_DEPTH / air_per_km
+        raise TwilightError(f"aerosol.visibility_km is {visibility_km:g}; allowed is {most:.0f}, that of pure air")
+    if extinction <= 0.0:
+        raise TwilightError("aerosol.visibility_km cannot be reached, there is no aerosol at the ground to scale")
+    return wanted / extinction
 
 
 def _depth_key(wavelength_nm: float) -> str:

@@ -16,6 +16,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.opac import AerosolSpec
 from twilight.atmosphere.profiles import PROFILE_TOP_KM, AirProfile, load_profile
 from twilight.atmosphere.stratosphere import StratosphereSpec
+from twilight.base.conventions import LOWEST_GROUND_KM
 from twilight.base.errors import TwilightError
 
 MIN_TOP_KM = 10.0
@@ -48,6 +49,7 @@ def build_medium(
     clouds: tuple[CloudLayer, ...] = (),
     refraction: str = "ciddor",
     co2_ppm: float = 420.0,
+    haber_humidity: float = 0.0,
     ground_albedo=0.0,
     name: str = "",
 ) -> Medium:
@@ -55,7 +57,7 @@ def build_medium(
 
     profile: one of ``profiles.PROFILES``, or the air itself.
     top_km: 10 to 120; what is above is left out.
-    ground_altitude_km: 0 to 9 above sea level; the medium begins there, with the profile's state at that altitude.
+    ground_altitude_km: -0.5 to 9 above sea level; the medium begins there, with the profile's state at that altitude.
     layers: None gives coefficients that go continuously through the profile's own altitudes; otherwise they are
         constant in each layer, with the layer's mean.
     ozone_column_du: from the ground to 120 km; or from the day of the year (northern hemisphere, Haber 2005
@@ -65,8 +67,8 @@ def build_medium(
     no2, o4: absorption by nitrogen dioxide and by pairs of oxygen molecules.
     aerosol, stratosphere: None for none; a StratosphereSpec replaces the stratospheric part of the AerosolSpec.
     clouds: layers around the whole globe; where some overlap their coefficients add.
-    refraction: `ciddor` (with the profile's temperature, pressure and humidity), `haber` (his closed form
-        for dry air), `none`.
+    refraction: `ciddor` (with the profile's temperature, pressure and humidity), `haber` (his closed form with
+        haber_humidity, 0 to 1, everywhere), `none`.
     ground_albedo: Lambertian, one number or one per wavelength.
 
     Medium.notes holds `optical_depth` by part (each a list over wavelengths), `ozone_column_du`, `ozone_source` (in
@@ -79,15 +81,16 @@ def build_medium(
     if not (math.isfinite(co2_ppm) and 0.0 <= co2_ppm <= 1e5):
         raise TwilightError(f"co2_ppm: {co2_ppm} is not possible, allowed is 0 to 100000 ppm")
     albedo = check_ground_albedo(ground_albedo, wavelength.size)
-    if not (math.isfinite(ground_altitude_km) and 0.0 <= ground_altitude_km <= MAX_GROUND_KM):
+    if not (math.isfinite(ground_altitude_km) and LOWEST_GROUND_KM <= ground_altitude_km <= MAX_GROUND_KM):
         raise TwilightError(
-            f"ground.altitude_km: {ground_altitude_km} is not possible, allowed is 0 to {MAX_GROUND_KM:g} km"
+            f"ground.altitude_km: {ground_altitude_km} is not possible, allowed is {LOWEST_GROUND_KM:g} to "
+            f"{MAX_GROUND_KM:g} km"
         )
     ground_km = float(ground_altitude_km)
     full = (load_profile(profile) if isinstance(profile, str) else profile).above(ground_km)
     ozone_factor = gases.ozone_factor(full, _ozone_column(ozone_column_du, ozone_day_of_year))
     check_layers(clouds, ground_km, top_km)
-    regions, aerosol_factor = _aerosol_regions(aerosol, stratosphere, wavelength, (ground_km, top_km))
+    regions, aerosol_factor = _aerosol_regions(aerosol, stratosphere, wavelength, (ground_km, top_km), full, co2_ppm)
     regions += [layer.region(wavelength) for layer in clouds]
 
     altitude, upper_side = _levels(full.altitude_km, regions, top_km)
@@ -106,7 +109,7 @@ def build_medium(
         ),
         aerosol_phase_fraction=phase_fraction,
         phase_functions=phases,
-        refractivity=_refractivity(refraction, state, wavelength, co2_ppm),
+        refractivity=_refractivity(refraction, state, wavelength, co2_ppm, haber_humidity),
         depolarisation=rayleigh.depolarisation(wavelength, co2_ppm),
         ground_albedo=albedo,
         overhead_absorption_optical_depth=overhead,
@@ -127,7 +130,7 @@ def build_medium(
         "aerosol_factor": aerosol_factor,
     }
     if layers is not None:
-        medium = layered(medium, layers.boundaries_km(top_km, ground_km))
+        medium = layered(medium, layers.boundaries_km(top_km, ground_km), layers.coefficients)
     return replace(medium, notes=notes)
 
 
@@ -163,6 +166,8 @@ def _aerosol_regions(
     stratosphere: StratosphereSpec | None,
     wavelength: np.ndarray,
     span_km: tuple[float, float],
+    full: AirProfile,
+    co2_ppm: float,
 ) -> tuple[list[AerosolRegion], float | np.ndarray]:
     """Regions between ground and top, and the factor on the tropospheric ones, one for all wavelengths or (W,)."""
     ground_km, top_km = span_km
@@ -186,15 +191,23 @@ def _aerosol_regions(
 
     below, above = tropospheric(wavelength), stratospheric(wavelength)
     factor: float | np.ndarray = 1.0
-    if aerosol is not None and aerosol.optical_depth_550nm is not None:
-        at_550 = np.array([550.0])
+    at_550 = np.array([550.0])
+    if aerosol is not None and aerosol.visibility_km is not None:
+        air = rayleigh.cross_section_cm2(at_550, co2_ppm) * full.at(ground_km).air_per_cm3 * 1e5
+        factor = aerosols.visibility_factor(aerosol.visibility_km, float(air[0]), tropospheric(at_550), ground_km)
+    elif aerosol is not None and (aerosol.optical_depth_550nm is not None or aerosol.turbidity is not None):
+        wanted = aerosol.optical_depth_550nm or 0.0
+        if aerosol.turbidity is not None:
+            below_top = full.at(np.append(full.altitude_km[full.altitude_km < top_km], top_km))
+            air = rayleigh.cross_section_cm2(at_550, co2_ppm) * below_top.column_per_cm2(below_top.air_per_cm3)
+            wanted = (aerosol.turbidity - 1.0) * float(air[0])
         of_550 = aerosols.tropospheric_factor(
-            np.array([aerosol.optical_depth_550nm]), at_550, tropospheric(at_550), stratospheric(at_550), top_km
+            np.array([wanted]), at_550, tropospheric(at_550), stratospheric(at_550), top_km
         )
         factor = float(of_550[0])
     elif aerosol is not None and aerosol.optical_depths is not None:
-        target = aerosols.optical_depth_at(*aerosol.optical_depths, wavelength)
-        factor = aerosols.tropospheric_factor(target, wavelength, below, above, top_km)
+        depth = aerosols.optical_depth_at(*aerosol.optical_depths, wavelength)
+        factor = aerosols.tropospheric_factor(depth, wavelength, below, above, top_km)
     scaled = [region.scaled(factor) for region in below] if np.any(factor) else []
     return [region for region in scaled + above if region.bottom_km < top_km], factor
 
@@ -267,15 +280,15 @@ def _aerosol_levels(
     return extinction, scattering, phase_fraction, tuple(phases)
 
 
-def _refractivity(model: str, state: AirProfile, wavelength: np.ndarray, co2_ppm: float) -> np.ndarray:
+def _refractivity(
+    model: str, state: AirProfile, wavelength: np.ndarray, co2_ppm: float, haber_humidity: float
+) -> np.ndarray:
     if model not in REFRACTION_MODELS:
         raise TwilightError(f"refraction: `{model}` is not known; allowed are {', '.join(REFRACTION_MODELS)}")
     if model == "none":
         return np.zeros((state.altitude_km.size, wavelength.size))
     if model == "haber":
-        # dry: his humidity term weighs vapour at 13 hPa against air at 1013 hPa, so that the profile's own relative
-        # humidity (77 % at the ground) would leave a quarter of the refraction that is observed
-        return refraction.haber_refractivity(wavelength[None, :], state.altitude_km[:, None], 0.0)
+        return refraction.haber_refractivity(wavelength[None, :], state.altitude_km[:, None], haber_humidity)
     return refraction.ciddor_refractivity(
         wavelength[None, :],
         state.temperature_k[:, None],

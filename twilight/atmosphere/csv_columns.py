@@ -46,12 +46,24 @@ def numbered_lines(file: Path) -> list[tuple[int, str]]:
     ]
 
 
+def delimiter_of(line: str) -> str:
+    """What separates the values of a table with this line in it: a semicolon, where numbers may have decimal commas, a
+    tabulator, or a comma."""
+    return next((mark for mark in (";", "\t") if mark in line), ",")
+
+
+def as_number(text: str, delimiter: str) -> float:
+    """The number of a field, with a decimal comma where commas do not separate; ValueError for any other text."""
+    return float(text if delimiter == "," else text.replace(",", "."))
+
+
 def read_columns(
     file: Path, columns: Columns, optional: Columns | None = None, others: bool = False
 ) -> tuple[list[str], np.ndarray, list[int]]:
     """Names of the columns found, rows (R, C) in that order, and the line of each row in the file.
 
-    One header line, then one row a line; lines that begin with # are comments.  Columns come in any order; those of
+    One header line, then one row a line; lines that begin with # are comments.  Commas separate, or semicolons or
+    tabulators, with which decimals may have commas.  Columns come in any order; those of
     `optional` may be missing; others: whether there may be more, which are passed over.  Raises TwilightError, with
     file, line and column, on anything that is not allowed.
     """
@@ -59,7 +71,8 @@ def read_columns(
     if not lines:
         raise TwilightError(f"{file}: the table is empty, a header with {', '.join(columns)} is expected")
     known = dict(columns) | dict(optional or {})
-    names = _header(file, *lines[0], columns, known, others)
+    delimiter = delimiter_of(lines[0][1])
+    names = _header(file, *lines[0], delimiter, columns, known, others)
     if len(lines) == 1:
         raise TwilightError(f"{file}: the table has a header but no rows")
     if len(lines) - 1 > MAX_ROWS:
@@ -68,20 +81,23 @@ def read_columns(
     order = [(name, names.index(name), known[name]) for name in found]
     rows = np.empty((len(lines) - 1, len(found)))
     for i, (number, line) in enumerate(lines[1:]):
-        rows[i] = _row(file, number, line, order, len(names))
+        rows[i] = _row(file, number, line, delimiter, order, len(names))
     return found, rows, [number for number, _ in lines[1:]]
 
 
-def _fields(file: Path, number: int, line: str) -> list[str]:
+def fields_of(file: Path, number: int, line: str, delimiter: str) -> list[str]:
+    """The fields of a line; TwilightError for one that is none of a CSV table."""
     try:
-        return [field.strip() for field in next(csv.reader([line], strict=True))]
+        return [field.strip() for field in next(csv.reader([line], delimiter=delimiter, strict=True))]
     except csv.Error as error:
         raise TwilightError(f"{file}: line {number} is not a line of a CSV table ({error})") from error
 
 
-def _header(file: Path, number: int, line: str, needed: Columns, known: Columns, others: bool) -> list[str]:
+def _header(
+    file: Path, number: int, line: str, delimiter: str, needed: Columns, known: Columns, others: bool
+) -> list[str]:
     """The names in the file's order."""
-    names = _fields(file, number, line)
+    names = fields_of(file, number, line, delimiter)
     for column in known:
         if names.count(column) > 1 or (column in needed and column not in names):
             what = "is missing" if column not in names else "appears more than once"
@@ -95,15 +111,21 @@ def _header(file: Path, number: int, line: str, needed: Columns, known: Columns,
 
 
 def _row(
-    file: Path, number: int, line: str, order: list[tuple[str, int, tuple[float, float, str]]], count: int
+    file: Path,
+    number: int,
+    line: str,
+    delimiter: str,
+    order: list[tuple[str, int, tuple[float, float, str]]],
+    count: int,
 ) -> list[float]:
-    fields = _fields(file, number, line)
+    fields = fields_of(file, number, line, delimiter)
     if len(fields) != count:
-        raise TwilightError(f"{file}: line {number} has {len(fields)} values, expected {count}")
+        comma = "; decimals have points where commas separate, or else semicolons separate" if delimiter == "," else ""
+        raise TwilightError(f"{file}: line {number} has {len(fields)} values, expected {count}{comma}")
     values = []
     for column, position, (lowest, highest, allowed) in order:
         try:
-            value = float(fields[position])
+            value = as_number(fields[position], delimiter)
         except ValueError:
             value = math.nan
         if not lowest <= value <= highest:

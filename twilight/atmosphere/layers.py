@@ -22,6 +22,7 @@ class EqualAirMass:
     """N layers of equal air mass, for an exponential atmosphere of scale height 8 km (Haber 2005 sec. 4.1.2)."""
 
     count: int
+    coefficients: str = "mean"
 
     def boundaries_km(self, top_km: float, ground_km: float = 0.0) -> np.ndarray:
         """Boundaries ground = H_0 < ... < H_N = top: H_{i+1} = -8 ln(exp(-H_i/8) - M/8), M the mass of a layer."""
@@ -39,6 +40,7 @@ class Boundaries:
     """Layers between given altitudes [km]; the first is the ground and the last the top of the atmosphere."""
 
     altitude_km: tuple[float, ...]
+    coefficients: str = "mean"
 
     def boundaries_km(self, top_km: float, ground_km: float = 0.0) -> np.ndarray:
         z = np.asarray(self.altitude_km, dtype=float)
@@ -54,14 +56,16 @@ class Boundaries:
         return z
 
 
-def layered(medium: Medium, boundaries_km: np.ndarray) -> Medium:
-    """The medium with constant coefficients in each layer: the layer's mean, so that no column changes.
+def layered(medium: Medium, boundaries_km: np.ndarray, coefficients: str = "mean") -> Medium:
+    """The medium with constant coefficients in each layer: the layer's mean, or what they are at its centre.
 
-    Extinction and absorption are averaged over altitude, the albedo with the extinction as weight and the phase
-    fractions with the scattering.  Each inner boundary is two levels.  Refractivity has no jumps: it keeps its values
-    at the boundaries and goes smoothly between them.
+    Means change no column: extinction and absorption are averaged over altitude, the albedo with the extinction as
+    weight and the phase fractions with the scattering.  Each inner boundary is two levels.  Refractivity has no jumps:
+    it keeps its values at the boundaries and goes smoothly between them.
     """
     z = np.asarray(boundaries_km, dtype=float)
+    if coefficients == "centre":
+        return _at_centres(medium, z)
     inner = medium.altitude_km[(medium.altitude_km > z[0]) & (medium.altitude_km < z[-1])]
     edges = np.unique(np.concatenate([z, inner]))
     layer = np.searchsorted(z, 0.5 * (edges[1:] + edges[:-1])) - 1
@@ -97,5 +101,22 @@ def layered(medium: Medium, boundaries_km: np.ndarray) -> Medium:
         aerosol_extinction_per_km=extinction,
         aerosol_single_scattering_albedo=albedo,
         aerosol_phase_fraction=np.stack(fractions) if fractions else np.zeros((0, doubled.size, medium.n_wavelengths)),
+        refractivity=medium.at(doubled).refractivity,
+    )
+
+
+def _at_centres(medium: Medium, z: np.ndarray) -> Medium:
+    """The medium with the coefficients of the centre of each layer (Haber 2005 sec. 4.1.2: z_i at H*_i)."""
+    at = medium.at(0.5 * (z[1:] + z[:-1]))
+    doubled = np.repeat(z, 2)[1:-1]
+    both = [np.repeat(a, 2, axis=-2) for a in at]
+    return replace(
+        medium,
+        altitude_km=doubled,
+        air_scattering_per_km=both[0],
+        absorption_per_km=both[1],
+        aerosol_extinction_per_km=both[2],
+        aerosol_single_scattering_albedo=both[3],
+        aerosol_phase_fraction=both[4],
         refractivity=medium.at(doubled).refractivity,
     )

@@ -95,6 +95,9 @@ class AerosolSpec:
     stratosphere: OPAC's own background, constant from there to 35 km; a StratosphereSpec takes its place.
     optical_depth_550nm: if given, the whole tropospheric aerosol (boundary layer, dust, free troposphere) is scaled by
         one factor until the column of all aerosol up to the medium's top has this optical depth at 550 nm.
+    turbidity: in place of it (air + aerosol) / air, vertical optical depths at 550 nm (Preetham 1999 sec. 2.1)
+    visibility_km: in place of it ln(1 / 0.02) over the extinction of air and aerosol at the ground at 550 nm
+        (Koschmieder 1924)
     optical_depths: in place of it two or more wavelengths [nm] and the column's optical depth at each: one factor for
         each wavelength.
     phase_function: `mie`, or `henyey_greenstein` with the asymmetry from Mie.
@@ -113,6 +116,8 @@ class AerosolSpec:
     stratosphere: bool = True
     optical_depth_550nm: float | None = None
     optical_depths: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    turbidity: float | None = None
+    visibility_km: float | None = None
     phase_function: str = "mie"
     own: BoundaryOptics | None = None
 

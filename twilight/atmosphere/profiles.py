@@ -38,6 +38,18 @@ WHERE_AND_WHEN = {
 PROFILE_TOP_KM = 120.0
 """Altitude at which the profiles end [km]."""
 
+MOLAR_MASS_DRY = 28.9647e-3
+"""Dry air [kg mol^-1] (Picard et al. 2008, Metrologia 45, 149, with 400 ppm of carbon dioxide: 28.9655)."""
+
+MOLAR_MASS_WATER = 18.01528e-3
+"""[kg mol^-1]."""
+
+GAS_CONSTANT = 8.314462618
+"""J mol^-1 K^-1, exact (SI 2019)."""
+
+STANDARD_GRAVITY = 9.80665
+"""m s^-2: geopotential height is geopotential over this."""
+
 BOLTZMANN_J_PER_K = 1.380649e-23
 """Exact (SI 2019)."""
 
@@ -97,8 +109,43 @@ class AirProfile:
         )
 
     def above(self, altitude_km: float) -> AirProfile:
-        """The part of the profile from an altitude up."""
+        """The part of the profile from an altitude up; below its first level as it goes on there."""
+        if altitude_km < self.altitude_km[0]:
+            return self._down_to(altitude_km)
         return self.at(np.concatenate([[altitude_km], self.altitude_km[self.altitude_km > altitude_km]]))
+
+    def _down_to(self, altitude_km: float) -> AirProfile:
+        """The profile with a level below its first one: temperature goes on as between its first two, pressure is
+        hydrostatic, fractions of water vapour, ozone and nitrogen dioxide stay.
+
+        With T = T0 + L (z - z0), p = p0 (T / T0)^(-g / (R L)), R that of the air's molar mass with its water.
+        """
+        z, t = self.altitude_km, self.temperature_k
+        lapse = (t[1] - t[0]) / (z[1] - z[0])
+        below = float(t[0] + lapse * (altitude_km - z[0]))
+        molar = MOLAR_MASS_DRY * (
+            1.0 - (1.0 - MOLAR_MASS_WATER / MOLAR_MASS_DRY) * self.h2o_per_cm3[0] / self.air_per_cm3[0]
+        )
+        fall_per_km = 1e3 * STANDARD_GRAVITY * molar / GAS_CONSTANT  # K / km
+        depth = fall_per_km * (z[0] - altitude_km)
+        log_ratio = depth / t[0] if abs(below - t[0]) < 1e-9 else depth * np.log(below / t[0]) / (below - t[0])
+        pressure = self.pressure_hpa[0] * np.exp(log_ratio)
+        denser = pressure / self.pressure_hpa[0] * t[0] / below
+
+        def first(values: np.ndarray, value: float) -> np.ndarray:
+            return np.concatenate([[value], values])
+
+        return AirProfile(
+            self.name,
+            first(z, altitude_km),
+            first(self.pressure_hpa, pressure),
+            first(t, below),
+            first(self.air_per_cm3, self.air_per_cm3[0] * denser),
+            first(self.o3_per_cm3, self.o3_per_cm3[0] * denser),
+            first(self.h2o_per_cm3, self.h2o_per_cm3[0] * denser),
+            first(self.no2_per_cm3, self.no2_per_cm3[0] * denser),
+            self.source,
+        )
 
     @property
     def water_vapour_pressure_hpa(self) -> np.ndarray:
@@ -133,7 +180,8 @@ def profile_of_levels(
     pressure, temperature = np.asarray(pressure_hpa, dtype=float), np.asarray(temperature_k, dtype=float)
     air = pressure * 100.0 / (BOLTZMANN_J_PER_K * temperature) * 1e-6
     o3, h2o = (1e-6 * np.asarray(ppm, dtype=float) * air for ppm in (ozone_ppm, water_vapour_ppm))
-    return AirProfile(name, z, pressure, temperature, air, o3, h2o, load_profile(name).at(z).no2_per_cm3, source)
+    no2 = load_profile(name).above(min(0.0, float(z[0]))).at(z).no2_per_cm3
+    return AirProfile(name, z, pressure, temperature, air, o3, h2o, no2, source)
 
 
 def profile_name(name: str) -> str:

@@ -37,6 +37,13 @@ Emde et al. 2015, IPRT, J. Quant. Spectrosc. Radiat. Transfer 164, 8; Hovenier a
 EARTH_RADIUS_KM = 6371.0
 """Mean radius of the Earth (Haber 2005 sec. 4.1.3; IUGG mean radius 6371.0088 km)."""
 
+LOWEST_GROUND_KM = -0.5
+"""Altitude of the lowest ground: the shore of the Dead Sea lies at -0.43 km."""
+
+YEARS = (1000, 3000)
+"""Years for which times are taken, everywhere: those for which the motion of moon and planets is stated (Simon et al.
+1994; Meeus 1998); the sun's is for -2000 to 6000 (Reda & Andreas 2004)."""
+
 STOKES_REFERENCE = (
     "reference plane: the vertical plane through the line of sight; Q > 0: light vibrates in it; U > 0: seen along the "
     "line of sight the vibration leans from the vertical clockwise, towards larger azimuth"

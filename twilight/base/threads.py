@@ -19,6 +19,12 @@ def in_slices(work: Callable[[int, int], None], n: int) -> None:
         return
     n_slices = min(n, threads * SLICES_PER_THREAD)
     edges = [n * i // n_slices for i in range(n_slices + 1)]
-    with ThreadPoolExecutor(threads) as pool:
+    pool = ThreadPoolExecutor(threads)
+    try:
         # list() raises what a slice raised
         list(pool.map(work, edges[:-1], edges[1:]))
+    except BaseException as error:
+        # an interrupt does not wait for the slices that are being worked on
+        pool.shutdown(wait=isinstance(error, Exception), cancel_futures=True)
+        raise
+    pool.shutdown()

@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import secrets
+import shutil
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -15,6 +16,29 @@ from pathlib import Path
 from typing import Any
 
 from twilight.base.errors import TwilightError
+
+_unfinished: set[Path] = set()
+"""Temporary files and folders that are being written."""
+
+
+def remove_unfinished() -> None:
+    """Remove what is half written: for a process that ends without unwinding its stack."""
+    for path in list(_unfinished):
+        with suppress(OSError):
+            path.unlink() if not path.is_dir() else shutil.rmtree(path)
+
+
+@contextmanager
+def unfinished(path: Path) -> Iterator[Path]:
+    """Count a temporary file or folder, which need not be there yet, as half written until the block ends; remove it
+    then, if it still has this name."""
+    _unfinished.add(path)
+    try:
+        yield path
+    finally:
+        with suppress(OSError):
+            path.unlink() if not path.is_dir() else shutil.rmtree(path)
+        _unfinished.discard(path)
 
 
 def check_folder(folder: str | os.PathLike) -> None:
@@ -77,13 +101,11 @@ def whole_file(path: str | os.PathLike) -> Iterator[Path]:
         raise TwilightError(f"{path}: is a folder, not a file")
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part{path.suffix}")
     try:
-        yield temporary
-        os.replace(temporary, path)
+        with unfinished(temporary):
+            yield temporary
+            os.replace(temporary, path)
     except OSError as error:
         raise TwilightError(f"{path}: cannot be written ({error.strerror or error})") from error
-    finally:
-        with suppress(OSError):
-            temporary.unlink()
 
 
 def write_csv(path: str | os.PathLike, columns: Sequence[str], rows: Iterable[Sequence[Any]], note: str = "") -> Path:

@@ -21,6 +21,12 @@ def main() -> None:
 
         try:
             app()
+        except SystemExit as left:
+            if left.code in (130, 143):
+                _flush()
+                sys.stderr.flush()
+                os._exit(left.code)  # threads inside kernels are not waited for
+            raise
         finally:
             _flush()
     except OSError as error:

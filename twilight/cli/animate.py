@@ -23,7 +23,10 @@ def animate(
     to_deg: Annotated[
         float | None, option("DEG", "Elevation of the sun at the end, in place of the scene's.", "--to")
     ] = None,
-    speed: Annotated[float, option("X", "Seconds of the sky in a second of the film; 1: real time.")] = 300.0,
+    speed: Annotated[
+        float | None, option("X", "Seconds of the sky in a second of the film; 1: real time. Without it 300.")
+    ] = None,
+    frames: Annotated[int | None, option("N", "Number of pictures, in place of --speed.")] = None,
     frames_per_second: Annotated[float, option("N", "Pictures in a second of the film.")] = 25.0,
     exposure: Annotated[
         str | None, option("constant|metered|EV", "One for all, a meter smoothed over 1 s of film, or a number.")
@@ -40,6 +43,9 @@ def animate(
 ) -> None:
     """Make a film of the sky under a moving sun, all from one field; an interrupted one continues."""
     options.check_range(speed, "--speed", 0.001, 1e6)
+    options.check_range(frames, "--frames", 2, 100_000)
+    if speed is not None and frames is not None:
+        raise TwilightError("--frames: is not allowed with --speed, which says how many pictures there are")
     options.check_range(frames_per_second, "--frames-per-second", 0.1, 240.0)
     options.check_range(from_deg, "--from", -90.0, 90.0)
     options.check_range(to_deg, "--to", -90.0, 90.0)
@@ -57,10 +63,17 @@ def animate(
     chosen |= _usual_view(scene, chosen)
     config = options.load_one_scene(scene, chosen, names, "animate")
 
-    from twilight.animation.film import Animation
+    from twilight.animation.film import SPEED, Animation
 
     film = Animation(
-        config, output, speed=speed, frames_per_second=frames_per_second, exposure=how, from_deg=from_deg, to_deg=to_deg
+        config,
+        output,
+        speed=SPEED if speed is None else speed,
+        frames_per_second=frames_per_second,
+        exposure=how,
+        from_deg=from_deg,
+        to_deg=to_deg,
+        frames=frames,
     )
     rows, columns = film.view.shape
     n = len(film.line)

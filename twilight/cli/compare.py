@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from twilight.base.errors import TwilightError
 from twilight.cli import options
-from twilight.cli.options import argument, flag, option
+from twilight.cli.options import argument, option
 from twilight.cli.terminal import print_table, progress_bar
 
 
@@ -40,12 +40,16 @@ def compare(
     ] = 900.0,
     repeats: Annotated[int, option("N", "Most timed runs of each, of which the median is given.")] = 3,
     ablations: Annotated[
-        bool, flag("--ablations", "Instead: what each simplification changes, and the time it saves.")
-    ] = False,
+        str | None,
+        option(
+            "NAME,...",
+            "Instead: what each simplification changes, and the time it saves; all, or parts of names: ozone,orders.",
+        ),
+    ] = None,
     settings: Annotated[list[str] | None, options.SETTINGS] = None,
     output: Annotated[Path | None, option("DIR", "Folder for tables, picture and finished rows.")] = None,
 ) -> None:
-    """Measure error, run time and memory of the solvers; write tables (CSV) and a picture. Takes up what is there."""
+    """Measure error, run time and memory of the solvers; write tables (CSV) and a picture. A rerun continues."""
     chosen, names = options.settings_of(settings)
     suns = None if sun_elevation is None else options.parse_numbers(sun_elevation, "--sun-elevation", -90.0, 90.0)
     options.check_range(reference_stderr, "--reference-stderr", 1e-4, 0.1)
@@ -62,12 +66,12 @@ def compare(
     from twilight.studies.compare.directions import stratified_directions, sun_elevations
 
     bench = Bench(folder / "rows", time_limit)
-    if ablations:
+    if ablations is not None:
         if solvers is not None or reference is not None or add:
             raise TwilightError(
                 "--ablations: compares runs of one solver; it takes no --solvers, no --reference and no --add"
             )
-        _ablate(scene, chosen, suns or sun_elevations(config), bench, repeats, folder)
+        _ablate(scene, chosen, ablations, suns or sun_elevations(config), bench, repeats, folder)
         return
     wanted = None if solvers is None else [name for name in solvers.split(",") if name.strip()]
     presets = comparison.solver_presets(wanted)
@@ -115,15 +119,19 @@ def compare(
     print(f"wrote compare.csv, wavelengths.csv{', error-against-time.png' if drawn else ''} to {folder}/")
 
 
-def _ablate(scene: str, chosen: dict[str, Any], suns: list[float], bench: Any, repeats: int, folder: Path) -> None:
+def _ablate(
+    scene: str, chosen: dict[str, Any], names: str, suns: list[float], bench: Any, repeats: int, folder: Path
+) -> None:
     """Write ablations.csv as it grows, and print it."""
     from twilight.base.whole_files import write_csv
     from twilight.studies.compare import ablations
 
+    wanted = ablations.chosen_ablations(names)
     folder.mkdir(parents=True, exist_ok=True)
     rows: list[ablations.AblationRow] = []
     with progress_bar() as progress:
-        for found in ablations.ablate(scene, chosen, tuple(suns), bench, repeats=repeats, progress=progress):
+        made = ablations.ablate(scene, chosen, tuple(suns), bench, ablations=wanted, repeats=repeats, progress=progress)
+        for found in made:
             rows += found
             write_csv(folder / "ablations.csv", ablations.COLUMNS, ablations.lines(rows))
     print_table(list(ablations.PRINTED), ablations.printed(rows), right=tuple(range(1, len(ablations.PRINTED))))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,7 +31,7 @@ HELD_OUT_SUN_ZENITH_DEG = (12.0, 43.0, 66.0, 81.0)
 
 def perez(
     scene: Annotated[
-        str, argument("CLIMATE_OR_CONFIG", "Climate or configuration; with --per-sky also a sky.h5.")
+        str, argument("CLIMATE_OR_CONFIG", "Climate or configuration; with --per-sky also a sky.h5 or a sweep's Zarr.")
     ] = "continental-average",
     per_sky: Annotated[bool, flag("--per-sky", "Fit the five parameters to each sky of the scene.")] = False,
     sun_elevation: Annotated[float | None, option("DEG", "With --per-sky: true elevation of the sun.")] = None,
@@ -134,10 +137,9 @@ def _each_sky(scene: str, chosen: dict[str, Any], names: dict[str, str], output:
     from twilight.studies.fit.perez import fit_sky, single_set
     from twilight.studies.fit.truth import from_sky
 
-    rows = []
-    written = []
-    skies = list(_skies(scene, chosen, names))
-    _path(output, "sky")
+    title, skies = _skies(scene, chosen, names)
+    _path(output, title)
+    rows, made = [], []
     for label, sky in skies:
         colours = from_sky(sky)
         fits = fit_sky(colours)
@@ -146,43 +148,110 @@ def _each_sky(scene: str, chosen: dict[str, Any], names: dict[str, str], output:
             zenith = f"{fit.zenith:.4g}" + (" cd/m^2" if fit.quantity == "luminance" else "")
             error = f"{100 * fit.median_error:.2f} / {100 * fit.p95_error:.1f} %"
             rows.append([label, fit.quantity, *values, zenith, error])
-        target = output if output is None or len(skies) == 1 else output.with_stem(f"{output.stem}_{label}")
-        path = _path(target, label)
         facts = {
             "sky": label,
             "errors": {f.quantity: {"median": round(f.median_error, 5), "p95": round(f.p95_error, 5)} for f in fits},
         }
-        write_set(single_set(colours, fits, label, f"twilight fit perez --per-sky {scene}"), facts, path)
+        made.append((single_set(colours, fits, label, f"twilight fit perez --per-sky {scene}"), facts))
+    written = []
+    for number, (one, facts) in enumerate(made, start=1):
+        path = _path(output, title)
+        path = path if len(made) == 1 else path.with_stem(f"{path.stem}_{number:0{len(str(len(made)))}d}")
+        write_set(one, facts, path)
         written.append(path)
     print_table(["sky", "quantity", "A", "B", "C", "D", "E", "zenith", "error"], rows, right=tuple(range(2, 9)))
     print("error: median / 95th percentile of |model / sky - 1| by solid angle, without the aureole")
-    print(f"wrote {', '.join(map(str, written))}")
+    print(f"wrote {written[0]}" + (f" to {written[-1].name}, in the order of the table" if len(written) > 1 else ""))
 
 
-def _skies(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> Any:
-    """Names and skies of a scene or of a file."""
-    if Path(scene).suffix in (".h5", ".nc"):
+def _skies(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[str, Iterator[tuple[str, Any]]]:
+    """A title, and labels and skies of a scene or of a file.
+
+    Suns below the horizon are left out with a word.  What can be refused is refused before a sky is computed.
+    """
+    path = Path(scene)
+    is_set = path.is_dir() and (path / ".zgroup").exists()
+    if path.suffix in (".h5", ".nc") or is_set:
+        if chosen:
+            raise TwilightError(f"{names[next(iter(chosen))]}: {scene} is computed and takes no settings")
+        if is_set:
+            return options.file_stem(path.stem, "skies"), _skies_of_set(path)
         from twilight.io.netcdf import read_sky
 
-        if chosen:
-            raise TwilightError(f"{names[next(iter(chosen))]}: {scene} is a computed sky and takes no settings")
-        yield Path(scene).resolve().parent.name + "_" + Path(scene).stem, read_sky(scene)
-        return
-    from twilight.base.progress import part_of
+        label = f"{path.resolve().parent.name}_{path.stem}"
+        return label, iter([(label, read_sky(scene))])
     from twilight.config import load_series
+    from twilight.scene.medium import wavelengths_of
+    from twilight.scene.suns import suns_of
+    from twilight.sky.colour import colour_is_defined
+
+    wanted: list[tuple[Any, list[str]]] = []
+    below: list[float] = []
+    for case in load_series(scene, chosen, names):
+        suns = list(suns_of(case.config))
+        below += [sun.elevation_deg for sun in suns if sun.elevation_deg < 0.0]
+        wanted.append((case, [sun.name for sun in suns if sun.elevation_deg >= 0.0]))
+        nm = wavelengths_of(case.config)
+        if nm is not None and not colour_is_defined(nm):
+            raise TwilightError("wavelengths must reach from 480 to 600 nm: the fit needs luminance and chromaticity")
+    _say_below(below, sum(len(suns) for _, suns in wanted))
+    return options.file_stem(wanted[0][0].config.title, "skies"), _computed(wanted)
+
+
+def _computed(wanted: list[tuple[Any, list[str]]]) -> Iterator[tuple[str, Any]]:
+    from twilight.base.progress import part_of
     from twilight.engine import frames
     from twilight.scene import resolve
-    from twilight.scene.suns import count_suns
 
-    cases = load_series(scene, chosen, names)
-    total = sum(count_suns(case.config) for case in cases)
-    done = 0
+    total, done = sum(len(suns) for _, suns in wanted), 0
     with progress_bar() as bar:
-        for case in cases:
-            part = part_of(bar, done / total, count_suns(case.config) / total, case.name)
-            for frame in frames(resolve(case.config), part):
+        for case, suns in wanted:
+            if not suns:
+                continue
+            part = part_of(bar, done / total, len(suns) / total, case.name)
+            for frame in frames(resolve(case.config), part, wanted=suns):
                 yield "_".join(part for part in (case.config.title, case.name, frame.name) if part), frame.sky
-            done += count_suns(case.config)
+            done += len(suns)
+
+
+def _skies_of_set(path: Path) -> Iterator[tuple[str, Any]]:
+    """The skies of a data set that `twilight sweep` has written."""
+    import xarray
+
+    import twilight.api.accessor  # noqa: F401 - the accessor .sky
+
+    try:
+        data = xarray.open_zarr(path)
+    except Exception as error:  # what a damaged store raises depends on the library
+        raise TwilightError(f"{path}: cannot be read as a data set ({str(error).splitlines()[0]})") from None
+    if "sun_normalised_radiance" not in data or "solar_elevation_angle" not in data.variables:
+        raise TwilightError(f"{path}: holds no skies that twilight sweep has written")
+    dims = [
+        str(dim) for dim in data["sun_normalised_radiance"].dims if dim not in ("elevation", "azimuth", "wavelength")
+    ]
+    shape = [data.sizes[dim] for dim in dims]
+    scenes = [data.isel(dict(zip(dims, index, strict=True))) for index in itertools.product(*map(range, shape))]
+    there = [one for one in scenes if int(one.get("status", 1)) == 1]
+    suns = [float(one["solar_elevation_angle"]) for one in there]
+    _say_below([sun for sun in suns if sun < 0.0], sum(sun >= 0.0 for sun in suns))
+    for one, sun in zip(there, suns, strict=True):
+        if sun >= 0.0:
+            label = " ".join(f"{dim} {one[dim].values}" for dim in dims if dim in one.coords)
+            yield label or path.stem, one.sky.scene()
+
+
+def _say_below(below: list[float], left: int) -> None:
+    """Say which suns are left out; TwilightError where none is left."""
+    if not below and left:
+        return
+    which = f"{min(below):g} to {max(below):g} deg" if len(set(below)) > 1 else "".join(f"{b:g} deg" for b in below[:1])
+    if not left:
+        raise TwilightError(f"there is no sun from 0 to 90 deg to fit to; those of the scene are at {which or 'none'}")
+    print(
+        f"twilight: {len(below)} of {len(below) + left} suns are left out, at {which}: the five parameters are for a "
+        "sun from 0 to 90 deg",
+        file=sys.stderr,
+    )
 
 
 def _path(output: Path | None, name: str) -> Path:

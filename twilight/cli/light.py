@@ -35,7 +35,7 @@ def light(
         list[str] | None,
         option("NAME", "sun, sky, moon, airglow, stars, zodiacal_light, light_pollution, ground; without it, all."),
     ] = None,
-    time_zone: Annotated[str | None, option("ZONE", "Of times without an offset; without it, UTC.")] = None,
+    time_zone: Annotated[str | None, options.TIME_ZONE_OF_TIME] = None,
     altitude_km: Annotated[float | None, options.ALTITUDE_KM] = None,
     quality: Annotated[str | None, options.QUALITY_LISTED] = None,
     settings: Annotated[list[str] | None, options.SETTINGS] = None,

@@ -44,6 +44,9 @@ def render(
     renderer: Annotated[
         str | None, option("NAME", "Whose axes sky.rgb.exr has: openexr, mitsuba, blender, pbrt or radiance.")
     ] = None,
+    width: Annotated[
+        int | None, option("PIXELS", "Of sky.rgb.exr, a multiple of 4 up to 16384; without it, 1024.")
+    ] = None,
     exposure: Annotated[
         str | None,
         option("EV100|series", "Of the pictures: a value, or one for all of a series; without it, by each sky."),
@@ -91,6 +94,7 @@ def render(
         "solver.name": (solver, "--solver"),
         "solver.quality": (quality, "--quality"),
         "output.renderer": (renderer, "--renderer"),
+        "output.width": (width, "--width"),
         exposure_key: (exposure_value, "--exposure"),
         "output.files": (files, "--only"),
         "observer.view": (view, "--projection" if size is None else "--projection, --size"),

@@ -31,15 +31,21 @@ def sweep(
     output: Annotated[Path | None, option("DIR.zarr", "The dataset; continued where it is there.")] = None,
     plan: Annotated[bool, options.ONLY_PLAN] = False,
 ) -> None:
-    """Compute the skies of a configuration's `vary` section into one dataset for xarray. Takes up what is there."""
+    """Compute the skies of a configuration's `vary` section into one dataset for xarray. A rerun continues."""
     from twilight.base.whole_files import check_folder
     from twilight.config.load import load_axes
     from twilight.config.slips import warn_of_slips
+    from twilight.scene.suns import count_suns
     from twilight.studies.sweep.sweep import Sweep
 
     resources = resources_of(scheduler, batch_system, workers, threads, output)
     chosen, names = options.settings_of(settings)
     series = load_axes(scene, chosen, names, ("configs",))
+    if not series.axes and count_suns(series.config({})) == 1:
+        raise TwilightError(
+            f"{scene}: varies nothing: a sweep needs a section vary, e.g. "
+            "{aerosol.relative_humidity_percent: [50, 80, 95]}, or several suns; `twilight render` computes one sky"
+        )
     with progress_bar() as bar:
         made = Sweep(series, bar)
     warn_of_slips(made.first)

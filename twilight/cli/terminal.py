@@ -1,11 +1,10 @@
-"""What the commands share: one sentence instead of a traceback, leaving on signals, a progress bar."""
+"""What the commands share: one sentence instead of a traceback, a progress bar, tables."""
 
 from __future__ import annotations
 
 import functools
 import signal
 import sys
-import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -16,6 +15,7 @@ import typer
 
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.progress import Progress
+from twilight.cli.signals import SENTENCES, leaving_on_signals
 
 PROGRESS_LINE_S = 15.0
 """Seconds between lines of progress where the output is no terminal."""
@@ -27,7 +27,7 @@ def with_errors_as_sentences(command: Callable[..., None]) -> Callable[..., None
     @functools.wraps(command)
     def guarded(*args: Any, **kwargs: Any) -> None:
         try:
-            with _leave_on_sigterm(), warnings.catch_warnings():
+            with leaving_on_signals(), warnings.catch_warnings():
                 warnings.showwarning = _print_warnings_once()  # type: ignore[assignment]
                 command(*args, **kwargs)
         except TwilightError as error:
@@ -40,7 +40,7 @@ def with_errors_as_sentences(command: Callable[..., None]) -> Callable[..., None
             print(f"twilight: {TwilightError(f'{error.filename}: {error.strerror}')}", file=sys.stderr)
             raise typer.Exit(2) from None
         except KeyboardInterrupt:
-            print("twilight: interrupted; what was finished before is kept", file=sys.stderr)
+            print(f"twilight: {SENTENCES[signal.SIGINT]}", file=sys.stderr)
             raise typer.Exit(130) from None
 
     return guarded
@@ -56,24 +56,6 @@ def _print_warnings_once() -> Callable[..., None]:
             print(f"twilight: {message}", file=sys.stderr)
 
     return say
-
-
-@contextmanager
-def _leave_on_sigterm() -> Iterator[None]:
-    """SIGTERM unwinds the stack like Ctrl-C does, so that temporary files go."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def leave(signum: int, frame: Any) -> None:
-        print("twilight: terminated; what was finished before is kept", file=sys.stderr)
-        raise SystemExit(128 + signum)
-
-    before = signal.signal(signal.SIGTERM, leave)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

@@ -74,23 +74,24 @@ def timeline(
     columns = [column(text) for text in dict.fromkeys(texts or ["V@zenith", "illuminance"])]
     wanted = [work.condition(text) for text in conditions]
 
-    def moment(text: str) -> dt.datetime:
-        try:
-            dt.datetime.fromisoformat(text)
-        except ValueError:
-            return time_of(text, latitude, longitude, time_zone)
-        return parse_time(text, time_zone or "UTC").astimezone(marks[0].time.tzinfo)  # type: ignore[union-attr]
-
-    noon = "solar noon"
-    marks = [m for d in (day, day + dt.timedelta(days=1))
-             for m in twilight_times(d, latitude, longitude, time_zone) if m.event == noon]  # fmt: skip
-    first = moment(start) if start else marks[0].time
-    last = moment(stop) if stop else marks[1].time
-    times = work.rows(first, last, work.step_of(step))  # type: ignore[arg-type]
     keys, names = options.settings_of(settings)
     given = {"solver.quality": (quality, "--quality"), "observer.altitude_km": (altitude_km, "--altitude-km")}
     options.put_options(keys, names, given)
     config = load(climate, keys)
+    place = latitude, longitude, time_zone, config.observer.altitude_km
+
+    def moment(text: str) -> dt.datetime:
+        try:
+            dt.datetime.fromisoformat(text)
+        except ValueError:
+            return time_of(text, *place)
+        return parse_time(text, time_zone).astimezone(marks[0].time.tzinfo)  # type: ignore[union-attr]
+
+    noon = "solar noon"
+    marks = [m for d in (day, day + dt.timedelta(days=1)) for m in twilight_times(d, *place) if m.event == noon]
+    first = moment(start) if start else marks[0].time
+    last = moment(stop) if stop else marks[1].time
+    times = work.rows(first, last, work.step_of(step))  # type: ignore[arg-type]
     stem = output or Path("out") / f"{options.file_stem(config.name or config.climate.name, 'sky')}_timeline"
     if stem.suffix.lower() in WRITERS:
         paths = [stem]

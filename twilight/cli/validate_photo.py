@@ -71,6 +71,7 @@ def compare_with_sky(
     from twilight.scene.suns import count_suns
     from twilight.studies.validate.photographs import photo as comparing
     from twilight.studies.validate.photographs.figure import summary, write_figure
+    from twilight.studies.validate.photographs.photograph import place_sun
     from twilight.studies.validate.photographs.report import write_dataset, write_json, write_profiles, write_suns
 
     best: Any = None
@@ -83,7 +84,7 @@ def compare_with_sky(
             sky = frame.sky
             if config.output.polariser_deg is not None:
                 sky = sky.through_polariser(config.output.polariser_deg)
-            azimuth, note = sun_azimuth_of(photograph, sky, sun_azimuth)
+            azimuth, note = place_sun(photograph, sky.sun_azimuth_deg, sun_azimuth)
             apparent = (
                 sky.sun_elevation_deg if sky.apparent_sun_elevation_deg is None else sky.apparent_sun_elevation_deg
             )
@@ -179,20 +180,6 @@ def _cells(figures: dict[str, Any]) -> list[str]:
         "-" if solar is None else f"{solar:.1f} %",
         "-" if uv is None else f"{uv:.4f}",
     ]
-
-
-def sun_azimuth_of(photograph: Any, sky: Any, given: float | None) -> tuple[float, str]:
-    """The sun's azimuth in the camera's azimuths, and a sentence on where it is from."""
-    if given is not None:
-        return given % 360.0, f"sun azimuth {given % 360.0:.2f} deg, as given"
-    if sky.sun_azimuth_deg is not None and photograph.camera.orientation.azimuth_deg is not None:
-        return sky.sun_azimuth_deg, f"sun azimuth {sky.sun_azimuth_deg:.2f} deg, by place and time"
-    sun = photograph.sun
-    by = "the sun's disc" if sun.method == "disc" else "the symmetry of the sky"
-    note = f"sun azimuth {sun.azimuth_deg:.2f} +- {sun.uncertainty_deg:.2f} deg by {by}"
-    if sun.elevation_deg is not None:
-        note += f" (disc at elevation {sun.elevation_deg:.1f} deg)"
-    return sun.azimuth_deg, note
 
 
 def response(

@@ -19,6 +19,7 @@ StratosphereKind = Literal[
     "sh_midlat_low", "sh_midlat_typical", "sh_midlat_elevated", "sh_midlat_extreme",
     "tropical_low", "tropical_typical", "tropical_elevated", "tropical_extreme",
 ]  # fmt: skip
+AEROSOL_AMOUNTS = ("optical_depth_550nm", "optical_depths", "turbidity", "visibility_km")
 AEROSOL_SOURCES = ("type", "components", "modes", "angstrom", "table")
 
 
@@ -169,6 +170,22 @@ class Aerosol(Section):
         "in place of optical_depth_550nm, at several wavelengths: scales the extinction at each; e.g. {wavelength_nm: "
         "[440, 870], optical_depth: [0.2, 0.08]}",
     )
+    turbidity: Number | None = key(
+        None,
+        "in place of optical_depth_550nm: (air + aerosol) / air, vertical optical depths at 550 nm (Preetham 1999 sec. "
+        "2.1); 2 clear, 6 hazy",
+        unit="1",
+        ge=1.0,
+        le=200.0,
+    )
+    visibility_km: Number | None = key(
+        None,
+        "in place of optical_depth_550nm: ln(1 / 0.02) over the extinction of air and aerosol at the ground at 550 nm "
+        "(Koschmieder 1924, contrast 0.02)",
+        unit="km",
+        ge=0.2,
+        le=330.0,
+    )
     phase_function: Literal["mie", "henyey_greenstein"] = key(
         "mie", "mie: as computed; henyey_greenstein: with the asymmetry that Mie gives, in the stratosphere too"
     )
@@ -206,9 +223,10 @@ class Aerosol(Section):
             raise ValueError(f"needs one of {', '.join(AEROSOL_SOURCES)}, got {' and '.join(given) or 'none'}")
         if given[0] in ("modes", "angstrom", "table") and "relative_humidity_percent" in self.model_fields_set:
             raise ValueError(f"relative_humidity_percent has no meaning for {given[0]}: only OPAC's particles swell")
-        if self.optical_depths is not None and self.optical_depth_550nm is not None:
-            raise ValueError("takes either optical_depth_550nm or optical_depths, not both")
-        if self.angstrom is not None and self.optical_depth_550nm is None and self.optical_depths is None:
+        amounts = [name for name in AEROSOL_AMOUNTS if getattr(self, name) is not None]
+        if len(amounts) > 1:
+            raise ValueError(f"takes either {' or '.join(amounts)}, not both")
+        if self.angstrom is not None and not amounts:
             raise ValueError("angstrom needs optical_depth_550nm, which says how much there is")
         return self
 

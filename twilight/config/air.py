@@ -23,7 +23,7 @@ class Air(Section):
     """
 
     sounding: Files = key(
-        None, "file (or a list of files): University of Wyoming's text list, IGRA version 2", min_length=1
+        None, "file (or a list of files): University of Wyoming's list or CSV, IGRA version 2", min_length=1
     )
     reanalysis: Files = key(
         None, "ERA5, CAMS or MERRA-2 in netCDF or GRIB: t, q, o3, z on pressure levels; aod550, tco3", min_length=1

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from os.path import isfile
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from twilight.base.conventions import LOWEST_GROUND_KM
+from twilight.base.errors import TwilightError
 from twilight.config.aerosol import Aerosol, Stratosphere
 from twilight.config.air import Air, air_files
 from twilight.config.base import FilePath, Flag, Integer, Number, Section, increase, key
@@ -15,7 +19,8 @@ from twilight.config.clouds import Cloud
 AirProfileName = Literal[
     "tropical", "midlatitude_summer", "midlatitude_winter", "subarctic_summer", "subarctic_winter", "us_standard"
 ]
-CLIMATE_FILES = (
+CLIMATE_FILES: tuple[tuple[tuple[str, ...], str, str | None], ...] = (
+    (("atmosphere", "levels"), "file", None),
     (("medium",), "table", "sha256"),
     (("medium",), "phase_function", "phase_function_sha256"),
     (("aerosol", "table"), "file", "sha256"),
@@ -51,20 +56,41 @@ class Layers(Section):
     boundaries_km: tuple[Number, ...] | None = key(
         None, "altitudes above sea level, increasing from the ground, e.g. [0, 1, 2, 5, 10, 20, 50, 100]", unit="km"
     )
+    coefficients: Literal["mean", "centre"] = key(
+        "mean", "of a layer: their mean over it, which keeps columns, or those at its centre (Haber)"
+    )
 
     @model_validator(mode="after")
     def _one_rule(self) -> Layers:
         b = self.boundaries_km
         if b is not None and self.equal_air_mass is not None:
             raise ValueError("takes either equal_air_mass or boundaries_km, not both")
+        if b is None and self.equal_air_mass is None and self.coefficients == "centre":
+            raise ValueError("coefficients: centre needs equal_air_mass or boundaries_km")
         if b is not None and (len(b) < 2 or not increase(b)):
             raise ValueError("boundaries_km must start at the ground and increase up to top_km")
         return self
 
 
+LEVEL_COLUMNS = {
+    "altitude_km": (LOWEST_GROUND_KM, 120.0, f"{LOWEST_GROUND_KM:g} to 120 (km)"),
+    "pressure_hpa": (1e-9, 1200.0, "1e-9 to 1200 (hPa)"),
+    "temperature_k": (120.0, 1000.0, "120 to 1000 (K)"),
+    "water_vapour_ppm": (1e-9, 2e5, "1e-9 to 2e5"),
+    "ozone_ppm": (1e-9, 1e3, "1e-9 to 1e3"),
+}
+"""Columns of a file of levels, and the numbers that they may hold."""
+
+
 class Levels(Section):
     """The air at someone's own altitudes; between them as between those of the AFGL atmospheres."""
 
+    file: FilePath | None = key(
+        None,
+        "CSV with the columns altitude_km, pressure_hpa, temperature_k, water_vapour_ppm, ozone_ppm, in place of them; "
+        "relative to the folder of the climate's file",
+        min_length=1,
+    )
     altitude_km: tuple[Number, ...] = key(
         ..., "above sea level, increasing, from the ground (or below) to top_km (or above)", unit="km", min_length=2,
         max_length=500,
@@ -78,14 +104,32 @@ class Levels(Section):
     )
     ozone_ppm: tuple[Annotated[Number, Field(gt=0.0, le=1e3)], ...] = key(..., "likewise", unit="1e-6")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _of_file(cls, value: Any) -> Any:
+        """What the file holds, in place of its name: so it is recorded with a sky."""
+        if not isinstance(value, dict) or not isinstance(value.get("file"), str):
+            return value
+        if not isfile(value["file"]):
+            raise ValueError(f"there is no file {value['file']}")
+        if len(value) > 1:
+            raise ValueError("takes either file or the columns themselves, not both")
+        from twilight.atmosphere.csv_columns import read_columns  # start-up: numpy
+
+        try:
+            names, rows, _ = read_columns(Path(value["file"]), LEVEL_COLUMNS)
+        except TwilightError as error:
+            raise ValueError(str(error)) from None
+        return {name: column.tolist() for name, column in zip(names, rows.T, strict=True)}
+
     @model_validator(mode="after")
     def _match(self) -> Levels:
         z = self.altitude_km
         for name in ("pressure_hpa", "temperature_k", "water_vapour_ppm", "ozone_ppm"):
             if len(getattr(self, name)) != len(z):
                 raise ValueError(f"has {len(z)} altitude_km but {len(getattr(self, name))} {name}")
-        if z[0] < 0.0 or z[-1] > 120.0 or not increase(z):
-            raise ValueError("altitude_km must increase from 0 or more to at most 120 km")
+        if z[0] < LOWEST_GROUND_KM or z[-1] > 120.0 or not increase(z):
+            raise ValueError(f"altitude_km must increase from {LOWEST_GROUND_KM:g} or more to at most 120 km")
         if not increase(reversed(self.pressure_hpa)):
             raise ValueError("pressure_hpa must decrease")
         return self
@@ -167,6 +211,13 @@ class Refraction(Section):
     model: Literal["ciddor", "haber", "none"] = key(
         "ciddor", "ciddor: Ciddor 1996 in full; haber: the closed form of Haber 2005 sec. 4.4; none: straight rays"
     )
+    relative_humidity_percent: Number = key(
+        0.0,
+        "of all the air in haber's closed form, which lets refraction fall to (100 - this) % of that of dry air",
+        unit="%",
+        ge=0.0,
+        le=100.0,
+    )
     co2_ppm: Number = key(420.0, "carbon dioxide in the air, enters Ciddor's index", unit="ppm", ge=0.0, le=2000.0)
 
 
@@ -208,7 +259,7 @@ class Ground(Section):
         "above sea level, of all the land that is seen: air and gases begin there (for a peak above low land leave 0 "
         "and set observer.altitude_km)",
         unit="km",
-        ge=0.0,
+        ge=LOWEST_GROUND_KM,
         le=9.0,
     )
 

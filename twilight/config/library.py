@@ -49,15 +49,31 @@ def find(
     if found is not None:
         return found
     if path.suffix in (".yaml", ".yml", ".json") or "/" in text or "\\" in text:
+        beside = get_close_matches(path.stem, _files_beside(path), n=1)
         near = get_close_matches(path.stem, [name for kind in asked for name in shipped(kind)], n=1)
-        hint = f"; did you mean {near[0]}, which needs no path?" if near else ""
-        raise TwilightError(f"{path}: there is no such file{hint} ({_names(asked)})")
+        hint = f"; did you mean {path.parent / _files_beside(path)[beside[0]]}?" if beside else ""
+        hint = hint or (f"; did you mean {near[0]}, which needs no path?" if near else f"; {_lists(asked)}")
+        raise TwilightError(f"{path}: there is no such file{hint}")
     suggested = [name for kind in asked for name in shipped(kind)]
     near = get_close_matches(text, suggested, n=1)
-    hint = f"; did you mean {near[0]}?" if near else ";"
-    raise TwilightError(f"{text} is not a {noun}{hint} {_names(asked)}")
+    hint = f"did you mean {near[0]}?" if near else _names(asked)
+    raise TwilightError(f"{text} is not a {noun}; {hint}")
+
+
+def _files_beside(path: Path) -> dict[str, str]:
+    """Names of the documents in the folder of a path by their stems; none where it cannot be read."""
+    try:
+        return {one.stem: one.name for one in path.parent.iterdir() if one.suffix in (".yaml", ".yml", ".json")}
+    except OSError:
+        return {}
 
 
 def _names(kinds: tuple[str, ...]) -> str:
-    """`climates: a, b; configurations: c`, for errors."""
+    """`climates are a, b; configurations are c`, for errors."""
     return "; ".join(f"{NOUNS[kind]}s are {', '.join(shipped(kind))}" for kind in kinds)
+
+
+def _lists(kinds: tuple[str, ...]) -> str:
+    """Where the names are listed, for errors."""
+    commands = " and ".join(f"`twilight {kind}`" for kind in kinds)
+    return f"{commands} list{'s' * (len(kinds) == 1)} those that come with the program"

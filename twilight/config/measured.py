@@ -7,6 +7,7 @@ its top, of a reanalysis above, of the climate above that; optical depths of a s
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -34,7 +35,7 @@ from twilight.atmosphere.measured.parts import (
 )
 from twilight.atmosphere.opac import opac_type
 from twilight.atmosphere.stratosphere import measured_kind
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.air import Air
 from twilight.config.climate import Climate
 from twilight.config.profile import air_profile
@@ -116,11 +117,17 @@ class _Assembly:
 def assemble(
     climate: Climate, readings: Iterable[Reading], wanted: PlaceAndTime, *, usual_ozone: bool = False
 ) -> dict[str, Any]:
-    """A climate as plain data with what was read in place of its own; `air.sources` says which is which."""
+    """A climate as plain data with what was read in place of its own; `air.sources` says which is which.
+
+    Warns of what was measured far from the place and time.
+    """
     if climate.medium is not None:
         raise TwilightError(f"{climate.name}: is a table of coefficients (medium), which has no air to replace")
     data = deepcopy(climate.model_dump(mode="json", exclude_unset=True))
     made = _Assembly(climate, data)
+    readings = list(readings)
+    for words in (words for reading in readings for words in reading.warnings):
+        warnings.warn(words, TwilightWarning, stacklevel=2)
     order = {kind: i for i, kind in enumerate(("aeronet", "sounding", "reanalysis"))}
     readings = sorted(readings, key=lambda reading: order[reading.kind])
     parts = [part for reading in readings for part in reading.parts]
@@ -244,7 +251,8 @@ def _put_aerosol(made: _Assembly, sizes: list[SizeDistribution], depths: list[Ae
     if nm.size == 1 and abs(nm[0] - 550.0) > 1.0:
         made.not_used.append(f"{first.source}: optical depth at {nm[0]:g} nm alone, without an Angstrom exponent")
         return
-    aerosol.pop("optical_depths", None)
+    for amount in ("optical_depths", "turbidity", "visibility_km"):
+        aerosol.pop(amount, None)
     aerosol.pop("optical_depth_550nm", None)
     if nm.size == 1:
         aerosol["optical_depth_550nm"] = float(f"{depth[0]:.{DIGITS}g}")

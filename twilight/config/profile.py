@@ -11,4 +11,4 @@ def air_profile(climate: Climate) -> AirProfile:
     levels = climate.atmosphere.levels
     if levels is None:
         return load_profile(climate.atmosphere.profile)
-    return profile_of_levels(climate.atmosphere.profile, **levels.model_dump())
+    return profile_of_levels(climate.atmosphere.profile, **levels.model_dump(exclude={"file"}))

@@ -6,13 +6,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from twilight.base.conventions import LOWEST_GROUND_KM
 from twilight.config.base import Flag, Integer, Number, Section, increase, key
 from twilight.config.climate import Climate
 from twilight.config.horizon import Horizon
 from twilight.config.moon import MoonSection
 from twilight.config.output import Output
 from twilight.config.solver import ChosenSolver, SolverOptions, choose_solver
-from twilight.config.sun import Sun, SunElevation, SunElevations
+from twilight.config.sun import Sun, SunElevation, SunElevations, with_moment_of_horizon
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
 
@@ -29,7 +30,11 @@ class Observer(Section):
     """Where the eye is."""
 
     altitude_km: Number = key(
-        0.0, "altitude above sea level; unset: on the ground (ground.altitude_km)", unit="km", ge=0.0, le=40000.0
+        0.0,
+        "altitude above sea level; unset: on the ground (ground.altitude_km)",
+        unit="km",
+        ge=LOWEST_GROUND_KM,
+        le=40000.0,
     )
     view: View | None = key(
         None, "a picture in any direction, sky.view.png, e.g. {kind: perspective, elevation_deg: -20}; unset: none"
@@ -209,6 +214,12 @@ class Config(Section):
         None, "fraction of the draws that a sweep marks for validation; 0.1", unit="1", ge=0.0, lt=1.0
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _sets_behind_the_horizon(cls, data: Any) -> Any:
+        """Sunrise and sunset for an observer above the sea, whose horizon dips, become their moments."""
+        return with_moment_of_horizon(data)
+
     @model_validator(mode="after")
     def _lies_in_sunlight(self) -> Config:
         if self.wavelengths is None or self.wavelengths.placed:
@@ -230,12 +241,12 @@ class Config(Section):
         if self.terrain is not None and self.observer.view is None:
             raise ValueError("terrain: is seen in a view alone; set observer.view, e.g. {kind: perspective}")
         ground_km = self.climate.ground.altitude_km
-        if ground_km > 0.0 and "altitude_km" not in self.observer.model_fields_set:
+        if ground_km != 0.0 and "altitude_km" not in self.observer.model_fields_set:
             object.__setattr__(self, "observer", self.observer.model_copy(update={"altitude_km": ground_km}))
         elif self.observer.altitude_km < ground_km:
             raise ValueError(
                 f"observer.altitude_km is {self.observer.altitude_km:g}, below the ground (ground.altitude_km, "
-                f"{ground_km:g} km); both count from sea level"
+                f"{ground_km:g} km); both count from sea level; set both where land lies below it"
             )
         return self
 

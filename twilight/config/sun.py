@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from twilight.base.conventions import YEARS
 from twilight.base.errors import TwilightError
 from twilight.config.base import Flag, Number, Section, increase, key
 
@@ -106,7 +107,9 @@ class _Place(Section):
             try:
                 there = self.aware(moment).astimezone(UTC).astimezone(self.aware(moment).tzinfo)
             except OverflowError:
-                raise ValueError(f"holds a time beyond the years 1 to 9999: {moment}") from None
+                raise ValueError(f"holds a time outside the years {YEARS[0]} to {YEARS[1]}: {moment}") from None
+            if not YEARS[0] <= moment.year <= YEARS[1]:
+                raise ValueError(f"holds a time outside the years {YEARS[0]} to {YEARS[1]}: {moment}")
             if there.replace(tzinfo=None) != moment.replace(tzinfo=None):
                 raise ValueError(f"holds a time that the clocks of {self.time_zone} skip: {moment}")
 
@@ -138,6 +141,26 @@ class SunAt(_Place):
     def _check(self) -> SunAt:
         self._needs_zone(self.at)
         return self
+
+
+def with_moment_of_horizon(data: Any) -> Any:
+    """A configuration as plain data whose `sun.at` names sunrise or sunset with their moment, for an observer above the
+    sea; any other as it is."""
+    if not (isinstance(data, dict) and isinstance(data.get("sun"), dict) and isinstance(data.get("observer"), dict)):
+        return data
+    sun, altitude_km = data["sun"], data["observer"].get("altitude_km")
+    at, place = sun.get("at"), (sun.get("latitude_deg"), sun.get("longitude_deg"))
+    if not (isinstance(at, str) and at.strip().lower().endswith(("sunrise", "sunset"))):
+        return data
+    if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in (*place, altitude_km)):
+        return data
+    from twilight.sky.twilight_times import time_of  # start-up: pvlib takes pandas
+
+    try:
+        moment = time_of(at, place[0], _longitude(place[1]), sun.get("time_zone"), altitude_km)
+    except TwilightError:
+        return data  # the section says what is wrong
+    return {**data, "sun": {**sun, "at": moment.isoformat()}}
 
 
 class SunInterval(_Place):

@@ -15,6 +15,7 @@ from twilight.base import cache
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
 from twilight.engine.answer import Answer, answer_of_stokes, join, sum_terms
+from twilight.engine.directions import check_question
 from twilight.engine.field_cache import field_key
 from twilight.engine.sunbeam import Direct, Sunbeam
 from twilight.engine.table import fill, first_rows, row_breaks
@@ -146,6 +147,7 @@ class Block:
         Errors: TwilightError for what the solver cannot do, and where it gave radiance that cannot be.
         """
         directions = (sun_elevation_deg, elevation_deg, azimuth_deg)
+        check_question(*directions)
         made, more = self._seen_from(observer_altitude_km)
         if checkpoint is not None and self.capabilities.standard_error:
             more["checkpoint"] = checkpoint
@@ -192,6 +194,7 @@ class Block:
         if not self.capabilities.finite_segments:
             raise TwilightError("inscatter: this solver knows whole lines of sight alone; zones, tables and montecarlo "
                                 "know finite ones")  # fmt: skip
+        check_question(sun_elevation_deg, elevation_deg, azimuth_deg)
         made, more = self._seen_from(observer_altitude_km)
         scattered, transmittance = made.inscatter(sun_elevation_deg, elevation_deg, azimuth_deg, distance_km, **more)
         if self.bands is None:

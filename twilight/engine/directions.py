@@ -1,9 +1,12 @@
-"""The directions of a scene's plain samples."""
+"""Directions: those of a scene's plain samples, and whether those that are asked for can be."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from twilight.base.errors import TwilightError
 from twilight.engine.table import HIGH_FROM_KM
 from twilight.numerics.grids import texture_centres
 from twilight.scene.scene import Scene
@@ -38,3 +41,22 @@ def texture_rows(scene: Scene) -> np.ndarray:
     lower = lower[lower >= -90.0]
     found = np.unique(np.concatenate([lower, upper, rows]))
     return found[np.concatenate([[True], np.diff(found) > 0.02])]
+
+
+def check_question(sun_elevation_deg: Any, elevation_deg: Any, azimuth_deg: Any) -> None:
+    """TwilightError for a sun or directions [deg] that are none."""
+    if not _within(sun_elevation_deg, 90.0) or np.ndim(sun_elevation_deg):
+        raise TwilightError(f"sun_elevation_deg: must be a number between -90 and 90, got {sun_elevation_deg!r}")
+    if not _within(elevation_deg, 90.0 + 1e-9):
+        raise TwilightError("elevation_deg: must be numbers between -90 and 90")
+    if not _within(azimuth_deg, np.inf):
+        raise TwilightError("azimuth_deg: must be finite numbers")
+
+
+def _within(angle_deg: Any, limit_deg: float) -> bool:
+    """Whether all of some angles are finite numbers within -limit_deg to limit_deg."""
+    try:
+        angle = np.asarray(angle_deg, float)
+    except (TypeError, ValueError):
+        return False
+    return bool((np.isfinite(angle) & (np.abs(angle) <= limit_deg)).all())

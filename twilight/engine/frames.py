@@ -23,7 +23,16 @@ from twilight.engine.moon import moon_light, warn_of_the_moon, with_moon
 from twilight.engine.night import NightLight, check_stars, levels_of, night_light, place_of, star_sky, without_points
 from twilight.engine.solve import Problem
 from twilight.engine.sunbeam import Direct
-from twilight.engine.view import ViewRadiance, check_view, join_views, landscape, view_radiance, with_night, with_sun
+from twilight.engine.view import (
+    ViewRadiance,
+    check_terrain,
+    check_view,
+    join_views,
+    landscape,
+    view_radiance,
+    with_night,
+    with_sun,
+)
 from twilight.io.provenance import configuration_hash
 from twilight.io.rendered import ViewPixels, ViewSource
 from twilight.numerics.spectrum import solar_irradiance
@@ -38,6 +47,9 @@ from twilight.sky.table import SkyTable, plain_grid
 from twilight.sky.table import join as join_tables
 from twilight.terrain.heights import Standpoint
 from twilight.transport.apparent_rays import horizon_dip_deg
+
+DARK = 1e-12
+"""Radiance over F0 [sr^-1] that counts as none: a thousandth of the darkest night, 1e-7 cd m^-2."""
 
 
 @dataclass(frozen=True)
@@ -89,9 +101,11 @@ def frames(
     known = None if config.terrain is not None else tuple(sun.elevation_deg for sun in suns)
     if known is not None:
         known += tuple(moon.elevation_deg for moon in moons if moon is not None and moon.shines)
-    problem = Problem(scene, known, cached, numpy_only_sun)
     if scene.observer.view is not None:
         check_view(scene.observer.view, scene.capabilities, scene.title)
+        if config.terrain is not None:
+            check_terrain(scene.capabilities, config.terrain, scene.altitude_km, _standpoint(suns[0]))
+    problem = Problem(scene, known, cached, numpy_only_sun)
     set_up_s = 0.0
     found = [_SunResult(moon) for moon in moons]
     meter, steps, several = PhasedProgress(tell), 1 + len(suns), len(suns) > 1
@@ -114,11 +128,13 @@ def frames(
 
 
 def _warn_of_black(scene: Scene, sky: Sky) -> None:
-    if sky.normalised_radiance.any() or scene.observer.view is not None:
+    """TwilightWarning for a sky without light that anybody would see, which says why."""
+    config, top_km = scene.configuration, scene.medium.top_km
+    above = config.climate.medium is None and scene.altitude_km >= top_km
+    if sky.normalised_radiance.max() > DARK or (above and scene.observer.view is not None):
         return
-    config = scene.configuration
-    top_km = config.climate.atmosphere.top_km
-    if config.climate.medium is None and scene.altitude_km >= top_km:
+    what = "black in every direction" if not sky.normalised_radiance.any() else "darker than a thousandth of any night"
+    if above:
         why = f"an observer at {scene.altitude_km:g} km is above the air, which ends at {top_km:g} km, and looks up"
         ask = "take a lower observer.altitude_km"
     elif config.night is None:
@@ -126,7 +142,7 @@ def _warn_of_black(scene: Scene, sky: Sky) -> None:
         ask = "add the night sky with night.airglow=1"
     else:
         why, ask = "there is no light in this air", "see the climate"
-    warnings.warn(f"the sky is black in every direction: {why}; {ask}", TwilightWarning, stacklevel=3)
+    warnings.warn(f"the sky is {what}: {why}; {ask}", TwilightWarning, stacklevel=3)
 
 
 def _standpoint(sun: SceneSun) -> Standpoint | None:
@@ -185,7 +201,8 @@ class _SunResult:
             nodes: dict[str, Any] = {} if not self.tables else _nodes(self.tables[-1])
             self.tables.append(block.table(sun.elevation_deg, **nodes))
         if block.scene.observer.view is not None:
-            seen = view_radiance(block, block.scene.observer.view, sun.elevation_deg, away_deg)
+            like = self.view[-1] if self.view else None
+            seen = view_radiance(block, block.scene.observer.view, sun.elevation_deg, away_deg, like)
             if config.terrain is None:
                 self.view.append(seen)
             else:

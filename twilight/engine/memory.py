@@ -12,7 +12,6 @@ from twilight.base.reading import memory_bytes
 from twilight.config.scene import Config
 from twilight.engine.block import VALUES_AT_ONCE
 from twilight.engine.solve import Problem
-from twilight.engine.view import most_nodes
 from twilight.scene.medium import wavelengths_of
 from twilight.scene.scene import Scene
 from twilight.scene.suns import count_suns
@@ -36,8 +35,8 @@ FIELD_FRACTION_HELD = 0.5
 """Fraction of a field's memory while it is solved that is still held when it is evaluated."""
 START_S = 1.8
 """Processor seconds of the program's start: its libraries, the compiled kernels (skies of `benchmarks/memory.csv`)."""
-PIXEL_S = 2e-6
-"""Processor seconds of a pixel of a view (`view 2048x1024 draft` of `benchmarks/memory.csv`)."""
+PIXEL_S = 3e-6
+"""Processor seconds of a pixel of a view of eight wavelengths (`twilight.engine.view`)."""
 TERRAIN_S = 4.0
 """Processor seconds of a view with terrain whatever its size: aerial perspective at its nodes, the shadows' grid."""
 TERRAIN_PIXEL_S = 5.8e-6
@@ -52,6 +51,8 @@ USUAL_GRID = (90, 140)
 """Rows and columns of a sky where no texture is asked for, about (`twilight.sky.table.plain_grid`)."""
 USUAL_NODES = 1150
 """Directions of the table that it is read from, about (`twilight.engine.table.fill`)."""
+VIEW_NODES = 4000
+"""The same of the table of a view (`twilight.engine.view`)."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def full_cost(scene: Scene) -> SceneCost:
     directions = _directions(config)
     pixels = 0
     if config.observer.view is not None:
-        directions += most_nodes(config.observer.view, scene.altitude_km - scene.medium.bottom_km)
+        directions += VIEW_NODES
         pixels = int(np.prod(config.observer.view.shape))
     polarised = getattr(scene.settings, "polarisation", False)
     values = min(VALUES_AT_ONCE, directions * max(of_blocks))

@@ -3,14 +3,14 @@
 A `Problem` is a scene and how it is to be solved.  Its wavelengths are divided into blocks of as many as the solver
 takes at once, so that 1000 need no more memory than one block; a `Block` is one of them, solved.  Two ways lead on:
 
-- `Problem.solve` (or `solve`) solves all blocks and holds them: a `Solved` answers at any time and in any order;
+- `Problem.solve` (or `solve`) solves all blocks and holds them: a `Field` answers at any time and in any order;
 - `Problem.block` solves one block, which the caller drops before the next: for a whole sequence at many wavelengths.
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -22,8 +22,10 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.answer import Answer, answer_of_table, join, make_sky
 from twilight.engine.block import Block
+from twilight.engine.directions import check_question
 from twilight.engine.disc import make_disc
 from twilight.engine.field_light import FieldLight
+from twilight.engine.sun_tables import SunTables
 from twilight.engine.sunbeam import Direct
 from twilight.numerics.grids import texture_centres
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
@@ -33,6 +35,10 @@ from twilight.sky.sky import BrowserPage, Sky
 from twilight.sky.table import SkyTable, plain_grid
 from twilight.sky.table import join as join_tables
 from twilight.solvers.base import Cost, Interpolation
+
+SKY_FACTS = ("sun_azimuth_deg", "distance_au", "latitude_deg", "longitude_deg", "time", "solar_spectrum",
+             "night_radiance", "disc", "moon", "provenance")  # fmt: skip
+"""Fields of `Sky` that a field does not know itself."""
 
 FIELD_BYTES = 1.0e9
 """Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
@@ -147,18 +153,37 @@ class Problem:
         bands = bands if bands is not None and bands.absorption_per_km.any() else None
         return Block.solve(self, part, medium, bands, progress or silent)
 
-    def solve(self, progress: Progress | None = None) -> Solved:
+    def solve(self, progress: Progress | None = None) -> Field:
         """Solve all blocks and hold them."""
         tell, count = progress or silent, len(self.slices)
-        return Solved(self, tuple(self.block(i, part_of(tell, i / count, 1.0 / count)) for i in range(count)))
+        return Field(self, tuple(self.block(i, part_of(tell, i / count, 1.0 / count)) for i in range(count)))
 
 
-@dataclass(frozen=True)
-class Solved(FieldLight):
+@dataclass(frozen=True, repr=False)
+class Field(FieldLight):
     """A problem with all its blocks solved."""
 
     problem: Problem
-    blocks: tuple[Block, ...] = field(repr=False)
+    blocks: tuple[Block, ...]
+
+    def __repr__(self) -> str:
+        """Five lines: the air, wavelengths, observers and suns that it answers for, and how it is asked."""
+        scene, able, suns = self.scene, self.scene.capabilities, self.problem.sun_elevations_deg
+        quality = "" if scene.config is None else f" ({scene.config.chosen_solver[1]})"
+        nm = self.medium.wavelength_nm
+        told = suns is not None and able.takes_suns
+        which = f"suns from {min(suns):g} to {max(suns):g} deg" if told and suns else "any sun"
+        others = ", other observers too" if able.every_observer else ""
+        polarised = ", polarised" if self.blocks[0].field.polarised else ""
+        air = scene.title or self.medium.name or "a medium"
+        return (
+            f"<{type(self).__name__} of {air}, by {scene.solver_name}{quality}\n"
+            f"  {nm.size} wavelengths {nm[0]:g} to {nm[-1]:g} nm{polarised}, in {len(self.blocks)} blocks\n"
+            f"  observer at {scene.altitude_km:g} km{others}; air from {self.medium.bottom_km:g} to "
+            f"{self.medium.top_km:g} km\n"
+            f"  for {which}\n"
+            f"  radiance(sun, elevation, azimuth) [sr^-1], sky(sun), direct(sun), view()>"
+        )
 
     @property
     def scene(self) -> Scene:
@@ -241,6 +266,23 @@ class Solved(FieldLight):
             tables.append(block.table(sun_elevation_deg, observer_altitude_km, **nodes))
         return join_tables(tables)
 
+    @cached_property
+    def _sun_tables(self) -> SunTables | None:
+        """The tables of the scene's observer; None for a solver with noise, or one of the suns that it was told."""
+        able = self.scene.capabilities
+        told = able.takes_suns and self.problem.sun_elevations_deg is not None
+        return SunTables(self) if able.every_sun and not told and not able.standard_error else None
+
+    def _table_of(self, sun_elevation_deg: float, altitude_km: float) -> SkyTable:
+        """The sky of one sun, from those of its neighbours where there are some."""
+        check_question(sun_elevation_deg, 0.0, 0.0)
+        tables = self._sun_tables
+        if tables is None or altitude_km != self.scene.altitude_km:
+            return self.table(sun_elevation_deg, altitude_km)
+        if not tables.suns_deg[0] <= sun_elevation_deg <= tables.suns_deg[-1]:
+            return self.table(sun_elevation_deg, altitude_km)
+        return tables.under(sun_elevation_deg)
+
     def sky(
         self,
         sun_elevation_deg: float,
@@ -249,19 +291,20 @@ class Solved(FieldLight):
         observer_altitude_km: float | None = None,
         **facts: Any,
     ) -> Sky:
-        """The sky of a sun.
+        """The sky of a sun: of an observer for whom the skies of other suns are there, in a few hundredths of a second.
 
         Parameters
         ----------
         sun_elevation_deg
             True elevation of the sun [deg].
         elevation_deg, azimuth_deg
-            Rows (E,) and columns (A,) [deg] on which light is computed; None: where it changes, so that straight lines
-            do between them.
+            Rows (E,) and columns (A,) [deg] on which light is computed; both None: where it changes, so that straight
+            lines do between them, of a solver whose field serves every sun by the skies of suns about 0.5 deg apart,
+            which are computed when they are needed and cached.
         observer_altitude_km
             Above sea level [km]; None: the scene's observer.
         **facts
-            Further fields of `Sky`.
+            Further fields of `Sky`, such as sun_azimuth_deg, distance_au, time and night_radiance.
 
         Returns
         -------
@@ -272,9 +315,12 @@ class Solved(FieldLight):
         TwilightError
             For what the solver cannot do.
         """
+        unknown = [name for name in facts if name not in SKY_FACTS]
+        if unknown:
+            raise TwilightError(f"sky: {unknown[0]} is no argument; allowed are {', '.join(SKY_FACTS)}")
         altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
         if elevation_deg is None and azimuth_deg is None and not self.scene.capabilities.standard_error:
-            table = self.table(sun_elevation_deg, altitude)
+            table = self._table_of(sun_elevation_deg, altitude)
             elevation_deg, azimuth_deg = plain_grid(table)
             answer = answer_of_table(table, elevation_deg, azimuth_deg)
         else:
@@ -325,11 +371,18 @@ class Solved(FieldLight):
         def view(self, **options: Any) -> BrowserPage: ...
 
 
-def solve(scene: Scene, sun_elevations_deg: Sequence[float] | None = None, progress: Progress | None = None) -> Solved:
-    """Solve a scene with the user's cache, and hold it.
+def solve(
+    scene: Scene,
+    sun_elevations_deg: Sequence[float] | None = None,
+    progress: Progress | None = None,
+    *,
+    cached: bool = True,
+) -> Field:
+    """Solve a scene and hold it.
 
     sun_elevations_deg: true elevations of all the suns that will be asked for [deg], None: any; progress: called as
-    progress(doing, fraction) now and then.  Errors: TwilightError for what the solver cannot do.
+    progress(doing, fraction) now and then; cached: whether the user's cache gives and keeps it, else it is solved here.
+    Errors: TwilightError for what the solver cannot do.
     """
     known = None if sun_elevations_deg is None else tuple(sun_elevations_deg)
-    return Problem(scene, known, cached=True).solve(progress)
+    return Problem(scene, known, cached).solve(progress)

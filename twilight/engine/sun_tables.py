@@ -20,7 +20,7 @@ from twilight.engine.table import first_columns, first_rows, row_breaks
 from twilight.sky.table import SkyTable, stack, sun_weights
 
 if TYPE_CHECKING:
-    from twilight.engine.solve import Solved
+    from twilight.engine.solve import Field
     from twilight.scene.scene import Scene
 
 SUN_COUNT = 97
@@ -31,6 +31,9 @@ LOWEST_SUN_DEG = -20.0
 
 CENTRE_DEG, WIDTH_DEG = -8.0, 8.0
 """Where suns are closest, 0.37 deg apart, and the distance over which they stay close [deg]."""
+
+SHADOW_DEG = (-3.2, 1.2)
+"""Suns between which others stand half-way [deg]: the Earth's shadow rises with a sharp edge, in pure air above all."""
 
 DARK_SUN_DEG, DEEP_STEP_DEG = -40.0, 2.0
 """Lowest sun of all, and the distance of those below `LOWEST_SUN_DEG` [deg]."""
@@ -43,9 +46,18 @@ def sun_nodes(lowest_deg: float = DARK_SUN_DEG, highest_deg: float = 90.0) -> np
     """The suns at which fields are tabulated [deg], within a range whose ends are two of them."""
     low, high = (np.arcsinh((sun - CENTRE_DEG) / WIDTH_DEG) for sun in (LOWEST_SUN_DEG, 90.0))
     close = CENTRE_DEG + WIDTH_DEG * np.sinh(np.linspace(low, high, SUN_COUNT))
-    every = np.concatenate([np.arange(DARK_SUN_DEG, LOWEST_SUN_DEG, DEEP_STEP_DEG), close])
+    between = 0.5 * (close[1:] + close[:-1])
+    between = between[(between > SHADOW_DEG[0]) & (between < SHADOW_DEG[1])]
+    every = np.sort(np.concatenate([np.arange(DARK_SUN_DEG, LOWEST_SUN_DEG, DEEP_STEP_DEG), close, between]))
     inside = every[(every > lowest_deg + 1e-6) & (every < highest_deg - 1e-6)]
     return np.concatenate([[lowest_deg], inside, [highest_deg]])
+
+
+def suns_between(low_deg: float, high_deg: float, nodes_deg: np.ndarray | None = None) -> np.ndarray:
+    """Those of `sun_nodes`, or of others, that suns from low_deg to high_deg are read from."""
+    nodes = sun_nodes() if nodes_deg is None else nodes_deg
+    first = max(0, int(np.searchsorted(nodes, low_deg, "right")) - 2)
+    return nodes[first : int(np.searchsorted(nodes, high_deg)) + 2]
 
 
 def check_serves_every_sun(scene: Scene) -> None:
@@ -60,21 +72,32 @@ class SunTables:
     """The tables of a solved field, for one observer.
 
     altitude_km: of the observer above sea level; None: the scene's
+    rows_deg, columns_deg: nodes of the tables; None: rows of the sky, for an observer high up of the ground as well
     Errors: TwilightError for a solver whose field serves one sun alone.
     """
 
-    def __init__(self, solved: Solved, altitude_km: float | None = None):
+    def __init__(
+        self,
+        solved: Field,
+        altitude_km: float | None = None,
+        *,
+        rows_deg: np.ndarray | None = None,
+        columns_deg: np.ndarray | None = None,
+    ):
         scene = solved.scene
         check_serves_every_sun(scene)
         self.solved = solved
         self.altitude_km = scene.altitude_km if altitude_km is None else altitude_km
         low, high = getattr(solved.blocks[0].field, "sun_range_deg", (DARK_SUN_DEG, 90.0))
         self.suns_deg = sun_nodes(max(low, DARK_SUN_DEG), min(high, 90.0))
-        self.rows_deg = first_rows(*row_breaks(scene, self.altitude_km), ROW_COUNT)
-        self.columns_deg = first_columns(COLUMN_COUNT)
+        if rows_deg is None:
+            rows_deg = first_rows(*row_breaks(scene, self.altitude_km), ROW_COUNT)
+        self.rows_deg = rows_deg
+        self.columns_deg = first_columns(COLUMN_COUNT) if columns_deg is None else columns_deg
         self._made: dict[int, SkyTable] = {}
-        key = "".join(solved.keys) + repr(self.altitude_km)
-        self._key = hashlib.sha256(key.encode()).hexdigest()
+        self._key = ""
+        if solved.blocks[0].problem.cached:
+            self._key = "".join(solved.keys) + repr(self.altitude_km)
 
     def under(self, sun_elevation_deg: float) -> SkyTable:
         """The table of one sun, between its neighbours; below the lowest sun logarithms fall on straight."""
@@ -87,7 +110,8 @@ class SunTables:
         """How many tables are to be computed before light is read under these suns."""
         nodes, weights = sun_weights(self.suns_deg, sun_elevation_deg)
         each = [int(k) for k in np.unique(nodes[weights != 0.0])]
-        return sum(k not in self._made and cache.find(cache.SKIES, self._name(k)) is None for k in each)
+        cached = (bool(self._key) and cache.find(cache.SKIES, self._name(k)) is not None for k in each)
+        return sum(k not in self._made and not there for k, there in zip(each, cached, strict=True))
 
     def light(
         self,
@@ -108,11 +132,13 @@ class SunTables:
 
     def between(self, low_deg: float, high_deg: float, progress: Progress = silent) -> SkyTable:
         """The table of all suns that those from low_deg to high_deg are read from."""
-        first = max(0, int(np.searchsorted(self.suns_deg, low_deg, "right")) - 2)
-        stop = min(self.suns_deg.size, int(np.searchsorted(self.suns_deg, high_deg)) + 2)
+        wanted = suns_between(low_deg, high_deg, self.suns_deg)
+        first = int(np.searchsorted(self.suns_deg, wanted[0]))
+        stop = first + wanted.size
         tables = []
         for k in range(first, stop):
-            progress(f"sun {self.suns_deg[k]:+.1f} deg", (k - first) / (stop - first))
+            words = f"sun {k + 1 - first} of {stop - first}, {self.suns_deg[k]:+.1f} deg"
+            progress(words, (k - first) / (stop - first))
             tables.append(self._table(k))
         return stack(tables)
 
@@ -120,14 +146,15 @@ class SunTables:
         """The table of one of the suns."""
         if k not in self._made:
             name = self._name(k)
-            made = _stored(name)
+            made = _stored(name) if self._key else None
             if made is None:
                 sun = float(self.suns_deg[k])
                 made = self.solved.table(
                     sun, self.altitude_km, rows_deg=self.rows_deg, columns_deg=self.columns_deg, refine=False
                 )
                 table = made
-                cache.store(cache.SKIES, name, lambda path: _save(path, table))
+                if self._key:
+                    cache.store(cache.SKIES, name, lambda path: _save(path, table))
             self._made[k] = made
         return self._made[k]
 

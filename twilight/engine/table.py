@@ -20,6 +20,7 @@ from twilight.transport.apparent_rays import horizon_dip_deg
 from twilight.transport.scattered_once import ScatteredOnce
 
 if TYPE_CHECKING:
+    from twilight.atmosphere.medium import Medium
     from twilight.scene.scene import Scene
 
 FIRST_ROWS = 17
@@ -66,8 +67,25 @@ BESIDE_BREAK_DEG = 1e-3
 HIGH_FROM_KM = 0.1
 """Height above the ground from which rows go below the horizontal; lower down the horizon dips by 0.3 deg at most."""
 
+BREAKS_APART_DEG = 0.1
+"""A break closer than this above another one is left out [deg]: from orbit the edge of the haze is at the horizon."""
+
 SUDDEN_FALL = 0.2
 """Part of the extinction that is lost within a hundredth of a kilometre where a layer has an edge."""
+
+
+def sudden_edges(medium: Medium) -> tuple[np.ndarray, np.ndarray]:
+    """Altitudes [km] at which extinction falls suddenly upwards, and by how much [km^-1]."""
+    z, extinction = medium.altitude_km, medium.extinction_per_km.max(axis=1)
+    fall = extinction[:-1] - extinction[1:]
+    sudden = (np.diff(z) <= 0.01) & (fall > SUDDEN_FALL * extinction[:-1])
+    return 0.5 * (z[1:] + z[:-1])[sudden], fall[sudden]
+
+
+def with_ground(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
+    """`row_breaks` of a table that has the ground too, for a solver that can look down."""
+    low, breaks = row_breaks(scene, altitude_km)
+    return (low, breaks) if breaks else (-90.0, [-horizon_dip_deg(scene.medium, altitude_km)])
 
 
 def row_breaks(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
@@ -79,14 +97,13 @@ def row_breaks(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
     above_ground_km = altitude_km - medium.bottom_km
     if above_ground_km <= HIGH_FROM_KM or not (scene.capabilities.every_observer and scene.capabilities.looks_down):
         return 0.0, []
-    z = medium.altitude_km
-    level = 0.5 * (z[1:] + z[:-1])
-    extinction = medium.extinction_per_km.max(axis=1)
-    sudden = (
-        (np.diff(z) <= 0.01) & (np.diff(extinction) < -SUDDEN_FALL * extinction[:-1]) & (level < altitude_km - 0.01)
-    )
-    edges = [-horizon_dip_deg(medium, altitude_km, float(k)) for k in level[sudden]]
-    return -90.0, sorted({-horizon_dip_deg(medium, altitude_km), *(round(e, 4) for e in edges)})
+    level = sudden_edges(medium)[0]
+    edges = [-horizon_dip_deg(medium, altitude_km, float(k)) for k in level[level < altitude_km - 0.01]]
+    breaks = [-horizon_dip_deg(medium, altitude_km)]
+    for edge in sorted(edges):
+        if edge - breaks[-1] > BREAKS_APART_DEG:
+            breaks.append(edge)
+    return -90.0, breaks
 
 
 Light = Callable[[np.ndarray, np.ndarray], Answer]
@@ -102,7 +119,15 @@ def first_rows(low_deg: float, breaks_deg: Sequence[float], count: int = FIRST_R
         u = np.linspace(0.0, 1.0, count if last else max(5, count // 2))
         rise = u**ROW_POWER if last else 1.0 - (1.0 - u) ** ROW_POWER
         parts.append(below + (above - below) * rise)
+        parts[-1][-1] = above  # both rows of a break are the same to the last bit
     return np.concatenate(parts)
+
+
+def beside_breaks(rows_deg: np.ndarray) -> np.ndarray:
+    """Rows where light is asked for: of two equal ones one is just below the break, the other just above."""
+    twice = np.diff(rows_deg) == 0.0
+    below, above = np.append(twice, False), np.concatenate([[False], twice])
+    return rows_deg - BESIDE_BREAK_DEG * below + BESIDE_BREAK_DEG * above
 
 
 def first_columns(count: int = FIRST_COLUMNS) -> np.ndarray:
@@ -118,10 +143,8 @@ class _Samples:
         self.answer = self.asked(rows, columns)
 
     def asked(self, rows: np.ndarray, columns: np.ndarray) -> Answer:
-        """Light on a grid; of two equal rows one is asked just below the break, the other just above."""
-        twice = np.diff(rows) == 0.0
-        below, above = np.append(twice, False), np.concatenate([[False], twice])
-        return self._light(rows - BESIDE_BREAK_DEG * below + BESIDE_BREAK_DEG * above, columns)
+        """Light on a grid."""
+        return self._light(beside_breaks(rows), columns)
 
     def insert(self, place: np.ndarray, nodes: np.ndarray, found: Answer, axis: int) -> None:
         """Put new rows (axis 0) or columns (axis 1) before the places of others."""
@@ -206,7 +229,7 @@ def _table(samples: _Samples, once: ScatteredOnce, sun_elevation_deg: float) -> 
     (rows, columns), answer = samples.nodes, samples.answer
     apparent = once.apparent_sun_deg(sun_elevation_deg)
     angle = scattering_angle_rad(apparent, rows[:, None], columns)[None]
-    part = once.light(sun_elevation_deg, rows, columns)
+    part = once.light(sun_elevation_deg, beside_breaks(rows), columns)
     smooth, aureole = split(answer.radiance[None], None if part is None else part[None], angle, once.log_phase)
     stokes = None
     if answer.polarisation is not None:

@@ -1,9 +1,8 @@
 """Pictures from any place: what every pixel of a view sees, the ground and space included.
 
-A view is computed on rows and columns of directions that are as fine as its pixels where the light changes fast (at the
-horizon, which refraction moves, about the sun, along the ground by geocentric angle) and coarser elsewhere, and read
-from there by the logarithm, linearly.  The light is its own mirror image about the sun's vertical.  The pixels are made
-by rows when they are asked for (`ViewRadiance.rows`), so that a picture of any size takes the memory of some of them.
+A view is read from a `SkyTable` of what it shows: of the directions that lie in it, with rows as close as half a pixel
+where the light needs them, breaks at the horizon and at the edges of layers below.  The pixels are made by rows when
+they are asked for (`ViewRadiance.rows`), so that a picture of any size takes the memory of some of them.
 """
 
 from __future__ import annotations
@@ -13,87 +12,38 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.base.errors import TwilightError
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
-from twilight.engine.answer import join
 from twilight.engine.block import Block
 from twilight.engine.moon import MoonLight, with_moon
 from twilight.engine.night import NightLight
 from twilight.engine.sunbeam import Direct
+from twilight.engine.table import CLOSEST_ROWS_DEG, first_columns, first_rows, row_breaks
 from twilight.io.rendered import ViewPixels
 from twilight.numerics.orientation import azimuth_elevation, direction
 from twilight.sky.disc import SOLAR_RADIUS_DEG
+from twilight.sky.table import SkyTable
+from twilight.sky.table import join as join_tables
 from twilight.solvers.base import Capabilities
 from twilight.terrain.aerial_perspective import DEGREE
 from twilight.terrain.heights import Standpoint, heights_of
-from twilight.terrain.scene import Viewpoint, add_terrain
+from twilight.terrain.scene import Viewpoint, add_terrain, check_above
+from twilight.transport.apparent_rays import horizon_dip_deg
 from twilight.transport.beam import prepare_beam
 from twilight.transport.scaling import delta_scaled
 
-GROWTH = 0.06
-"""Growth of the steps between nodes per distance from where the nodes are finest."""
-LARGEST_STEP_DEG = 2.0
-"""Largest step between nodes [deg]."""
-COARSEST_DEG = 0.5
-"""Largest distance of elevations at the horizon [deg], however coarse the pixels are."""
-HORIZON_BAND_DEG = (-0.15, 0.6)
-"""Elevations from the horizon of straight lines [deg] to which refraction may move it; steps there are a pixel."""
-GROUND_STEP_DEG = 0.5
-"""Step of the geocentric angle along the ground [deg], by which the solar zenith angle changes there."""
-AUREOLE_STEP_DEG = 0.2
-"""Smallest step about the sun [deg], which the light of the aureole needs."""
-DARK = 1e-30
-"""Radiance [sr^-1] that stands for none where logarithms are interpolated."""
+FIRST_ROWS, FIRST_COLUMNS = 33, 25
+"""Rows above the last break and columns of the whole sphere that a view is computed on first, of which it takes those
+that lie in it."""
+MOST_NODES = (280, 140)
+"""Most rows and columns of a view."""
+LEAST_APART_DEG = 1e-3
+"""First rows and columns closer than this to the edge of a view are left out [deg]."""
 PIXELS_AT_ONCE = 1 << 18
 """Pixels whose directions are held at once."""
 PITCH_ROWS = 64
 """Rows of a picture in which the angle between its pixels is measured."""
-
-
-def graded_nodes(
-    centre: float, finest: float, low: float, high: float, largest: float = LARGEST_STEP_DEG
-) -> np.ndarray:
-    """Places from low to high, `finest` apart at the centre and farther apart away from it."""
-    offsets = [0.0]
-    while offsets[-1] < max(high - centre, centre - low):
-        offsets.append(offsets[-1] + min(max(finest, GROWTH * offsets[-1]), largest))
-    places = centre + np.concatenate([-np.array(offsets[:0:-1]), offsets])
-    return places[(places > low) & (places < high)]
-
-
-def elevation_nodes(
-    low: float, high: float, pitch: float, altitude_km: float, ground_radius_km: float, sun_elevation_deg: float
-) -> np.ndarray:
-    """Elevations (E,) [deg] from low to high for pixels `pitch` deg apart, seen from an altitude above the ground."""
-    r = ground_radius_km
-    dip = float(np.degrees(np.arccos(r / (r + altitude_km))))
-    below, above = HORIZON_BAND_DEG
-    parts = [
-        np.array([low, high]),
-        graded_nodes(-dip + below, pitch, low, -dip + below),
-        np.arange(-dip + below, -dip + above, pitch),
-        graded_nodes(-dip + above, pitch, -dip + above, high),
-    ]
-    if low < sun_elevation_deg < high:
-        parts.append(graded_nodes(sun_elevation_deg, max(pitch, AUREOLE_STEP_DEG), low, high))
-    psi = np.radians(np.arange(0.0, dip, GROUND_STEP_DEG))
-    parts.append(np.degrees(np.arctan2(r * np.cos(psi) - (r + altitude_km), r * np.sin(psi))))
-    nodes = np.unique(np.concatenate(parts))
-    nodes = nodes[(nodes >= low) & (nodes <= high)]
-    apart = [nodes[0]]
-    for node in nodes[1:]:
-        if node - apart[-1] > 0.3 * pitch:
-            apart.append(node)
-    return np.array([*apart, high]) if apart[-1] < high else np.array(apart)
-
-
-def azimuth_nodes(low: float, high: float, pitch: float, altitude_km: float) -> np.ndarray:
-    """Azimuths (A,) [deg] from the sun, within 0..180; finer for observers who see far along the ground."""
-    largest = 2.0 if altitude_km < 100.0 else 1.0
-    inner = graded_nodes(0.0, max(pitch, AUREOLE_STEP_DEG), low, high, largest)
-    return np.unique(np.concatenate([[low], inner, [high]])) if high > low else np.array([low])
 
 
 def pixel_pitch_deg(view: View) -> float:
@@ -108,27 +58,18 @@ def pixel_pitch_deg(view: View) -> float:
     return float(np.degrees(min(np.nanmedian(part) for part in steps if np.isfinite(part).any())))
 
 
-def most_nodes(view: View, altitude_km: float) -> int:
-    """Most directions that a view is computed on, from an altitude above the ground: those of the whole sphere."""
-    pitch = pixel_pitch_deg(view)
-    e = elevation_nodes(-90.0, 90.0, min(pitch, COARSEST_DEG), altitude_km, EARTH_RADIUS_KM, 0.0)
-    return e.size * azimuth_nodes(0.0, 180.0, pitch, altitude_km).size
-
-
 @dataclass(frozen=True)
 class ViewRadiance:
-    """What a view shows, on nodes; its pixels are made when they are asked for.
+    """What a view shows, as a table; its pixels are made when they are asked for.
 
-    elevation_deg (E,), azimuth_deg (A,): the nodes, azimuths from the sun within 0..180; radiance (E, A, W):
-    sun-normalised [sr^-1]; pitch_deg: angle between pixels; direct: the sun's light at the observer, None: no disc;
-    night: in the same unit, None: there is none; light_azimuth_deg: from which the nodes' azimuths count, from the sun;
-    moon: the same view under the moon alone, and its light, None: there is none.
+    table: sun-normalised radiance [sr^-1] of the directions in the view; pitch_deg: angle between pixels; direct: the
+    sun's light at the observer, None: no disc; night: in the same unit, None: there is none; light_azimuth_deg: from
+    which the table's azimuths count, from the sun; moon: the same view under the moon alone, and its light, None: there
+    is none.
     """
 
     view: View
-    elevation_deg: np.ndarray
-    azimuth_deg: np.ndarray
-    radiance: np.ndarray
+    table: SkyTable
     pitch_deg: float
     sun_elevation_deg: float
     direct: Direct | None = None
@@ -151,10 +92,8 @@ class ViewRadiance:
         rays = self.view.rays((first, stop))
         azimuth, elevation = azimuth_elevation(rays)
         inside = np.isfinite(elevation)
-        away = np.mod(azimuth - self.light_azimuth_deg, 360.0)
-        folded = np.minimum(away, 360.0 - away)[inside]
-        picture = np.full((*elevation.shape, self.radiance.shape[-1]), np.nan, np.float32)
-        picture[inside] = interpolate(self.elevation_deg, self.azimuth_deg, self.radiance, elevation[inside], folded)
+        picture = np.full((*elevation.shape, self.table.smooth.shape[-1]), np.nan, np.float32)
+        picture[inside] = self.table.light(elevation[inside], azimuth[inside] - self.light_azimuth_deg)
         seen = ViewPixels(self.kind, rays.astype(np.float32), picture, self.pitch_deg)
         if self.night is not None:
             seen = with_night(seen, self.night)
@@ -177,31 +116,57 @@ def check_view(view: View, able: Capabilities, title: str) -> None:
         )
 
 
-def view_radiance(block: Block, view: View, sun_elevation_deg: float, light_azimuth_deg: float = 0.0) -> ViewRadiance:
+def view_radiance(
+    block: Block,
+    view: View,
+    sun_elevation_deg: float,
+    light_azimuth_deg: float = 0.0,
+    like: ViewRadiance | None = None,
+) -> ViewRadiance:
     """What a block of wavelengths shows in a view, without the sun's disc.
 
-    light_azimuth_deg: from the sun, of a second light that stands at `sun_elevation_deg` in its place.
+    light_azimuth_deg: from the sun, of a second light that stands at `sun_elevation_deg` in its place; like: the same
+    at other wavelengths, whose rows and columns are taken to begin with.
     """
+    pitch = pixel_pitch_deg(view)
+    rows, columns = _first_nodes(block, view, light_azimuth_deg)
+    if like is not None:
+        rows, columns = like.table.elevation_deg, like.table.azimuth_deg
+    table = block.table(
+        sun_elevation_deg,
+        rows_deg=rows,
+        columns_deg=columns,
+        refine=not block.capabilities.standard_error,
+        closest_rows_deg=min(CLOSEST_ROWS_DEG, 0.5 * pitch),
+        most=MOST_NODES,
+    )
+    return ViewRadiance(view, table, pitch, sun_elevation_deg, light_azimuth_deg=light_azimuth_deg)
+
+
+def _first_nodes(block: Block, view: View, light_azimuth_deg: float) -> tuple[np.ndarray, np.ndarray]:
+    """The rows and columns that a view is computed on first."""
     (low, high), (left, right) = _extent(view)
     if light_azimuth_deg:
         left, right = 0.0, 180.0
-    pitch = pixel_pitch_deg(view)
-    medium = block.medium
-    above_ground = block.scene.altitude_km - medium.bottom_km
-    radius = medium.earth_radius_km + medium.bottom_km
-    e = elevation_nodes(low, high, min(pitch, COARSEST_DEG), above_ground, radius, sun_elevation_deg)
-    a = azimuth_nodes(left, right, pitch, above_ground)
-    rows = e.size if block.capabilities.standard_error else block.rows_at_once(a.size)
-    parts = [
-        block.answer(sun_elevation_deg, *np.meshgrid(e[k : k + rows], a, indexing="ij")) for k in range(0, e.size, rows)
-    ]
-    radiance = join(parts, axis=0).radiance
-    return ViewRadiance(view, e, a, radiance, pitch, sun_elevation_deg, light_azimuth_deg=light_azimuth_deg)
+    altitude = block.scene.altitude_km
+    lowest, breaks = row_breaks(block.scene, altitude)
+    if low < lowest:  # from the ground, where a sky ends at the horizontal
+        lowest, breaks = low, [-horizon_dip_deg(block.medium, altitude)]
+    rows, columns = first_rows(lowest, breaks, FIRST_ROWS), first_columns(FIRST_COLUMNS)
+    return _between(rows, low, high), _between(columns, left, right)
+
+
+def _between(nodes: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Those of the nodes that lie between two others, with these."""
+    if high - low < LEAST_APART_DEG:
+        return np.array([low])
+    inside = nodes[(nodes > low + LEAST_APART_DEG) & (nodes < high - LEAST_APART_DEG)]
+    return np.concatenate([[low], inside, [high]])
 
 
 def join_views(views: Sequence[ViewRadiance], direct: Direct | None) -> ViewRadiance:
     """The same view at the wavelengths of all blocks, and the sun's disc in it."""
-    return replace(views[0], radiance=np.concatenate([one.radiance for one in views], axis=-1), direct=direct)
+    return replace(views[0], table=join_tables([one.table for one in views]), direct=direct)
 
 
 def _extent(view: View) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -219,6 +184,14 @@ def _extent(view: View) -> tuple[tuple[float, float], tuple[float, float]]:
     return (float(low.min()), float(high.max())), (float(left.min()), float(right.max()))
 
 
+def check_terrain(able: Capabilities, terrain: Terrain, altitude_km: float, standpoint: Standpoint | None) -> None:
+    """TwilightError for a solver that cannot put terrain before its sky, for heights that cannot be read, and for an
+    observer under the ground."""
+    if not (able.finite_segments and able.every_observer and able.kind != "formula"):
+        raise TwilightError("terrain: needs a solver with finite segments and every observer: zones or tables")
+    check_above(heights_of(terrain, standpoint=standpoint), altitude_km)
+
+
 def landscape(
     block: Block,
     seen: ViewPixels,
@@ -231,11 +204,7 @@ def landscape(
 
     standpoint: of an observer whose place and sun are known, by which terrain with coordinates is laid.
     light_azimuth_deg: as in `view_radiance`.
-    Errors: TwilightError for a solver that cannot put terrain before its sky.
     """
-    able = block.capabilities
-    if not (able.finite_segments and able.every_observer and able.kind != "formula"):
-        raise TwilightError("terrain: needs a solver with finite segments and every observer: zones or tables")
     medium, altitude = block.medium, block.scene.altitude_km
     place = Viewpoint(altitude, sun_elevation_deg, block.direct(sun_elevation_deg).bending_deg)
     scaled = getattr(block.field, "scaled", None) or delta_scaled(medium, DEGREE)
@@ -245,21 +214,6 @@ def landscape(
     rays = seen.rays.astype(float) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     made = add_terrain(seen.radiance, rays, heights, block.field, medium, beam, place, terrain.albedo, terrain.shadows)
     return ViewPixels(seen.kind, seen.rays, made.radiance, seen.pitch_deg, hidden=np.isfinite(made.distance_km))
-
-
-def interpolate(e: np.ndarray, a: np.ndarray, values: np.ndarray, elevation: np.ndarray, azimuth: np.ndarray):
-    """Values (E, A, W) at directions (D,): linear in the logarithm, (D, W) float32."""
-    logarithm = np.log(np.maximum(values, DARK)).astype(np.float32)
-    i = np.clip(np.searchsorted(e, elevation, side="right") - 1, 0, max(e.size - 2, 0))
-    j = np.clip(np.searchsorted(a, azimuth, side="right") - 1, 0, max(a.size - 2, 0))
-    i1, j1 = np.minimum(i + 1, e.size - 1), np.minimum(j + 1, a.size - 1)
-    f = np.where(i1 > i, (elevation - e[i]) / np.where(i1 > i, e[i1] - e[i], 1.0), 0.0).astype(np.float32)[:, None]
-    g = np.where(j1 > j, (azimuth - a[j]) / np.where(j1 > j, a[j1] - a[j], 1.0), 0.0).astype(np.float32)[:, None]
-    out = (1 - f) * ((1 - g) * logarithm[i, j] + g * logarithm[i, j1])
-    out += f * ((1 - g) * logarithm[i1, j] + g * logarithm[i1, j1])
-    np.exp(out, out=out)
-    out[out <= 2 * DARK] = 0.0
-    return out
 
 
 def with_night(seen: ViewPixels, night: NightLight) -> ViewPixels:

@@ -125,8 +125,7 @@ def ground_factor(sky: Sky) -> np.ndarray:
 def environment(sky: Sky, values: np.ndarray, ground: np.ndarray, renderer: str, width: int) -> np.ndarray:
     """Values (E, A, K) on the sky's grid and (K,) for the ground as an environment map, (height, width', K).
 
-    The sky is interpolated by ``Sky.smooth``; a grid of the picture's own directions (``sky.latlong_grid``) comes
-    through unchanged.  Everything below the sky's lower edge is ground.
+    The sky is interpolated by ``Sky.smooth``.  Everything below the sky's lower edge is ground.
     """
     elevation, azimuth = environment_directions(renderer, width)
     azimuth = azimuth - (sky.sun_azimuth_deg or 0.0)

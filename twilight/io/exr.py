@@ -18,11 +18,14 @@ from twilight.io.environment import environment, environment_directions, ground_
 from twilight.io.facts import header_of
 from twilight.io.provenance import PREFIX, provenance_fields
 from twilight.numerics import spectrum
+from twilight.numerics.primaries import to_rec709
 from twilight.sky import colour
 from twilight.sky.sky import Sky
 
 REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 """x, y of red, green, blue and white (ITU-R BT.709)."""
+OPAQUE = 0.99
+"""Pixels with a smaller opacity than this show nothing."""
 LARGEST = float(np.finfo(np.float32).max)
 """Largest value of a channel."""
 
@@ -31,7 +34,10 @@ _SPECTRAL_CHANNEL = re.compile(r"^S0\.(\d*,?\d*(?:[Ee][+-]?\d+)?)nm$")
 
 @dataclass(frozen=True)
 class LatLong:
-    """An RGB environment map: pixels (height, width, 3) as stored, and the file's attributes."""
+    """An RGB picture: linear Rec. 709 (height, width, 3) on its display window, and the file's attributes.
+
+    NaN where the file has no pixels, or transparent ones.
+    """
 
     rgb: np.ndarray
     attributes: dict[str, Any]
@@ -97,7 +103,7 @@ def environment_rgb(sky: Sky, renderer: str, width: int, observer: str, *, disc:
     Colours outside the gamut keep their negative values with ``openexr``; for a renderer they are moved into it
     (``colour.into_gamut``): negative light makes Mitsuba warn at every sample.
     """
-    xyz = colour.sky_to_xyz(sky, observer=observer)
+    xyz = colour.sky_to_xyz(sky, observer=observer).astype(np.float32)
     ground = colour.sky_to_xyz(sky, ground_factor(sky), observer=observer)
     picture = environment(sky, xyz, ground, renderer, width)
     if disc:
@@ -226,8 +232,14 @@ def _read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 
 
 def exr_size(path: str | Path) -> tuple[int, int]:
-    """Width and height [pixels] that the header of an EXR file says; TwilightError where it has none."""
-    return _size(_headers(Path(path))[0])
+    """Width and height [pixels] of an EXR file's display window, or of its data window where that is larger.
+
+    Errors: TwilightError where it has none.
+    """
+    header = _headers(Path(path))[0]
+    return max(
+        (_size(header, window) for window in ("displayWindow", "dataWindow")), key=lambda size: size[0] * size[1]
+    )
 
 
 def _headers(path: Path) -> list[dict[str, Any]]:
@@ -243,8 +255,8 @@ def _headers(path: Path) -> list[dict[str, Any]]:
         raise TwilightError(f"{path}: is not a complete OpenEXR file ({first_line(error)})") from error
 
 
-def _size(header: dict[str, Any]) -> tuple[int, int]:
-    (left, top), (right, bottom) = ((int(x) for x in corner) for corner in header["dataWindow"])
+def _size(header: dict[str, Any], window: str = "dataWindow") -> tuple[int, int]:
+    (left, top), (right, bottom) = ((int(x) for x in corner) for corner in header[window])
     return right - left + 1, bottom - top + 1
 
 
@@ -259,11 +271,56 @@ def _part_bytes(path: Path, header: dict[str, Any]) -> float:
 
 
 def read_latlong_exr(path: str | Path) -> LatLong:
-    """Read an RGB environment map; TwilightError where the file is not a complete EXR or has no R, G, B."""
+    """Read an RGB picture, whatever its primaries and white are and whichever part of its display window it holds.
+
+    Errors: TwilightError where the file is not a complete EXR, has no R, G, B, or is no latitude-longitude map.
+    """
+    import OpenEXR  # start-up
+
     header, channels = _read(path)
     if not {"R", "G", "B"} <= channels.keys():
         raise TwilightError(f"{path}: has the channels {', '.join(sorted(channels))}, expected R, G and B")
-    return LatLong(np.stack([channels[name] for name in "RGB"], axis=-1), header)
+    if header.get("envmap") == OpenEXR.ENVMAP_CUBE:
+        raise TwilightError(f"{path}: is a map of six sides of a cube; latitude-longitude ones are read")
+    rgb = np.stack([channels[name] for name in "RGB"], axis=-1)
+    if "chromaticities" in header:
+        try:
+            matrix = to_rec709(tuple(header["chromaticities"]))
+        except ValueError:
+            raise TwilightError(f"{path}: its chromaticities {header['chromaticities']} cannot be") from None
+        rgb = rgb if matrix is None else (rgb @ matrix.T).astype(rgb.dtype)
+    if "A" in channels:
+        rgb[channels["A"] < OPAQUE] = np.nan
+    return LatLong(_on_display(Path(path), rgb, header), header)
+
+
+def _on_display(path: Path, rgb: np.ndarray, header: dict[str, Any]) -> np.ndarray:
+    """Pixels of the data window on the display window, NaN where there are none."""
+    if _size(header, "displayWindow") == _size(header) and np.array_equal(
+        header["displayWindow"][0], header["dataWindow"][0]
+    ):
+        return rgb
+    width, height = _size(header, "displayWindow")
+    check_expansion(path, 4.0 * rgb.shape[-1] * width * height)
+    left, top = (int(a) - int(b) for a, b in zip(header["dataWindow"][0], header["displayWindow"][0], strict=True))
+    whole = laid_out(rgb, (width, height, left, top), np.nan)
+    if np.isnan(whole).all():
+        raise TwilightError(f"{path}: has no pixel within its display window")
+    return whole
+
+
+def laid_out(values: np.ndarray, place: tuple[int, int, int, int], outside: float) -> np.ndarray:
+    """Pixels (h, w, ...) on the whole picture (H, W, ...), `outside` where there are none; what is beyond it is left.
+
+    place: width and height of the whole, column and row of the first pixel.
+    """
+    width, height, left, top = place
+    whole = np.full((height, width, *values.shape[2:]), outside, dtype=values.dtype)
+    rows = slice(max(top, 0), min(top + values.shape[0], height))
+    columns = slice(max(left, 0), min(left + values.shape[1], width))
+    if rows.start < rows.stop and columns.start < columns.stop:
+        whole[rows, columns] = values[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
+    return whole
 
 
 def read_spectral_exr(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:

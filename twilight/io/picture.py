@@ -88,7 +88,7 @@ def width_of(view: str) -> int:
 
 def check_options(exposure: float | Literal["auto"], tone_mapping: str, observer: str) -> None:
     """Raise TwilightError for an exposure, a tone mapping or an observer that cannot be."""
-    if exposure != "auto" and not np.isfinite(float(exposure)):
+    if exposure != "auto" and not (isinstance(exposure, int | float | np.number) and np.isfinite(exposure)):
         raise TwilightError(f"exposure: {exposure} must be 'auto' or a finite exposure value at ISO 100")
     if tone_mapping not in NAMES:
         raise TwilightError(f"tone_mapping: '{tone_mapping}' is not known, choose one of {', '.join(NAMES)}")
@@ -103,13 +103,16 @@ def render_view(
     exposure: float | Literal["auto"] = "auto",
     tone_mapping: str = colour.DEFAULT_TONE_MAPPING,
     observer: str = colour.DEFAULT_OBSERVER,
+    azimuth_deg: float = 0.0,
 ) -> tuple[np.ndarray, float]:
     """A picture of a sky, sRGB values 0 to 1 (height, width, 3), NaN outside the circle of a fisheye, and its EV100.
 
-    Arguments and errors: as of `write_png`.
+    azimuth_deg: from the sun, of the middle of the picture (of a fisheye: of its lower edge); other arguments and
+    errors: as of `write_png`.
     """
     check_options(exposure, tone_mapping, observer)
-    display, ev100, _ = develop_view(sky, tone_of(tone_mapping, observer), view=view, width=width, exposure=exposure)
+    tone = tone_of(tone_mapping, observer)
+    display, ev100, _ = develop_view(sky, tone, view=view, width=width, exposure=exposure, azimuth_deg=azimuth_deg)
     return display, ev100
 
 
@@ -120,6 +123,7 @@ def develop_view(
     view: str = DEFAULT_VIEW,
     width: int | None = None,
     exposure: float | Literal["auto"] = "auto",
+    azimuth_deg: float = 0.0,
 ) -> tuple[np.ndarray, float, dict[str, float | str]]:
     """Display values 0..1 (height, width, 3), the EV100 of the meter, and what the tone set or found.
 
@@ -130,7 +134,8 @@ def develop_view(
     horizon that dips and the ground through the air, and looks down by what the horizon dips beyond 3 deg; a sky that
     ends at 0 deg ends the picture there.
     """
-    elevation, azimuth = view_directions(view, width or width_of(view))
+    elevation, azimuth = view_directions(view, width_of(view) if width is None else width)
+    azimuth = azimuth + azimuth_deg
     lower = float(sky.elevation_edges_deg[0])
     outside = np.isnan(elevation)
     elevation, azimuth = np.where(outside, -90.0, elevation), np.nan_to_num(azimuth)

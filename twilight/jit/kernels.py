@@ -82,18 +82,25 @@ class InnerKernel:
 def njit(
     *, inner: bool = False, inline: bool | str = False, makes_arrays: bool = True, **options: Any
 ) -> Callable[..., Any]:
-    """numba's `njit` with these options: `cache`, `nogil`, `fastmath`; a division by 0 gives inf or nan.
+    """numba's `njit` with these options: `cache`, `fastmath`; a division by 0 gives inf or nan.
+
+    No kernel holds Python's lock: signals are heard, and progress is shown, while one runs.
 
     inner: kernels alone call it; Python gets an `InnerKernel`.  inline: it becomes a part of the machine code of those
     that call it; "always": by numba, of its Python code.  makes_arrays: whether it makes any; those that it is handed
     are then not counted.
     """
     # numba's own types do not list the last three
-    made: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": inner}
+    made: dict[str, Any] = {
+        "error_model": "numpy",
+        "nogil": True,
+        "no_cfunc_wrapper": True,
+        "no_cpython_wrapper": inner,
+    }
     made |= {"forceinline": True} if inline is True else {"inline": inline or "never"}
     if not makes_arrays:
         made["_nrt"] = False
-    compiled: Callable[..., Any] = numba.njit(**made, **options)
+    compiled: Callable[..., Any] = numba.njit(**made | options)
 
     def kernel(function: Any) -> Any:
         if not COMPILED:

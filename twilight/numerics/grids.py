@@ -24,20 +24,6 @@ def texture_grid(step_deg: float = 3.0) -> tuple[np.ndarray, np.ndarray]:
     return texture_centres((rows, 4 * rows))
 
 
-def latlong_grid(width: int, sun_azimuth_deg: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Directions of the pixel centres in the upper half of a latitude-longitude picture of ``width`` x ``width``/2.
-
-    elevation_deg (width/4,) and azimuth_deg (width,) relative to the sun, in the order of ``Sky``.  A solver evaluated
-    here gives a picture without any interpolation.  Raises TwilightError unless ``width`` is a multiple of 4.
-    """
-    if width < 4 or width % 4:
-        raise TwilightError(f"width: {width} must be a positive multiple of 4")
-    step = 360.0 / width
-    elevation = (np.arange(width // 4) + 0.5) * step
-    azimuth = np.sort(np.mod((np.arange(width) + 0.5) * step - (sun_azimuth_deg or 0.0), 360.0))
-    return elevation, azimuth
-
-
 def half_of(azimuth_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The columns on one side of the sun's vertical that stand for all: a sky is its own mirror image about it.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from twilight.atmosphere.aerosols import VISIBLE_CONTRAST_DEPTH
 from twilight.atmosphere.medium import Medium
 from twilight.transport.ray_profile import ray_profile
 from twilight.transport.rays import OUTSIDE, sun_ray
@@ -56,6 +57,14 @@ def facts(medium: Medium) -> list[tuple[str, str]]:
     if "water_vapour_column_mm" in medium.notes:
         column, source = medium.notes["water_vapour_column_mm"], medium.notes["water_vapour_source"]
         rows.append(("water vapour column", f"{column:.1f} mm ({source})" if column > 0.0 else "0 mm"))
+    at_550 = np.flatnonzero(medium.wavelength_nm == 550.0)
+    if at_550.size and medium.has_aerosol:
+        w = at_550[0]
+        turbidity = 1.0 + medium.optical_depth("aerosol")[w] / max(medium.optical_depth("air")[w], 1e-300)
+        seen_through = medium.air_scattering_per_km[0, w] + medium.aerosol_extinction_per_km[0, w]
+        visibility = VISIBLE_CONTRAST_DEPTH / max(seen_through, 1e-300)
+        rows.append(("turbidity at 550 nm (Preetham 1999)", f"{turbidity:.2f}"))
+        rows.append(("visibility at the ground at 550 nm (Koschmieder)", f"{visibility:.0f} km"))
     for name, bottom, top in medium.notes.get("regions", ()):
         rows.append((f"particles: {name}", f"{bottom:g} to {top:g} km"))
     middle = medium.n_wavelengths // 2

@@ -73,9 +73,9 @@ def built_medium(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
     """The air of a climate that is no table, over black ground."""
     layers: EqualAirMass | Boundaries | None = None
     if climate.atmosphere.layers.equal_air_mass is not None:
-        layers = EqualAirMass(climate.atmosphere.layers.equal_air_mass)
+        layers = EqualAirMass(climate.atmosphere.layers.equal_air_mass, climate.atmosphere.layers.coefficients)
     elif climate.atmosphere.layers.boundaries_km is not None:
-        layers = Boundaries(climate.atmosphere.layers.boundaries_km)
+        layers = Boundaries(climate.atmosphere.layers.boundaries_km, climate.atmosphere.layers.coefficients)
     medium = build_medium(
         wavelength_nm,
         profile=air_profile(climate),
@@ -92,6 +92,7 @@ def built_medium(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
         clouds=cloud_layers(climate),
         refraction=climate.refraction.model,
         co2_ppm=climate.refraction.co2_ppm,
+        haber_humidity=climate.refraction.relative_humidity_percent / 100.0,
         name=climate.name,
     )
     column_mm = climate.gases.water_vapour.column_mm
@@ -136,6 +137,8 @@ def aerosol_spec(aerosol: Aerosol) -> AerosolSpec:
         "free_troposphere": aerosol.free_troposphere,
         "stratosphere": aerosol.stratosphere == "opac" and aerosol.optical_depth_550nm != 0.0,
         "optical_depth_550nm": aerosol.optical_depth_550nm,
+        "turbidity": aerosol.turbidity,
+        "visibility_km": aerosol.visibility_km,
         "optical_depths": None if depths is None else (depths.wavelength_nm, depths.optical_depth),
         "phase_function": aerosol.phase_function,
         "boundary_layer_base": aerosol.boundary_layer_base,

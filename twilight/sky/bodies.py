@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twilight.base.conventions import YEARS
 from twilight.base.errors import TwilightError
 from twilight.numerics.orientation import azimuth_elevation
 
@@ -20,9 +21,6 @@ AU_KM = 1.495978707e8
 """Astronomical unit [km] (IAU 2012)."""
 LIGHT_DAYS_PER_AU = 499.004783836 / 86400.0
 """Time that light takes for 1 au [d]."""
-YEARS = (1000, 3000)
-"""Years for which sun and moon are computed: ERFA's `epv00` is within 0.7 arcsec of NREL's SPA from 1900 to 2200, 1.3
-in the year 1000 and 2.4 in 3000; the moon's motion (Meeus 1998, ch. 47) is good to 10 arcsec."""
 DELTA_T_S: tuple[tuple[float, float, float, tuple[float, ...]], ...] = (
     (500, 1000, 100, (1574.2, -556.01, 71.23472, 0.319781, -0.8503463, -0.005050998, 0.0083572073)),
     (1600, 1600, 1, (120, -0.9808, -0.01532, 1 / 7129)),
@@ -39,6 +37,15 @@ DELTA_T_S: tuple[tuple[float, float, float, tuple[float, ...]], ...] = (
     (2150, 1820, 100, (-20, 0, 32)),
 )
 """TT - UT1 [s] (Espenak and Meeus 2006): first year, and coefficients of the powers of (year - origin) / unit."""
+MARGIN = dt.timedelta(days=3)
+"""Beyond the first and last year: twilights of their first and last days."""
+
+
+def check_year(moment: dt.datetime, said: object) -> None:
+    """TwilightError for a moment with its offset outside the years that are taken; said: what it is called."""
+    first, last = (dt.datetime(year, 1, 1, tzinfo=dt.UTC) for year in (YEARS[0], YEARS[1] + 1))
+    if not first - MARGIN <= moment < last + MARGIN:
+        raise TwilightError(f"time: {said} is outside the years {YEARS[0]} to {YEARS[1]}")
 
 
 class BodyPlace(NamedTuple):
@@ -70,8 +77,7 @@ class Sites:
         import erfa  # start-up
 
         for moment in moments:
-            if not YEARS[0] <= moment.year <= YEARS[1]:
-                raise TwilightError(f"time: {moment.isoformat()} is outside the years {YEARS[0]} to {YEARS[1]}")
+            check_year(moment, moment.isoformat())
         utc = [moment.astimezone(dt.UTC) for moment in moments]
         epoch = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
         day = np.array([(m - epoch) / dt.timedelta(days=1) for m in utc])

@@ -10,7 +10,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.sky.bodies import Sites
+from twilight.sky.bodies import Sites, check_year
 
 
 class SunPosition(NamedTuple):
@@ -57,13 +57,12 @@ def parse_time(time: dt.datetime | str, time_zone: str | None = None) -> dt.date
             )
         zone = zone_of(time_zone)
         moment = moment.replace(tzinfo=zone)
+        check_year(moment, f"'{time}'")
         utc = moment.astimezone(dt.UTC)
         if utc.astimezone(zone).replace(tzinfo=None) != moment.replace(tzinfo=None):
             raise TwilightError(f"time: {time} does not exist in {time_zone}, the clocks skip it")
-    try:
-        return moment.astimezone(dt.UTC)
-    except OverflowError:
-        raise TwilightError(f"time: '{time}' is outside the years 1 to 9999 in UTC") from None
+    check_year(moment, f"'{time}'")
+    return moment.astimezone(dt.UTC)
 
 
 def sun_position(

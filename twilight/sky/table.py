@@ -28,6 +28,9 @@ from twilight.numerics.spectrum import hermite_matrix, hermite_weights, linear_w
 DARKEST = 1e-9
 """Light, of the brightest in the table at a wavelength and a sun, that stands for none in logarithms."""
 
+LEAST_REST = 0.01
+"""Part of the light seen that at least is not in A, whose spectrum is another one."""
+
 DIRECTIONS_AT_ONCE = 40_000
 """Directions that are read at once, which bounds the memory."""
 
@@ -245,6 +248,16 @@ class SkyTable:
         table = self.log_phase.astype(np.float32, copy=False)
         return (1.0 - f) * table[k] + f * table[k + 1]
 
+    def light_at_nodes(self) -> np.ndarray:
+        """Light at the nodes, (S, R, C, W), for what averages or fits it; none is left out as dark."""
+        light = np.exp(self.smooth)
+        if self.aureole is None:
+            return light
+        e, a = self.elevation_deg[:, None], self.azimuth_deg
+        for s, sun in enumerate(self.apparent_sun_deg):
+            light[s] += np.exp(self.aureole[s] + self._log_phase_at(scattering_angle_rad(sun, e, a)))
+        return light
+
     def arrays(self) -> dict[str, np.ndarray]:
         """What the table holds, by name, for files."""
         return {key: np.asarray(value) for key, value in vars(self).items() if value is not None}
@@ -299,20 +312,25 @@ class SkyTable:
 
     def in_channels(self, weight: np.ndarray) -> SkyTable:
         """The table of sums over wavelengths, channels (K,) by weights (W, K) of the light, not negative."""
-        light = np.exp(self.smooth.astype(float)) @ weight
+        return self.seen(lambda light: light @ weight)
+
+    def seen(self, see: Callable[[np.ndarray], np.ndarray]) -> SkyTable:
+        """The table of what is seen of the light: of channels (..., K) of spectra (..., W), not negative."""
+        smooth = np.exp(self.smooth.astype(float))
         if self.aureole is None or self.log_phase is None:
-            return replace(self, smooth=_log(light), stokes=None)
-        flat = np.exp(self.log_phase.astype(float))
-        total = flat @ weight
-        e, a = self.elevation_deg[:, None], self.azimuth_deg
-        once = np.empty_like(light)
-        log_phase = np.log(np.maximum(total, 1e-30))
+            return replace(self, smooth=_log(see(smooth)), stokes=None)
+        phase = np.exp(self.log_phase.astype(float))
+        log_phase = np.log(np.maximum(see(phase) / see(np.ones_like(phase[:1])), 1e-30)).astype(np.float32)
         channels = replace(self, log_phase=log_phase)
+        parts = []
         for s, sun in enumerate(self.apparent_sun_deg):
-            angle = scattering_angle_rad(sun, e, a)
-            part = np.exp(self.aureole[s].astype(float) + self._log_phase_at(angle)) @ weight
-            once[s] = part / np.exp(channels._log_phase_at(angle))
-        return replace(self, smooth=_log(light), aureole=_log(once), log_phase=log_phase, stokes=None)
+            angle = scattering_angle_rad(sun, self.elevation_deg[:, None], self.azimuth_deg)
+            once = np.exp(self.aureole[s].astype(float) + self._log_phase_at(angle))
+            whole, part = see(smooth[s] + once), see(once)
+            rest = np.maximum(whole - part, LEAST_REST * whole)
+            parts.append((rest, (whole - rest) / np.exp(channels._log_phase_at(angle))))
+        rest, once = (np.stack(part) for part in zip(*parts, strict=True))
+        return replace(channels, smooth=_log(rest), aureole=_log(once), stokes=None)
 
     def at_nodes(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> SkyTable:
         """The same light at other rows and columns (within those of the table), by its own rule."""

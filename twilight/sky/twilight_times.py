@@ -2,6 +2,8 @@
 
 A date's dusk is the crossing between its solar noon and the following solar midnight, its dawn that between the
 midnight before and the noon; either may fall on another date of the clock.  Solar noon is where the sun stands highest.
+From above the sea the horizon of sunrise and sunset dips by arccos(R / (R + altitude)); dawns and dusks are those of
+the sun's elevation alone.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twilight.base.conventions import EARTH_RADIUS_KM, YEARS
 from twilight.base.errors import TwilightError
 from twilight.sky.ephemeris import sun_position, zone_of
 
@@ -77,6 +80,7 @@ def time_of(
         side, elevation = found["side"].lower(), float(found["deg"].replace("−", "-"))
         name = f"{side} at {elevation:g} deg"
     day = _Day(date, latitude_deg, longitude_deg, time_zone, altitude_km)
+    elevation = day.on_horizon(elevation)
     moment = day.noon if elevation is None else day.crossing(side, elevation)
     if moment is None:
         raise TwilightError(
@@ -92,7 +96,8 @@ def twilight_times(
     """All `EVENTS` of a date at a place, in their order.  Arguments and errors as `time_of`."""
     day = _Day(date, latitude_deg, longitude_deg, time_zone, altitude_km)
     rows = []
-    for name, (side, elevation) in EVENTS.items():
+    for name, (side, level_deg) in EVENTS.items():
+        elevation = day.on_horizon(level_deg)
         moment = day.noon if elevation is None else day.crossing(side, elevation)
         if moment is None:
             rows.append(TwilightTime(name, None, float(elevation or 0.0), None))
@@ -118,6 +123,9 @@ class _Day:
     """From the solar midnight before a date's noon to the one after it."""
 
     def __init__(self, date: dt.date, latitude_deg: float, longitude_deg: float, zone: str | None, altitude_km: float):
+        if not YEARS[0] <= date.year <= YEARS[1]:
+            raise TwilightError(f"at: the date {date} is outside the years {YEARS[0]} to {YEARS[1]}")
+        self.dip_deg = float(np.degrees(np.arccos(EARTH_RADIUS_KM / (EARTH_RADIUS_KM + max(altitude_km, 0.0)))))
         self.place = (latitude_deg, longitude_deg, altitude_km)
         self.zone = None if zone is None else zone_of(zone)
         try:
@@ -129,8 +137,12 @@ class _Day:
             half = dt.timedelta(hours=12)
             self.midnights = self._extreme(self.noon - half, False), self._extreme(self.noon + half, False)
         except OverflowError:
-            raise TwilightError(f"at: the date {date} is outside the years 1 to 9999") from None
+            raise TwilightError(f"at: the date {date} is outside the years {YEARS[0]} to {YEARS[1]}") from None
         self.highest_deg = self._elevation([self.noon])[0]
+
+    def on_horizon(self, elevation_deg: float | None) -> float | None:
+        """Elevation [deg] of an event for the altitude: sunrise and sunset are on the horizon, which dips."""
+        return elevation_deg if elevation_deg != SUNRISE_DEG else SUNRISE_DEG - self.dip_deg
 
     def _elevation(self, moments: list[dt.datetime]) -> np.ndarray:
         latitude, longitude, altitude = self.place

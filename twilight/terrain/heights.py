@@ -9,18 +9,20 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.base.extras import missing
 from twilight.base.reading import check_npy
 from twilight.config.terrain import Terrain
+from twilight.terrain.geotiff import Land, check_shape, read_geotiff
 
-MOST_POINTS = 4096
-"""Most altitudes along a side of a file."""
+LOWEST_M, HIGHEST_M = -500.0, 9000.0
+"""Altitudes [m] between which all land lies: the shore of the Dead Sea at -430 m, Everest at 8849 m."""
+NO_LAND_KM = -1e9
+"""Altitude that stands for no land within a field [km]."""
 SHIPPED = {"jacksboro": (30.1, 31.8)}
 """Extents (x, y) [km] of the fields of heights in `data/terrain`."""
 
 
 class Heights(NamedTuple):
-    """Altitudes above sea level [km], (N, M), on a level sphere around the observer.
+    """Altitudes above sea level [km], (N, M), on a level sphere around the observer; NO_LAND_KM: none there.
 
     low_x_km, low_y_km: place of altitude_km[0, 0], x to the right of the sun and y towards it, distances along the
     sphere; step_km (2,): of columns (x) and rows (y), in the axes turned by cos_turn, sin_turn.
@@ -49,20 +51,6 @@ class Standpoint(NamedTuple):
     sun_azimuth_deg: float
 
 
-class HeightRaster(NamedTuple):
-    """A file of altitudes [m], the northern or far side first.
-
-    size_km: extent (x, y) where the file knows it; column, row: of the observer, counted from the first pixel's centre,
-    and grid_north_deg: azimuth of the columns' direction there, where file and observer have a place.
-    """
-
-    metres: np.ndarray
-    size_km: tuple[float, float] | None = None
-    column: float | None = None
-    row: float = 0.0
-    grid_north_deg: float = 0.0
-
-
 def heights_of(terrain: Terrain, folder: Path | None = None, standpoint: Standpoint | None = None) -> Heights:
     """The heights that a configuration names; paths count from `folder`.
 
@@ -71,7 +59,6 @@ def heights_of(terrain: Terrain, folder: Path | None = None, standpoint: Standpo
     Errors: TwilightError for a file that cannot be read, holds something else or lies elsewhere.
     """
     size_x = size_y = terrain.size_km
-    raster: HeightRaster | None = None
     if terrain.heights in _FORMULAS:
         u = (np.arange(terrain.count) + 0.5) / terrain.count - 0.5
         x, y = np.meshgrid(u, u)
@@ -82,106 +69,86 @@ def heights_of(terrain: Terrain, folder: Path | None = None, standpoint: Standpo
             altitude = np.load(file)[::-1] / 1000.0
         size_x, size_y = SHIPPED[terrain.heights]
     else:
-        path = Path(terrain.heights) if folder is None else folder / terrain.heights
-        raster = _read(path, standpoint)
-        if raster.size_km is not None:
-            size_x, size_y = raster.size_km
-        else:
-            size_y = size_x * raster.metres.shape[0] / raster.metres.shape[1]
-        altitude = raster.metres[::-1] / 1000.0
-    turn = np.radians(terrain.azimuth_deg)
-    rows, columns = altitude.shape
-    step_x, step_y = size_x / columns, size_y / rows
-    low_x, low_y = -0.5 * size_x + 0.5 * step_x, terrain.distance_km - 0.5 * size_y + 0.5 * step_y
-    if standpoint is not None and raster is not None and raster.column is not None:
-        if terrain.model_fields_set & {"distance_km", "azimuth_deg"}:
-            raise TwilightError(
-                f"terrain: {terrain.heights} has coordinates, and the observer a place; leave out distance_km and "
-                "azimuth_deg"
-            )
-        low_x, low_y = -raster.column * step_x, -(rows - 1 - raster.row) * step_y
-        turn = -np.radians(standpoint.sun_azimuth_deg - raster.grid_north_deg)
+        return _of_file(terrain, Path(terrain.heights) if folder is None else folder / terrain.heights, standpoint)
+    step_x, step_y = size_x / altitude.shape[1], size_y / altitude.shape[0]
+    return _made(altitude, *_corner(terrain, size_x, size_y), step_x, step_y, terrain.azimuth_deg)
+
+
+def _corner(terrain: Terrain, size_x_km: float, size_y_km: float) -> tuple[float, float]:
+    """Place (x, y) [km] of the near left corner of a field whose middle lies distance_km away."""
+    return -0.5 * size_x_km, terrain.distance_km - 0.5 * size_y_km
+
+
+def _made(
+    altitude: np.ndarray, left: float, near: float, step_x: float, step_y: float, turn_deg: float
+) -> Heights:  # fmt: skip
+    """Heights of altitudes [km], NaN where there is no land; left, near [km]: the corner of the first cell."""
+    turn = np.radians(turn_deg)
     return Heights(
-        np.ascontiguousarray(altitude, dtype=np.float32),
-        low_x,
-        low_y,
+        np.ascontiguousarray(np.where(np.isnan(altitude), NO_LAND_KM, altitude), dtype=np.float32),
+        left + 0.5 * step_x,
+        near + 0.5 * step_y,
         step_x,
         step_y,
         float(np.cos(turn)),
         float(np.sin(turn)),
-        float(altitude.max()),
+        float(np.nanmax(altitude)),
     )
 
 
-def _read(path: Path, standpoint: Standpoint | None) -> HeightRaster:
-    """A .npy or GeoTIFF file; TwilightError where it is neither, or does not hold the observer's place."""
+def _of_file(terrain: Terrain, path: Path, standpoint: Standpoint | None) -> Heights:
+    """The heights of a .npy or GeoTIFF file."""
     if not path.is_file():
         raise TwilightError(f"terrain.heights: there is no file {path}")
-    about = HeightRaster(np.empty((0, 0)))
+    land, about_observer = Land(np.empty((0, 0))), False
     if path.suffix.lower() == ".npy":
-        try:
-            check_npy(path)
-            values = np.load(path, allow_pickle=False)
-        except (ValueError, OSError, EOFError):
-            raise TwilightError(f"{path}: is not a .npy file of numbers") from None
+        land = Land(_npy(path))
     else:
-        try:
-            import rasterio  # optional
-        except ImportError:
-            raise missing("rasterio", f"{path}: reading GeoTIFF") from None
-        try:
-            with rasterio.open(path) as file:
-                _check_shape(path, file.shape)
-                values = file.read(1, masked=True).filled(np.nan)
-                about = about._replace(size_km=_size_km(file))
-                if standpoint is not None and file.crs is not None:
-                    about = _stand_on(about, file, path, standpoint)
-        except rasterio.errors.RasterioError as error:
-            raise TwilightError(f"{path}: cannot be read as GeoTIFF ({error})") from None
-    _check_shape(path, values.shape)
-    if not np.issubdtype(values.dtype, np.number):
-        raise TwilightError(f"{path}: must hold altitudes, has {values.dtype}")
-    values = np.asarray(values, dtype=float)
-    if not np.isfinite(values).all() or values.min() < -1000.0 or values.max() > 100000.0:
-        raise TwilightError(f"{path}: altitudes must be numbers from -1000 to 100000 m without gaps")
-    return about._replace(metres=values)
-
-
-def _check_shape(path: Path, shape: tuple[int, ...]) -> None:
-    if len(shape) != 2 or min(shape) < 2 or max(shape) > MOST_POINTS:
-        raise TwilightError(f"{path}: must hold 2 x 2 to {MOST_POINTS} x {MOST_POINTS} altitudes, has {shape}")
-
-
-def _stand_on(raster: HeightRaster, file, path: Path, standpoint: Standpoint) -> HeightRaster:
-    """The raster with the observer's column and row and the direction of its columns there."""
-    from rasterio.warp import transform  # optional
-
-    step_deg = 0.01
-    latitudes = [standpoint.latitude_deg, standpoint.latitude_deg + step_deg]
-    longitude = (standpoint.longitude_deg + 180.0) % 360.0 - 180.0
-    x, y = transform("EPSG:4326", file.crs, [longitude, longitude], latitudes)
-    inverse = ~file.transform
-    column = inverse.a * x[0] + inverse.b * y[0] + inverse.c
-    row = inverse.d * x[0] + inverse.e * y[0] + inverse.f
-    rows, columns = file.shape
-    if not (0.0 <= column <= columns and 0.0 <= row <= rows):
+        place = None if standpoint is None else (standpoint.latitude_deg, standpoint.longitude_deg)
+        land, about_observer = read_geotiff(path, place)
+    _check_heights(path, land.metres)
+    altitude = land.metres[::-1] / 1000.0
+    rows, columns = altitude.shape
+    if land.step_m is None:
+        step = terrain.size_km / columns
+        return _made(altitude, *_corner(terrain, terrain.size_km, step * rows), step, step, terrain.azimuth_deg)
+    step = land.step_m / 1000.0
+    if "size_km" in terrain.model_fields_set:
+        raise TwilightError(f"terrain: {terrain.heights} says itself how large it is; leave out size_km")
+    left, near = land.west_m / 1000.0 - 0.5 * step, land.north_m / 1000.0 + (0.5 - rows) * step
+    if not about_observer:
+        return _made(altitude, left, near + terrain.distance_km, step, step, terrain.azimuth_deg)
+    assert standpoint is not None
+    if terrain.model_fields_set & {"distance_km", "azimuth_deg"}:
         raise TwilightError(
-            f"{path}: the observer at latitude {standpoint.latitude_deg:g}, longitude {standpoint.longitude_deg:g} "
-            "stands outside of it"
+            f"terrain: {terrain.heights} has coordinates, and the observer a place; leave out distance_km and "
+            "azimuth_deg"
         )
-    # how far the grid's north, up its columns, is turned clockwise from true north
-    north = -np.degrees(np.arctan2(x[1] - x[0], y[1] - y[0]))
-    return raster._replace(column=column - 0.5, row=row - 0.5, grid_north_deg=float(north))
+    return _made(altitude, left, near, step, step, -standpoint.sun_azimuth_deg)
 
 
-def _size_km(file) -> tuple[float, float]:
-    """Extent (x, y) [km] of a raster in degrees or metres."""
-    bounds = file.bounds
-    across, up = bounds.right - bounds.left, bounds.top - bounds.bottom
-    if file.crs is not None and file.crs.is_geographic:
-        per_degree = np.pi / 180.0 * 6371.0
-        return across * per_degree * float(np.cos(np.radians(0.5 * (bounds.top + bounds.bottom)))), up * per_degree
-    return across / 1000.0, up / 1000.0
+def _npy(path: Path) -> np.ndarray:
+    """Altitudes [m] of a .npy file."""
+    try:
+        check_npy(path)
+        values = np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError):
+        raise TwilightError(f"{path}: is not a .npy file of numbers") from None
+    check_shape(path, values.shape)
+    if not np.issubdtype(values.dtype, np.integer) and not np.issubdtype(values.dtype, np.floating):
+        raise TwilightError(f"{path}: must hold altitudes, has {values.dtype}")
+    if not np.isfinite(values).all():
+        raise TwilightError(f"{path}: altitudes must be numbers without gaps")
+    return np.asarray(values, dtype=float)
+
+
+def _check_heights(path: Path, metres: np.ndarray) -> None:
+    low, high = float(np.nanmin(metres)), float(np.nanmax(metres))
+    if low < LOWEST_M or high > HIGHEST_M:
+        raise TwilightError(
+            f"{path}: altitudes must be from {LOWEST_M:g} to {HIGHEST_M:g} m, as land has them; it has {low:g} to "
+            f"{high:g} m: is its unit or its scale another one, or a number that stands for no land not marked as such?"
+        )
 
 
 def _ridges(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:

@@ -36,15 +36,19 @@ NOTHING_KM = -1e9
 """Altitude that stands for no ground and no shadow [km]."""
 BEYOND_KM = -1e8
 """Lower altitudes than this are beyond the field [km]."""
+MOST_STEPS = 20_000
+"""Bound on the steps of a search along a line: after so many it has grown by exp(0.002 x 19,500), past any length."""
 
 
 @njit(cache=True, inline="always")
 def bilinear(z, u, v):
-    """z (rows, columns) at the place (u, v), column u and row v; far below beyond its edges."""
+    """z (rows, columns) at the place (u, v), column u and row v; far below beyond its edges and beside gaps."""
     rows, columns = z.shape
     if not (0.0 <= u <= columns - 1.0 and 0.0 <= v <= rows - 1.0):
         return NOTHING_KM
     i, j = min(int(v), rows - 2), min(int(u), columns - 2)
+    if min(min(z[i, j], z[i, j + 1]), min(z[i + 1, j], z[i + 1, j + 1])) < BEYOND_KM:
+        return NOTHING_KM
     f, g = v - i, u - j
     return (1 - f) * ((1 - g) * z[i, j] + g * z[i, j + 1]) + f * ((1 - g) * z[i + 1, j] + g * z[i + 1, j + 1])
 
@@ -69,7 +73,7 @@ def place_on(start_km, radius_km, sine, cosine, s):
     return altitude, radius_km * math.atan2(s * cosine, r + s * sine)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def first_hits(field, radius_km, bottom_km, start_km, elevation, azimuth, far_km, out, begin, end):
     """Distance [km] of the ground along lines, into out (D,); inf: there is none.
 
@@ -81,14 +85,16 @@ def first_hits(field, radius_km, bottom_km, start_km, elevation, azimuth, far_km
         sine_azimuth, cosine_azimuth = math.sin(azimuth[d]), math.cos(azimuth[d])
         out[d] = np.inf
         s, before = 0.0, 0.0
-        while s < far_km:
+        for _ in range(MOST_STEPS):
+            if s >= far_km:
+                break
             s += max(finest, 0.002 * s)
             z, along = place_on(start_km, radius_km, sine, cosine, s)
             if z > field.highest_km and sine >= 0.0:
                 break
             if max(bottom_km, height_at(field, along * sine_azimuth, along * cosine_azimuth)) > z:
                 low, high = before, s
-                for _ in range(24):
+                for _halving in range(24):
                     middle = 0.5 * (low + high)
                     z, along = place_on(start_km, radius_km, sine, cosine, middle)
                     if max(bottom_km, height_at(field, along * sine_azimuth, along * cosine_azimuth)) > z:
@@ -100,7 +106,7 @@ def first_hits(field, radius_km, bottom_km, start_km, elevation, azimuth, far_km
             before = s
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def shadow_over(field, radius_km, x, y, sun):
     """Altitude [km] below which the air over a place does not see the sun; sun: apparent elevation at the origin."""
     slope = math.tan(sun + y / radius_km)
@@ -116,7 +122,9 @@ def shadow_over(field, radius_km, x, y, sun):
         return highest
     t = max(finest, middle_y - circle_km - y)
     last = middle_y + circle_km - y
-    while t < last:
+    for _ in range(MOST_STEPS):
+        if t >= last:
+            break
         z = height_at(field, x, y + t)
         if z > BEYOND_KM:
             highest = max(highest, z - t * slope - t * t / (2.0 * radius_km))
@@ -124,7 +132,7 @@ def shadow_over(field, radius_km, x, y, sun):
     return highest
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def shadow_field(field, radius_km, sun, x, y, out, begin, end):
     """`shadow_over` at places x (M,) and y (N,), rows begin..end of out (N, M)."""
     for i in range(begin, end):
@@ -139,7 +147,7 @@ def neighbour(field, x, y, here):
     return here if z < BEYOND_KM else z
 
 
-@njit(inner=True, cache=True, nogil=True)
+@njit(inner=True, cache=True)
 def slopes(field, x, y, step_km):
     """Rise of the ground per km to the right and towards the sun at a place; step_km: between the places compared."""
     here = height_at(field, x, y)
@@ -177,7 +185,7 @@ def shadow_at(shadow, x, y):
     return bilinear(shadow.altitude_km, u, v)
 
 
-@njit(inner=True, cache=True, nogil=True)
+@njit(inner=True, cache=True)
 def dark_fractions(shadow, radius_km, start_km, sine, cosine, sine_azimuth, cosine_azimuth, ds, fraction):
     """The fraction of every step of a line that lies in shadow, into fraction (N,); returns the dark length [km].
 
@@ -202,7 +210,7 @@ def dark_fractions(shadow, radius_km, start_km, sine, cosine, sine_azimuth, cosi
     return length
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def sunlight_on_lines(
     shadow, air, beam, radius_km, start_km, to_sun, elevation, azimuth, end_km, steps, every, whole, dark, length,
     begin, end
@@ -245,7 +253,7 @@ def sunlight_on_lines(
                 depth[w] += here
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def lit_ground(field, beam, radius_km, start_km, sun, true_sun, elevation, azimuth, far_km, direct, about, begin, end):
     """The sun's irradiance of the ground where lines (D,) end, over F0, direct (D, W).
 

@@ -71,11 +71,7 @@ def add_terrain(
     Errors: TwilightError where the observer is under the ground.
     """
     radius = medium.earth_radius_km
-    under = height_at(heights, 0.0, 0.0)
-    if under > place.altitude_km:
-        raise TwilightError(
-            f"observer.altitude_km is {place.altitude_km:.3f}, below the terrain there ({under:.3f} km)"
-        )
+    check_above(heights, place.altitude_km)
     azimuth_deg, elevation_deg = azimuth_elevation(rays)
     inside = np.isfinite(elevation_deg)
     e, a = np.radians(elevation_deg[inside]), np.radians(azimuth_deg[inside])
@@ -95,6 +91,13 @@ def add_terrain(
     distance = np.full(inside.shape, np.nan)
     distance[inside] = far
     return TerrainView(whole, distance)
+
+
+def check_above(heights: Heights, altitude_km: float) -> None:
+    """TwilightError where an observer is under the ground."""
+    under = height_at(heights, 0.0, 0.0)
+    if under > altitude_km:
+        raise TwilightError(f"observer.altitude_km is {altitude_km:.3f}, below the terrain there ({under:.3f} km)")
 
 
 class _Lines:

@@ -24,6 +24,10 @@ LOWEST_OBSERVER_KM = 1e-4
 """Distance of an observer from a boundary of the shells within which it is taken as on it [km]."""
 
 
+ON_GROUND_KM = 0.1
+"""Height up to which an observer sees no air between himself and the ground [km]."""
+
+
 class ScatteredOnce:
     """Light scattered once by the aerosol of a medium, for one observer.
 
@@ -38,6 +42,8 @@ class ScatteredOnce:
         self._bands = bands
         terms = medium if bands is None else bands.expand(medium)
         self._phases = terms.phase_functions
+        dip = np.degrees(np.sqrt(2.0 * height / terms.earth_radius_km))
+        self._ground_deg = -float(dip) if height <= ON_GROUND_KM else -90.0
         boundary = ALTITUDE_KM
         within = height <= ALTITUDE_KM[-1]
         if within and np.abs(boundary - height).min() > LOWEST_OBSERVER_KM:
@@ -79,12 +85,16 @@ class ScatteredOnce:
         return self._shells.apparent_elevation_deg(sun_elevation_deg)
 
     def light(self, sun_elevation_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
-        """Light / F0 on rows (E,) and columns (A,), (E, A, W); rows below the horizontal as the lowest above it."""
+        """Light / F0 on rows (E,) and columns (A,), (E, A, W); rows below the horizontal as the lowest above it.
+
+        The ground in front of an observer who stands on it has none.
+        """
         if self.log_phase is None:
             return None
         rows = np.maximum(elevation_deg, 0.0)
         unique, back = np.unique(rows, return_inverse=True)
         factors = self._shells.scattered_once(sun_elevation_deg, unique, azimuth_deg)[:, back]
+        factors[:, elevation_deg < self._ground_deg] = 0.0
         apparent = self.apparent_sun_deg(sun_elevation_deg)
         cosine = np.cos(scattering_angle_rad(apparent, elevation_deg[:, None], azimuth_deg))
         out = sum(np.moveaxis(p(cosine), 0, -1) * part for p, part in zip(self._phases, factors, strict=True))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.engine import Solved
+from twilight.engine import Field
 from twilight.numerics.spectrum import wavelength_bounds
 from twilight.sky.night import light
 from twilight.sky.night.veil import veil
@@ -18,12 +18,12 @@ MEAN_ROWS_DEG = (np.arange(30) + 0.5) * 3.0
 
 
 def sky_elevations(horizon_deg: float) -> np.ndarray:
-    """Elevations [deg] of the nodes, closer towards the horizon: those of the sky in the layout `twilight`."""
+    """Elevations [deg] of the nodes, closer towards the horizon."""
     return horizon_deg + (90.0 - horizon_deg) * np.linspace(0.0, 1.0, NODES) ** 2
 
 
 def sunbeam(
-    solved: Solved, channels: Channels, altitude_km: float, nodes_deg: np.ndarray
+    solved: Field, channels: Channels, altitude_km: float, nodes_deg: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Refraction and light of the sun's disc at apparent elevations (N,) [deg], from the horizon up.
 

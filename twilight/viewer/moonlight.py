@@ -50,7 +50,8 @@ class MoonColours:
 
     @classmethod
     def of(cls, spectra: np.ndarray, channels: Channels) -> MoonColours:
-        """From spectra (N, W) of an air over the sun's irradiance [sr^-1]: least squares of relative residuals."""
+        """From spectra (..., W) of an air over the sun's irradiance [sr^-1]: least squares of relative residuals."""
+        spectra = spectra.reshape(-1, spectra.shape[-1])
         spectra = spectra[spectra.min(axis=-1) > DARK]
         sunlit, found = channels.of(spectra), []
         for phase in PHASES_DEG:

@@ -22,18 +22,17 @@ class Pack:
     arrays: dict[str, Any] = field(default_factory=dict)
     parts: list[bytes] = field(default_factory=list)
 
-    def logarithm(self, name: str, values: np.ndarray) -> None:
-        """Add positive values as 16 bits of their logarithm.
+    def logarithm(self, name: str, logs: np.ndarray) -> None:
+        """Add logarithms of light in 16 bits.
 
         Stored are differences along the last axis, modulo 65536: first all high bytes, then all low ones.
         """
-        logs = np.log(values)
         low, high = float(logs.min()), float(logs.max())
         step = max(high - low, 1e-9) / LEVELS
         whole = np.rint((logs - low) / step).astype(np.int64)
         change = np.diff(whole, axis=-1, prepend=0) % 65536
         self._add(
-            name, values.shape, (change >> 8).astype(np.uint8).tobytes() + (change & 255).astype(np.uint8).tobytes()
+            name, logs.shape, (change >> 8).astype(np.uint8).tobytes() + (change & 255).astype(np.uint8).tobytes()
         )
         self.arrays[name] |= {"kind": "log16", "low": low, "step": step}
 

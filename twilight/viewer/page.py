@@ -26,7 +26,7 @@ def _program() -> dict[str, str]:
     def text(name: str) -> str:
         return folder.joinpath(name).read_text(encoding="utf-8")
 
-    shaders = {name: text(name) for name in (*SHADERS, "projection.glsl", "space.glsl", "tone.glsl")}
+    shaders = {name: text(name) for name in (*SHADERS, "projection.glsl", "space.glsl", "table.glsl", "tone.glsl")}
     shaders["tone.glsl"] = shaders["tone.glsl"].replace("//#include constants.glsl", tones.shader_constants())
     script = "\n".join(text(f"{name}.js") for name in SCRIPTS)
     return {
@@ -36,12 +36,21 @@ def _program() -> dict[str, str]:
     }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Page:
     """A page that shows a sky in a browser; in a notebook it shows itself."""
 
     pack: Pack
     title: str
+
+    def __repr__(self) -> str:
+        """What it is, how large, and what to do with it."""
+        size = sum(map(len, self.pack.parts)) / 1e6
+        return (
+            f"<Page: {self.title}\n"
+            f"  {len(self.pack.arrays)} tables, {size:.1f} MB\n"
+            f"  shows itself in a notebook; save(path) writes one HTML file that needs WebGL 2 and no network>"
+        )
 
     @property
     def html(self) -> str:

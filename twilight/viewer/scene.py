@@ -11,29 +11,32 @@ from twilight import __version__
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
-from twilight.engine import Solved
+from twilight.engine import Field
+from twilight.engine.sun_tables import LOWEST_SUN_DEG as LOWEST_TABLE_DEG
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene import Scene
 from twilight.sky.sky import Sky
 from twilight.sky.stars import bright_stars
-from twilight.studies.export import sky_tables
-from twilight.studies.export.field_values import FieldSource
+from twilight.sky.table import DARKEST, SkyTable
 from twilight.viewer import lines, space, tables, tones
 from twilight.viewer.colours import Channels
 from twilight.viewer.moonlight import MoonColours, page_header
 from twilight.viewer.pack import Pack
 from twilight.viewer.page import Page
+from twilight.viewer.textures import padded_columns
 
 MOST_FIELDS = 2
 """Skies that a page shows beside each other."""
 LOWEST_SUN_DEG = -18.0
-"""Lowest sun that the page shows."""
+"""Lowest sun that the page shows [deg]."""
 INNER_KM = (2.0, 5.0, 10.0, 20.0, 40.0, 65.0)
 """Heights above the ground of the observers of `ground_to_orbit` within the air."""
 ORBIT_KM = 1000.0
 """Height of the highest observer of `ground_to_orbit`."""
 HIGHEST_KM = 40000.0
 """Highest observer, beyond a geostationary orbit."""
+FAINTEST = 1e-30
+"""Light of one computed sky below which its logarithm is not taken [sr^-1]."""
 GRID_ROWS = 91
 """Elevations of one computed sky: each degree."""
 GRID_COLUMNS = 180
@@ -41,14 +44,14 @@ GRID_COLUMNS = 180
 
 
 def view_fields(
-    fields: Sequence[Solved],
+    fields: Sequence[Field],
     *,
     names: Sequence[str] | None = None,
     scenes: Sequence[str] | None = None,
     altitudes_km: Sequence[float] | None = None,
     solar_spectrum: str = DEFAULT_SOLAR_SPECTRUM,
     start: dict[str, Any] | None = None,
-    sizes: tables.ViewerTableSizes | None = None,
+    nodes: tables.PageNodes | None = None,
     progress: Progress | None = None,
 ) -> Page:
     """The page of one field, or of two side by side.
@@ -69,8 +72,8 @@ def view_fields(
         Name of the solar spectrum that radiances are multiplied with.
     start
         The page's first settings, by the names of `web/state.js`.
-    sizes
-        Texels of the tables; None: the usual ones.
+    nodes
+        Rows and columns of the tables; None: the usual ones.
     progress
         Called as progress(doing, fraction) now and then.
 
@@ -85,7 +88,7 @@ def view_fields(
     """
     if not 1 <= len(fields) <= MOST_FIELDS:
         raise TwilightError(f"view: shows 1 or {MOST_FIELDS} fields, not {len(fields)}")
-    tell, sizes = progress or silent, sizes or tables.ViewerTableSizes()
+    tell, nodes = progress or silent, nodes or tables.PageNodes()
     names = names or [solved.medium.name or f"field {i + 1}" for i, solved in enumerate(fields)]
     asked = check_altitudes(fields[0].scene, altitudes_km, names[0])
     altitudes, orbit_km = within_air(fields[0].medium, asked)
@@ -94,17 +97,19 @@ def view_fields(
         "altitude_km": list(altitudes),
         "ground_km": min(solved.medium.bottom_km for solved in fields),
         "highest_km": asked[-1],
-        "texels": _texels(sizes.suns, sizes.ground, sizes.haze, sizes.sky, sizes.azimuths),
+        "rise": [part.tolist() for part in nodes.rises()],
+        "least_haze_deg": tables.LEAST_HAZE_DEG,
+        "column_deg": padded_columns(nodes.columns_deg)[0].tolist(),
+        "spectrum_column_deg": padded_columns(nodes.columns_deg[::2])[0].tolist(),
+        "spectrum_rows": nodes.every_second_row().tolist(),
         "sun_deg": [LOWEST_SUN_DEG, 90.0],
-        "sun_axis": [sky_tables.LOWEST_SUN_DEG, sky_tables.SUN_CENTRE_DEG, sky_tables.SUN_WIDTH_DEG],
-        "azimuth_power": sky_tables.AZIMUTH_POWER,
         "moon": page_header(),
     }
     if orbit_km:
         pack.header["space"] = {
             "from_km": altitudes[-1],
-            "limb": sizes.limb,
-            "limb_power": space.LIMB_POWER,
+            "spectrum_rows": nodes.every_second_row(space=True).tolist(),
+            "line_power": space.LINE_POWER,
             "edge_km": space.TOP_EDGE_KM,
             "lines_to_km": space.LINES_TO_KM,
         }
@@ -112,7 +117,7 @@ def view_fields(
         check_altitudes(solved.scene, asked, names[k])
         _check_suns(solved, names[k])
         fraction = part_of(tell, k / len(fields), 1.0 / len(fields), names[k])
-        _add_field(pack, k, solved, Channels(solved.medium.wavelength_nm, solar_spectrum), altitudes, sizes, fraction)
+        _add_field(pack, k, solved, Channels(solved.medium.wavelength_nm, solar_spectrum), altitudes, nodes, fraction)
     _add_tones(pack)
     pack.numbers("zodiacal", np.log(lines.zodiacal_table()))
     pack.numbers("stars", _stars())
@@ -122,41 +127,57 @@ def view_fields(
 def _add_field(
     pack: Pack,
     k: int,
-    solved: Solved,
+    solved: Field,
     channels: Channels,
     altitudes: tuple[float, ...],
-    sizes: tables.ViewerTableSizes,
+    nodes: tables.PageNodes,
     progress: Progress,
 ) -> None:
     """The tables and lines of one field."""
-    source = FieldSource(solved, solved.medium, bool(getattr(solved.scene.settings, "refraction", False)))
     steps = len(altitudes) + 2 * ("space" in pack.header)
-    made = tables.fill(source, channels, altitudes, sizes, part_of(progress, 0.0, len(altitudes) / steps))
-    colours = MoonColours.of(made.spectrum.reshape(channels.wavelength_nm.size, -1).T, channels)
+    spectra = [
+        tables.spectra_at(solved, z, nodes, part_of(progress, i / steps, 1.0 / steps)) for i, z in enumerate(altitudes)
+    ]
+    edges = [tables.horizon_and_haze_deg(solved, altitude) for altitude in altitudes]
+    suns, kept = spectra[0].sun_elevation_deg, space.every_second(spectra[0].sun_elevation_deg.size)
+    light = [one.light_at_nodes()[kept][:, nodes.every_second_row()][:, :, ::2] for one in spectra]
+    colours = MoonColours.of(np.stack(light), channels)
     pack.header["fields"].append(
         _facts(channels)
         | {
-            "horizon_deg": made.horizon_deg.tolist(),
-            "haze_deg": made.haze_deg.tolist(),
-            "haze_top_km": source.haze_top_km(),
+            "sun_node_deg": suns.tolist(),
+            "spectrum_sun_deg": suns[kept].tolist(),
+            "lift_deg": [(one.apparent_sun_deg - suns).tolist() for one in spectra],
+            "horizon_deg": [horizon for horizon, _ in edges],
+            "haze_deg": [haze for _, haze in edges],
+            "haze_top_km": tables.haze_top_km(solved),
         }
         | colours.page_header(channels.wavelength_nm)
     )
-    _add_tables(pack, k, "", made)
+    seen = [one.seen(channels.of) for one in spectra]
+    _add_tables(pack, f"sky{k}", f"aureole{k}", seen)
+    _add_spectrum(pack, f"spectrum{k}", [np.log(np.maximum(one, 1e-37)) for one in light])
+    if seen[0].log_phase is not None:
+        pack.numbers(f"phase{k}", seen[0].log_phase)
     for i, altitude in enumerate(altitudes):
-        nodes = lines.sky_elevations(float(made.horizon_deg[i]))
-        _add_lines(pack, channels, f"{k}_{i}", lines.sunbeam(solved, channels, altitude, nodes),
-                   lines.night(solved.medium, altitude, nodes))  # fmt: skip
+        places = lines.sky_elevations(edges[i][0])
+        _add_lines(pack, channels, f"{k}_{i}", lines.sunbeam(solved, channels, altitude, places),
+                   lines.night(solved.medium, altitude, places))  # fmt: skip
     if "space" not in pack.header:
         return
-    made, geometry = space.fill_space(source, channels, sizes, part_of(progress, len(altitudes) / steps, 2.0 / steps))
+    made, coarse, geometry = space.fill_space(
+        solved, channels, nodes, part_of(progress, len(altitudes) / steps, 2.0 / steps)
+    )
     pack.header["fields"][k] |= {
         "radius_km": solved.medium.earth_radius_km,
         "grazing_km": geometry.grazing_km,
-        "haze_km": geometry.haze_km,
         "top_radius_km": geometry.top_radius_km,
+        "space_sun_deg": made.sun_elevation_deg.tolist(),
+        "space_row": made.elevation_deg.tolist(),
+        "space_spectrum_sun_deg": coarse.sun_elevation_deg.tolist(),
     }
-    _add_tables(pack, k, "space_", made)
+    _add_tables(pack, f"space_sky{k}", f"space_aureole{k}", [made])
+    _add_spectrum(pack, f"space_spectrum{k}", [coarse.smooth])
     above = solved.medium.earth_radius_km + space.ABOVE_AIRGLOW_KM
     _add_lines(
         pack,
@@ -167,12 +188,19 @@ def _add_field(
     )
 
 
-def _add_tables(pack: Pack, k: int, where: str, made: tables.ViewerTables) -> None:
-    pack.logarithm(f"{where}sky{k}", made.sky)
-    pack.logarithm(f"{where}spectrum{k}", made.spectrum)
-    if made.aureole is not None and made.phase is not None:
-        pack.logarithm(f"{where}aureole{k}", made.aureole)
-        pack.numbers(f"phase{k}", np.log(made.phase))
+def _add_tables(pack: Pack, smooth: str, aureole: str, made: list[SkyTable]) -> None:
+    """S and A of tables at several altitudes, columns as `padded_columns` has them: (4, altitude, sun, row, column)."""
+    _, column = padded_columns(made[0].azimuth_deg)
+    for name, layers in ((smooth, [t.smooth for t in made]), (aureole, [t.aureole for t in made])):
+        held = [layer for layer in layers if layer is not None]
+        if held:
+            pack.logarithm(name, np.moveaxis(np.stack(held)[:, :, :, column], -1, 0))
+
+
+def _add_spectrum(pack: Pack, name: str, logs: list[np.ndarray]) -> None:
+    """Logarithms of light (sun, row, column, W) at several altitudes: (W, altitude, sun, row, column)."""
+    _, column = padded_columns(np.arange(logs[0].shape[2]))
+    pack.logarithm(name, np.moveaxis(np.stack(logs)[:, :, :, column], -1, 0))
 
 
 def _add_tones(pack: Pack) -> None:
@@ -215,20 +243,27 @@ def view_sky(sky: Sky, *, name: str = "", start: dict[str, Any] | None = None) -
     rows = np.linspace(0.0, 90.0, GRID_ROWS)
     columns = np.arange(GRID_COLUMNS) * (360.0 / GRID_COLUMNS)
     channels = Channels(sky.wavelength_nm, sky.solar_spectrum)
-    light = np.maximum(channels.of(sky.normalised_radiance), tables.DARK) / sky.distance_au**2
-    light = np.moveaxis(sky.smooth(light, rows[:, None], columns[None, :]), -1, 0)
-    spectra = sky.smooth(np.maximum(sky.normalised_radiance, tables.DARK), rows[::5][:, None], columns[::5][None, :])
+    around = np.concatenate([columns[-2:] - 360.0, columns, columns[:2] + 360.0])
+    light = np.maximum(channels.of(sky.normalised_radiance), FAINTEST) / sky.distance_au**2
+    light = sky.smooth(light, rows[:, None], around[None, :])
+    light = np.log(np.maximum(light, DARKEST * light.max(axis=(0, 1))))
+    few, wide = rows[::5], np.concatenate([columns[::5][-2:] - 360.0, columns[::5], columns[::5][:2] + 360.0])
+    spectra = sky.smooth(np.maximum(sky.normalised_radiance, FAINTEST), few[:, None], wide[None, :])
     pack.header |= {
         "altitude_km": [sky.observer_altitude_km],
         "highest_km": sky.observer_altitude_km,
-        "texels": _texels(1, 0, 0, GRID_ROWS, GRID_COLUMNS),
+        "row_deg": rows.tolist(),
+        "column_deg": around.tolist(),
+        "spectrum_row_deg": few.tolist(),
+        "spectrum_column_deg": wide.tolist(),
         "sun_deg": [sky.sun_elevation_deg, sky.sun_elevation_deg],
         "sun_azimuth_deg": sky.sun_azimuth_deg,
         "distance_au": sky.distance_au,
     }
-    pack.header["fields"].append(_facts(channels) | {"horizon_deg": [0.0], "haze_deg": [0.0]})
-    pack.logarithm("sky0", light[:, None, None])
-    pack.logarithm("spectrum0", np.moveaxis(spectra, -1, 0)[:, None, None])
+    one = {"sun_node_deg": [sky.sun_elevation_deg], "spectrum_sun_deg": [sky.sun_elevation_deg], "lift_deg": [[0.0]]}
+    pack.header["fields"].append(_facts(channels) | one | {"horizon_deg": [0.0], "haze_deg": [0.0]})
+    pack.logarithm("sky0", np.moveaxis(light, -1, 0)[:, None, None])
+    pack.logarithm("spectrum0", np.moveaxis(np.log(np.maximum(spectra, FAINTEST)), -1, 0)[:, None, None])
     _add_tones(pack)
     return Page(pack, f"{name}: sky")
 
@@ -242,11 +277,6 @@ def _about(kind: str, names: Sequence[str], scenes: Sequence[str], start: dict[s
         "start": start,
         "fields": [],
     }
-
-
-def _texels(*counts: int) -> dict[str, int]:
-    """Texels of a page's tables along each of their axes, by the names that its scripts know."""
-    return dict(zip(("sun", "ground", "haze", "sky", "azimuth"), counts, strict=True))
 
 
 def _facts(channels: Channels) -> dict[str, Any]:
@@ -276,10 +306,10 @@ def check_altitudes(scene: Scene, altitudes_km: Sequence[float] | None, name: st
     return altitudes
 
 
-def _check_suns(solved: Solved, name: str) -> None:
+def _check_suns(solved: Field, name: str) -> None:
     """Raise TwilightError for a field that was not solved for all suns."""
     low, high = getattr(solved.blocks[0].field, "sun_range_deg", (-90.0, 90.0))
-    if low > sky_tables.LOWEST_SUN_DEG or high < 90.0:
+    if low > LOWEST_TABLE_DEG or high < 90.0:
         raise TwilightError(f"{name}: its field was solved for suns from {low:g} to {high:g} deg, not for all")
 
 

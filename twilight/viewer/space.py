@@ -5,11 +5,11 @@ An observer above the air sees along a line what any other one on it does.  A li
 where it is nearest to the Earth, or meets the sphere of the grazing ray.  There the terminator stands at the same sun
 for all lines, so that tables over the foot's sun stay smooth where the Earth's edge is half lit.
 
-    ground    angle of the line to the vertical at its foot, 90 (1 - u^2) deg
-    limb      p from p_h, of the ray that grazes the ground (by Bouguer's invariant), by that of the ray that grazes the
-              top of the haze to r_top, as `tables.rows_above` has it with a power of 1.5
+    ground    place: angle of the line to the vertical at its foot [deg]
+    limb      place: 90 + (p - p_h) / km, p_h of the ray that grazes the ground (by Bouguer's invariant); from p_h by
+              the ray that grazes the top of the haze to r_top
 
-u from 0 to 1 over the rows; suns and azimuths are those of the other tables.
+Rows are at the fractions of each part that `tables.PageNodes` has; suns and azimuths are those of the other tables.
 
 The air ends at the radius r_top.  With a scale height H a line that passes s below has erf(sqrt(s / H)) of the light
 that it would have were the air to go on, a root of s whose logarithm no table can hold: the limb is stored over
@@ -22,29 +22,24 @@ which is that function within 0.7 %, and the page multiplies by it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
 
-from twilight.base.progress import Progress
-from twilight.studies.export import sky_tables
-from twilight.studies.export.field_values import JUST_DEG, FieldSource, read_phase
+from twilight.base.progress import Progress, part_of
+from twilight.engine import Field
+from twilight.engine.sun_tables import LOWEST_SUN_DEG, SunTables, suns_between
+from twilight.engine.table import first_columns
+from twilight.numerics.spectrum import hermite_weights
+from twilight.sky.table import SkyTable
+from twilight.transport.apparent_rays import horizon_dip_deg
 from twilight.viewer.colours import Channels
 from twilight.viewer.lines import NODES
-from twilight.viewer.tables import (
-    DARK,
-    LARGEST_FRACTION_ONCE,
-    REST_IN_AUREOLE,
-    ViewerTables,
-    ViewerTableSizes,
-    every_second,
-    rows_above,
-    scattering_cosine,
-)
+from twilight.viewer.tables import PageNodes, between_edges, haze_top_km
+from twilight.viewer.textures import padded_columns
 
-LIMB_POWER = 1.5
-"""Power with which rows stand closer together at the top of the haze."""
+LINE_POWER = 1.5
+"""Power with which nodes of the lines above the air stand closer together at the horizon."""
 TOP_EDGE_KM = 4.7
 """pi H / 4 of `edge`, H = 6 km as of the air at 80 to 100 km."""
 LINES_TO_KM = 300.0
@@ -52,13 +47,11 @@ LINES_TO_KM = 300.0
 ABOVE_AIRGLOW_KM = 320.0
 """Height of the observer for whom the night's light above the air is listed: over all airglow."""
 ENTRY_LOWEST_SUN_DEG = -33.0
-"""Lowest sun for which the field is evaluated where a line enters the air; splines give the suns of its foot."""
-ENTRY_SUNS = 97
-"""Suns of that evaluation."""
-ENTRY_AZIMUTHS = 33
-"""Azimuths of that evaluation."""
-SUNS_AT_ONCE = 24
-"""Suns for which the field is evaluated together, which bounds the memory."""
+"""Lowest sun for which the field is evaluated where a line enters the air; the suns of its foot are read from those."""
+ENTRY_COLUMNS = 33
+"""Azimuths of that evaluation, from the sun to its opposite."""
+LAST_ROW_DEG = -0.02
+"""Elevation of the highest line at the top of the air, which is in the air at all [deg]."""
 
 
 @dataclass(frozen=True)
@@ -72,28 +65,28 @@ class Geometry:
     top_km: float
 
     @classmethod
-    def of(cls, source: FieldSource) -> Geometry:
+    def of(cls, solved: Field) -> Geometry:
         """Geometry of the medium of a field."""
-        medium = source.medium
+        medium = solved.medium
         radius = medium.earth_radius_km + medium.top_km
-        lowest = medium.bottom_km, source.haze_top_km()
-        grazing, haze = (radius * math.cos(math.radians(source.grazing_deg(medium.top_km, z))) for z in lowest)
+        lowest = medium.bottom_km, haze_top_km(solved)
+        grazing, haze = (radius * math.cos(math.radians(horizon_dip_deg(medium, medium.top_km, z))) for z in lowest)
         return cls(grazing, haze, radius, medium.top_km)
 
-    def rows(self, sizes: ViewerTableSizes) -> tuple[np.ndarray, np.ndarray]:
-        """(elevation at the top of the air, angle from there to the foot) (rows,) [deg].
+    def rows(self, nodes: PageNodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(place, elevation at the top of the air [deg], angle from there to the foot [deg]) (rows,).
 
         Ground from the nadir up, then limb from the horizon up.
         """
-        foot = 90.0 * (1.0 - np.linspace(1.0, 0.0, sizes.ground) ** 2)
-        ground = self.grazing_km * np.sin(np.radians(foot))
-        limb = rows_above(self.grazing_km, self.haze_km, self.top_radius_km, sizes.haze, sizes.limb, LIMB_POWER)
-        elevation = -np.degrees(np.arccos(np.concatenate([ground, limb]) / self.top_radius_km))
-        elevation[sizes.ground - 1] -= JUST_DEG
-        elevation[sizes.ground] += JUST_DEG
-        elevation[-1] = -0.02  # a line that is in the air at all
-        central_angle_deg = np.concatenate([foot - (90.0 + elevation[: sizes.ground]), -elevation[sizes.ground :]])
-        return elevation, np.maximum(central_angle_deg, 0.0)
+        above = (p - self.grazing_km for p in (self.haze_km, self.top_radius_km))
+        place = between_edges(nodes.rises(space=True), [0.0, 90.0, *(90.0 + km for km in above)])
+        ground = np.arange(place.size) < nodes.ground
+        foot = np.minimum(place, 90.0)
+        p = np.where(ground, self.grazing_km * np.sin(np.radians(foot)), self.grazing_km + place - 90.0)
+        elevation = -np.degrees(np.arccos(np.minimum(p / self.top_radius_km, 1.0)))
+        elevation[-1] = LAST_ROW_DEG
+        central_angle_deg = np.where(ground, foot - (90.0 + elevation), -elevation)
+        return place, elevation, np.maximum(central_angle_deg, 0.0)
 
     def edge(self, elevation_deg: np.ndarray) -> np.ndarray:
         """Fraction of the light of lines (rows,) by their elevations at the top of the air that its end leaves."""
@@ -103,7 +96,7 @@ class Geometry:
     def line_elevations(self, radius_km: float) -> np.ndarray:
         """Elevations (NODES,) [deg] of lines by their height above the grazing ray, LINES_TO_KM x^1.5, seen from a
         distance from the Earth's centre; positive where they pass above it."""
-        p = self.grazing_km + LINES_TO_KM * np.linspace(0.0, 1.0, NODES) ** LIMB_POWER
+        p = self.grazing_km + LINES_TO_KM * np.linspace(0.0, 1.0, NODES) ** LINE_POWER
         below = -np.degrees(np.arccos(np.minimum(1.0, p / radius_km)))
         return np.where(p < radius_km, below, 1.0 + p - radius_km)
 
@@ -119,63 +112,62 @@ def at_entry(
 
 
 def fill_space(
-    source: FieldSource, channels: Channels, sizes: ViewerTableSizes, progress: Progress
-) -> tuple[ViewerTables, Geometry]:
-    """The tables of a field above the air, with one altitude, and the lines that they are over.
+    solved: Field, channels: Channels, nodes: PageNodes, progress: Progress
+) -> tuple[SkyTable, SkyTable, Geometry]:
+    """Tables above the air by the sun at the foot, whose rows are places: of channels, and of the light at the field's
+    wavelengths at every second node, not split; and the lines that they are over."""
+    geometry = Geometry.of(solved)
+    place, elevation, central_angle_deg = geometry.rows(nodes)
+    entry = SunTables(solved, geometry.top_km, rows_deg=elevation, columns_deg=first_columns(ENTRY_COLUMNS))
+    entering = entry.between(ENTRY_LOWEST_SUN_DEG, 90.0, part_of(progress, 0.0, 0.9, "above the air"))
+    edge = geometry.edge(elevation)
+    edge[: nodes.ground] = 1.0
+    made = _at_feet(entering.seen(channels.of), nodes.columns_deg, edge, central_angle_deg)
+    rows = nodes.every_second_row(space=True)
+    light = np.log(np.maximum(entering.light_at_nodes(), 1e-37))
+    whole = replace(entering, smooth=light, aureole=None, log_phase=None)
+    spectra = _at_feet(whole, nodes.columns_deg[::2], edge, central_angle_deg)
+    suns = every_second(spectra.sun_elevation_deg.size)
+    coarse = replace(
+        spectra,
+        sun_elevation_deg=spectra.sun_elevation_deg[suns],
+        elevation_deg=place[rows],
+        smooth=spectra.smooth[suns][:, rows],
+    )
+    return replace(made, elevation_deg=place), coarse, geometry
 
-    `ViewerTables.spectrum` has every second texel; horizon_deg is the one at the top of the air.
-    """
-    geometry = Geometry.of(source)
-    top = geometry.top_km
-    rows, central_angle_deg = geometry.rows(sizes)
-    places = np.linspace(_sun_place(ENTRY_LOWEST_SUN_DEG), _sun_place(90.0), ENTRY_SUNS)
-    suns = np.clip(sky_tables.SUN_CENTRE_DEG + sky_tables.SUN_WIDTH_DEG * np.sinh(places), ENTRY_LOWEST_SUN_DEG, 90.0)
-    azimuths = np.linspace(0.0, 180.0, ENTRY_AZIMUTHS)
-    elevation, azimuth = np.meshgrid(rows, azimuths, indexing="ij")
-    spectra = np.empty((suns.size, rows.size, azimuths.size, channels.wavelength_nm.size))
-    for j, sun in enumerate(suns):
-        spectra[j] = source.radiance(top, float(sun), elevation, azimuth)
-        progress("above the air", 0.8 * (j + 1) / suns.size)
-    edge = np.where(np.arange(rows.size) < sizes.ground, 1.0, geometry.edge(rows))[:, None, None]
-    spectra /= edge
-    light = np.maximum(channels.of(spectra), DARK)
-    aureole = phase = None
-    if source.phase is not None:
-        phase = channels.of(source.phase) / channels.of(np.ones_like(source.phase))
-        once = np.empty_like(light)
-        for first in range(0, suns.size, SUNS_AT_ONCE):
-            part = slice(first, first + SUNS_AT_ONCE)
-            once[part] = channels.of(source.single_aerosol(top, rows, azimuths, suns[part])) / edge
-        once = np.minimum(once, LARGEST_FRACTION_ONCE * light)
-        once += REST_IN_AUREOLE * (light - once)
-        aureole = once / read_phase(phase, scattering_cosine(elevation, azimuth, suns))
-        light = light - once
-    foot_suns, foot_azimuths = sky_tables.sun_nodes(sizes.suns), sky_tables.azimuth_nodes(sizes.azimuths)
 
-    def at_feet(values: np.ndarray, every_second_row: np.ndarray, step: int) -> np.ndarray:
-        """(C, 1, foot's sun, row, azimuth) of values (S, E, A, C) where lines enter: splines of their logarithms."""
-        s, a = np.meshgrid(foot_suns[::step], foot_azimuths[::step], indexing="ij")
-        out = np.empty((values.shape[-1], 1, s.shape[0], every_second_row.size, s.shape[1]))
-        for r, row in enumerate(every_second_row):
-            sun, away = at_entry(s, a, float(central_angle_deg[row]))
-            place = _sun_place(np.maximum(sun, ENTRY_LOWEST_SUN_DEG))
-            for c in range(values.shape[-1]):
-                log = np.log(np.maximum(values[:, row, :, c], DARK))
-                out[c, 0, :, r] = np.exp(RectBivariateSpline(places, azimuths, log).ev(place, away))
+def every_second(count: int) -> np.ndarray:
+    """Every second of a number of nodes, and the last one."""
+    return np.unique(np.append(np.arange(0, count, 2), count - 1))
+
+
+def _at_feet(table: SkyTable, columns_deg: np.ndarray, edge: np.ndarray, central_angle_deg: np.ndarray) -> SkyTable:
+    """A table over the suns where lines enter the air as one over suns and azimuths of their feet, by its own rule."""
+    suns = suns_between(LOWEST_SUN_DEG, 90.0, table.sun_elevation_deg)
+    s, a = np.meshgrid(suns, columns_deg, indexing="ij")
+    places, column = padded_columns(table.azimuth_deg)
+
+    def moved(layer: np.ndarray | None) -> np.ndarray | None:
+        if layer is None:
+            return None
+        out = np.empty((suns.size, layer.shape[1], columns_deg.size, layer.shape[3]), np.float32)
+        for r, turned in enumerate(central_angle_deg):
+            sun, away = at_entry(s, a, float(turned))
+            i, u = hermite_weights(table.sun_elevation_deg, sun.ravel())
+            j, v = hermite_weights(places, np.abs(away).ravel())
+            weight = (u[:, :, None] * v[:, None, :])[..., None]
+            read = (weight * layer[i[:, :, None], r, column[j][:, None, :]]).sum(axis=(1, 2))
+            out[:, r] = read.reshape(*s.shape, -1) - np.log(edge[r])
         return out
 
-    every = np.arange(rows.size)
-    made = ViewerTables(
-        at_feet(light, every, 1),
-        None if aureole is None else at_feet(aureole, every, 1),
-        at_feet(spectra, every_second(sizes.ground, sizes.haze + sizes.limb), 2),
-        phase,
-        np.array([source.horizon_deg(top)]),
-        np.array([source.grazing_deg(top, source.haze_top_km())]),
+    smooth = moved(table.smooth)
+    assert smooth is not None
+    return replace(
+        table,
+        sun_elevation_deg=suns,
+        apparent_sun_deg=suns,
+        azimuth_deg=columns_deg,
+        smooth=smooth,
+        aureole=moved(table.aureole),
     )
-    progress("above the air", 1.0)
-    return made, geometry
-
-
-def _sun_place(elevation_deg):
-    return np.arcsinh((elevation_deg - sky_tables.SUN_CENTRE_DEG) / sky_tables.SUN_WIDTH_DEG)

@@ -7,24 +7,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from twilight.atmosphere.profiles import GAS_CONSTANT as GAS_CONSTANT
+from twilight.atmosphere.profiles import MOLAR_MASS_DRY as MOLAR_MASS_DRY
+from twilight.atmosphere.profiles import MOLAR_MASS_WATER as MOLAR_MASS_WATER
+from twilight.atmosphere.profiles import STANDARD_GRAVITY as STANDARD_GRAVITY
 from twilight.atmosphere.profiles import magnus_hpa
-
-MOLAR_MASS_DRY = 28.9647e-3
-"""Dry air [kg mol^-1] (Picard et al. 2008, Metrologia 45, 149, with 400 ppm of carbon dioxide: 28.9655)."""
-
-MOLAR_MASS_WATER = 18.01528e-3
-"""[kg mol^-1]."""
 
 MOLAR_MASS_OZONE = 47.9982e-3
 """[kg mol^-1]."""
 
 EPSILON = MOLAR_MASS_WATER / MOLAR_MASS_DRY
-
-GAS_CONSTANT = 8.314462618
-"""J mol^-1 K^-1, exact (SI 2019)."""
-
-STANDARD_GRAVITY = 9.80665
-"""m s^-2: geopotential height is geopotential over this."""
 
 COLDEST_C = -100.0
 """Temperature from which on Magnus' formula is used [C]; its source says -45, below which water hardly matters."""

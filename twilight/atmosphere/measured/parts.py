@@ -86,8 +86,12 @@ Part = AirColumn | OzoneColumn | WaterColumn | AerosolDepth | SizeDistribution |
 
 @dataclass(frozen=True)
 class Reading:
-    """The parts that were taken from one file, and what it holds besides that is not used, in words."""
+    """The parts that were taken from one file, and what it holds besides that is not used, in words.
+
+    warnings: sentences on what lies far from the place and time that were asked for.
+    """
 
     kind: str
     parts: tuple[Part, ...]
     not_used: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...] = field(default=())

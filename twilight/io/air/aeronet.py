@@ -2,8 +2,8 @@
 
 References
 ----------
-Giles et al. 2019, Atmos. Meas. Tech. 12, 169; aeronet.gsfc.nasa.gov, Data Format of version 3: some lines of text, the
-first `AERONET Version 3;`, one line of names of columns, then a row a measurement; -999 is missing.  Of optical depths
+Giles et al. 2019, Atmos. Meas. Tech. 12, 169; aeronet.gsfc.nasa.gov, Data Format of version 3: some lines of text, one
+of them `AERONET Version 3;`, one line of names of columns, then a row a measurement; -999 is missing.  Optical depths:
 AOD_500nm and so on, 440-870_Angstrom_Exponent, Precipitable_Water(cm), Exact_Wavelengths_of_AOD(um)_500nm.  Of
 inversions (Sinyuk et al. 2020, Atmos. Meas. Tech. 13, 3375) the volume dV/dln r [um^3 um^-2] in columns named by the
 radius [um], Refractive_Index-Real_Part[440nm], AOD_Extinction-Total[440nm] and so on.
@@ -26,6 +26,8 @@ from twilight.io.air.place_and_time import PlaceAndTime, spoken
 
 HEAD = "AERONET Version 3"
 MISSING = (-999.0, -9999.0)
+BREAK = re.compile(r"<br\s*/?>\s*$", re.IGNORECASE)
+"""What its web service ends lines with in a page."""
 DATE = re.compile(r"Date_?\(dd:mm:yyyy\)")
 TIME = re.compile(r"Time_?\(hh:mm:ss\)")
 DEPTH = re.compile(r"AOD_(\d+)nm")
@@ -39,8 +41,12 @@ EXTINCTION = "AOD_Extinction-Total"
 MM_PER_CM = 10.0
 
 
+MOST_HEAD_LINES = 30
+"""Lines within which the names of the columns stand; its web service puts more on top than its archive does."""
+
+
 def is_aeronet(lines: list[str]) -> bool:
-    return bool(lines) and lines[0].startswith(HEAD)
+    return any(HEAD in line for line in lines[:MOST_HEAD_LINES])
 
 
 @dataclass(frozen=True)
@@ -75,11 +81,11 @@ class _Row:
 
 
 def read_aeronet(path: Path, wanted: PlaceAndTime) -> Reading:
-    """Optical depths and water, or sizes and index, of the measurement of a file that is nearest in time.
+    """Optical depths and water, or sizes and index, of a file's nearest measurement: first in place, then in time.
 
     Errors: TwilightError with the file and the line for what is not in the format.
     """
-    lines = read_lines(path)
+    lines = [BREAK.sub("", line) for line in read_lines(path)]
     at = next((i for i, line in enumerate(lines) if DATE.search(line) and TIME.search(line)), None)
     if at is None:
         raise TwilightError(
@@ -108,14 +114,17 @@ def read_aeronet(path: Path, wanted: PlaceAndTime) -> Reading:
         raise TwilightError(
             f"{path}: has no row with {'sizes, index and extinction' if inversion else 'an optical depth'}"
         )
-    times = [row.time() for row, _ in usable]
-    chosen = wanted.nearest(times, path, "measurements")
+    times, places = [row.time() for row, _ in usable], [row.place for row, _ in usable]
+    chosen = wanted.nearest(times, path, "measurements", places)
     row, parts = usable[chosen]
-    site = lines[1].strip() if len(lines) > 1 and at > 1 else row.values.get("AERONET_Site", "")
+    title = next((i for i, line in enumerate(lines[:at]) if line.startswith(HEAD)), at)
+    site = lines[title + 1].strip() if title + 1 < at else ""
     site = row.values.get("AERONET_Site", row.values.get("Site", site)).strip()
     kind = "inversion" if inversion else "AOD"
-    source = f"AERONET {kind} {path.name}: {site}, {spoken(times[chosen])}{wanted.away(times[chosen], *row.place)}"
-    return Reading("aeronet", tuple(replace(part, source=source) for part in parts))
+    here = times[chosen], *places[chosen]
+    source = f"AERONET {kind} {path.name}: {site}, {spoken(times[chosen])}{wanted.away(*here)}"
+    made = tuple(replace(part, source=source) for part in parts)
+    return Reading("aeronet", made, warnings=wanted.warnings(source, *here))
 
 
 def _depths(row: _Row) -> list[Part]:

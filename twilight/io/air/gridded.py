@@ -35,6 +35,7 @@ from twilight.atmosphere.measured.parts import (
 from twilight.atmosphere.profiles import MOLECULES_PER_CM2_PER_DU
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
+from twilight.io.air.grid_points import between, by_valid_time, dimension, weighted
 from twilight.io.air.lines import reason
 from twilight.io.air.place_and_time import PlaceAndTime, spoken
 
@@ -85,8 +86,14 @@ AEROSOL_MASSES = ("aermr", "DU0", "SS0", "BCPH", "OCPH", "SO4")
 KG_PER_DU = MOLECULES_PER_CM2_PER_DU * 1e4 * moist_air.MOLAR_MASS_OZONE / 6.02214076e23
 """kg of ozone on a square metre in one Dobson unit, 2.1415e-5."""
 
-MOST_STEPS_OUTSIDE = 0.51
-"""A point may be so far outside a map, in its own steps: maps are of cells."""
+SURFACE_HPA = (("sp", 1e-2), ("PS", 1e-2))
+"""Pressure on the ground, and what makes hPa of it."""
+MODEL_LEVELS = ("hybrid", "model_level", "model_level_number", "lev_model", "bottom_top")
+USED = (
+    *TEMPERATURE, *HEIGHT_M, *GEOPOTENTIAL, *SPECIFIC_HUMIDITY, *RELATIVE_HUMIDITY, *OZONE_MASS, *OZONE_DU, *OZONE_KG,
+    *WATER_KG, *DEPTHS, MERRA_DEPTH, MERRA_EXPONENT, *COVER, *LIQUID, *ICE,
+)  # fmt: skip
+"""All variables that are used."""
 
 
 def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
@@ -94,16 +101,18 @@ def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
 
     content: `netcdf`, `netcdf3` or `grib`.  Errors: TwilightError with the file and the variable.
     """
-    datasets = _open(path, content)
+    datasets = [by_valid_time(one) for one in _open(path, content)]
     columns: dict[str, Any] = {}
+    warned: set[str] = set()
     profiles: list[tuple[np.ndarray, dict[str, np.ndarray]]] = []
     said: set[str] = set()
     name = ""
     try:
         for data in datasets:
             name = name or _name(data)
-            found, levels, where = _at_the_place(path, data, wanted)
+            found, levels, where, single = _at_the_place(path, data, wanted)
             said.add(where)
+            warned |= set(wanted.warnings(f"{name or 'map'} {path.name}: {where}", single))
             on_levels = {key: value for key, value in found.items() if np.ndim(value)}
             columns |= {key: value for key, value in found.items() if key not in on_levels}
             if levels is not None:
@@ -139,7 +148,7 @@ def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
         words.append(f"clouds ({', '.join(clouds)})")
     if masses := [one for one in left if one not in CLOUDS]:
         words.append(f"mixing ratios of aerosol ({', '.join(masses)})")
-    return Reading("reanalysis", tuple(parts), tuple(f"{source}: {w}" for w in words))
+    return Reading("reanalysis", tuple(parts), tuple(f"{source}: {w}" for w in words), tuple(sorted(warned)))
 
 
 def _open(path: Path, content: str) -> list[Any]:
@@ -183,8 +192,12 @@ def _coordinate(data: Any, kind: str) -> str | None:
     return next((name for name in COORDINATES[kind] if name in data.variables), None)
 
 
-def _at_the_place(path: Path, data: Any, wanted: PlaceAndTime) -> tuple[dict[str, Any], np.ndarray | None, str]:
-    """Values of all variables at the place and time, by pressure where they have it; the pressures; and where."""
+def _at_the_place(
+    path: Path, data: Any, wanted: PlaceAndTime
+) -> tuple[dict[str, Any], np.ndarray | None, str, datetime | None]:
+    """Values of all variables at the place and time, by pressure where they have it; the pressures; where; and the time
+    of a map that has a single one."""
+    single = None
     words = []
     latitude, longitude = (_coordinate(data, kind) for kind in ("latitude", "longitude"))
     if latitude is None or longitude is None:
@@ -201,8 +214,8 @@ def _at_the_place(path: Path, data: Any, wanted: PlaceAndTime) -> tuple[dict[str
         )
     if lat.size * lon.size > 1 or wanted.latitude_deg is not None:
         there = wanted.place(path)
-        weights.append((_dimension(data, latitude), _between(path, latitude, lat, there[0], "deg")))
-        weights.append((_dimension(data, longitude), _between(path, longitude, lon, there[1], "deg", turn=360.0)))
+        weights.append((dimension(data, latitude), between(path, latitude, lat, there[0], "deg")))
+        weights.append((dimension(data, longitude), between(path, longitude, lon, there[1], "deg", turn=360.0)))
         words.append(f"{there[0]:g} N {there[1]:g} E" if lat.size * lon.size > 1 else f"{lat[0]:g} N {lon[0]:g} E")
     time = _coordinate(data, "time")
     if time is not None:
@@ -213,11 +226,12 @@ def _at_the_place(path: Path, data: Any, wanted: PlaceAndTime) -> tuple[dict[str
                 moments = [datetime.fromtimestamp(s, UTC) for s in seconds]
                 wanted.nearest(moments, path, "times")  # a sentence where no time is asked for
                 assert wanted.time is not None
-                weights.append((_dimension(data, time), _between(path, time, seconds, wanted.time.timestamp(), "s")))
+                weights.append((dimension(data, time), between(path, time, seconds, wanted.time.timestamp(), "s")))
                 words.append(spoken(wanted.time))
             else:
-                moment = datetime.fromtimestamp(float(seconds[0]), UTC)
-                words.append(spoken(moment) + wanted.away(moment))
+                weights += [(dimension(data, time), [(0, 1.0)])] if data[time].dims else []
+                single = datetime.fromtimestamp(float(seconds[0]), UTC)
+                words.append(spoken(single) + wanted.away(single))
     pressure = _coordinate(data, "pressure")
     levels = None
     if pressure is not None:
@@ -229,68 +243,28 @@ def _at_the_place(path: Path, data: Any, wanted: PlaceAndTime) -> tuple[dict[str
         variable = data[name]
         if not np.issubdtype(variable.dtype, np.number):
             continue
-        value = _first_known(_weighted(variable, weights).squeeze())
+        value = weighted(variable, weights).squeeze()
         on_levels = value.ndim == 1 and pressure is not None and value.dims == data[pressure].dims
         if value.ndim == 0:
             found[str(name)] = float(value)
         elif on_levels:
             found[str(name)] = np.asarray(value.values, dtype=float)
-        elif str(name) in (*TEMPERATURE, *SPECIFIC_HUMIDITY, *OZONE_MASS):
-            raise TwilightError(
-                f"{path}: {name} still has the dimensions {', '.join(map(str, value.dims))} at a place and time"
-            )
-    return found, levels, " ".join(words)
+        elif str(name) in USED:
+            raise TwilightError(f"{path}: {name} {_too_many(value, data, pressure)}")
+    return found, levels, " ".join(words), single
 
 
-def _dimension(data: Any, name: str) -> str:
-    """The dimension of a coordinate; its own name where it has none."""
-    return str(data[name].dims[0]) if data[name].dims else name
-
-
-def _weighted(variable: Any, weights: list[tuple[str, list[tuple[int, float]]]]) -> Any:
-    """A variable with its dimensions of place and time taken at weighted indices."""
-    for dim, pairs in weights:
-        if dim in variable.dims:
-            variable = sum(variable.isel({dim: index}) * weight for index, weight in pairs if weight > 0.0)
-    return variable
-
-
-def _first_known(value: Any) -> Any:
-    """Of versions of one field (ERA5's expver) the first that has numbers."""
-    if "expver" not in value.dims:
-        return value
-    versions = [value.isel(expver=i) for i in range(value.sizes["expver"])]
-    return next((version for version in versions if bool(np.isfinite(version).any())), versions[0])
-
-
-def _between(
-    path: Path, name: str, nodes: np.ndarray, at: float, unit: str, turn: float = 0.0
-) -> list[tuple[int, float]]:
-    """Indices and weights of the nodes on both sides of a value; the single one, or the end half a step away."""
-    if nodes.size == 1:
-        return [(0, 1.0)]
-    order = np.argsort(nodes)
-    x = nodes[order]
-    if turn:  # a map that goes round the globe, from any meridian
-        at = x[0] + (at - x[0]) % turn
-        if at > x[-1]:
-            gap = x[0] + turn - x[-1]
-            step = float(np.max(np.diff(x)))
-            if gap <= 1.5 * step:
-                f = (at - x[-1]) / gap
-                return [(int(order[-1]), 1.0 - f), (int(order[0]), f)]
-            if at - turn >= x[0] - MOST_STEPS_OUTSIDE * step:
-                at -= turn
-    slack = MOST_STEPS_OUTSIDE * float(np.max(np.diff(x)))
-    if not x[0] - slack <= at <= x[-1] + slack:
-        if unit == "s":
-            low, high, here = (spoken(datetime.fromtimestamp(v, UTC)) for v in (x[0], x[-1], at))
-            raise TwilightError(f"{path}: {name} goes from {low} to {high}, and {here} is asked for")
-        raise TwilightError(f"{path}: {name} goes from {x[0]:g} to {x[-1]:g} {unit}, and {at:g} is asked for")
-    at = float(np.clip(at, x[0], x[-1]))
-    i = int(np.clip(np.searchsorted(x, at, side="right") - 1, 0, x.size - 2))
-    f = (at - x[i]) / (x[i + 1] - x[i])
-    return [(int(order[i]), 1.0 - f), (int(order[i + 1]), f)]
+def _too_many(value: Any, data: Any, pressure: str | None) -> str:
+    """What is said of a variable that is more than a number or a profile at a place and time."""
+    known = set() if pressure is None else set(data[pressure].dims)
+    others = [str(dim) for dim in value.dims if dim not in known]
+    if any(dim in MODEL_LEVELS for dim in others):
+        return f"is on model levels ({others[0]}); download it on pressure levels"
+    sizes = ", ".join(f"{dim} ({value.sizes[dim]} of them)" for dim in others)
+    return (
+        f"still has the dimension{'s' * (len(others) > 1)} {sizes} at a place and time; choose one of each first, for "
+        f"example with xarray: data.isel({others[0]}=0).to_netcdf(...)"
+    )
 
 
 def _one(columns: dict[str, Any], names: tuple[str, ...]) -> Any:
@@ -312,11 +286,6 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
             f"{path}: has temperature and no altitude of the pressure levels; download z (geopotential) too, or H, gh "
             "(height)"
         )
-    height = np.asarray(height_m, dtype=float)
-    good = np.isfinite(temperature) & np.isfinite(height) & (temperature > 0.0) & (pressure_hpa > 0.0)
-    if not good.any():
-        raise TwilightError(f"{path}: has no temperature and altitude at the place and time")
-    order = np.flatnonzero(good)[np.argsort(-pressure_hpa[good])]
     q, r, o3 = _one(columns, SPECIFIC_HUMIDITY), _one(columns, RELATIVE_HUMIDITY), _one(columns, OZONE_MASS)
     water = None
     if q is not None:
@@ -324,6 +293,14 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
     elif r is not None:
         percent = np.maximum(np.asarray(r), 0.0) * (100.0 if np.nanmax(r) <= 2.0 else 1.0)  # MERRA-2 has fractions
         water = moist_air.from_relative_humidity(percent, temperature, pressure_hpa)
+    if np.ndim(height_m) == 0:  # of the ground alone
+        height_m = _from_the_ground(path, float(height_m), pressure_hpa, temperature, water, columns)
+    height = np.asarray(height_m, dtype=float)
+    _check_ranges(path, pressure_hpa, temperature, height)
+    good = np.isfinite(temperature) & np.isfinite(height) & (temperature > 0.0) & (pressure_hpa > 0.0)
+    if not good.any():
+        raise TwilightError(f"{path}: has no temperature and altitude at the place and time")
+    order = np.flatnonzero(good)[np.argsort(-pressure_hpa[good])]
     ozone = None
     if o3 is not None:
         ozone = moist_air.ozone_from_mass_mixing_ratio(np.maximum(o3, 0.0), 0.0 if water is None else water)
@@ -337,6 +314,53 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
         None if water is None else water[order],
         None if ozone is None else ozone[order],
     )
+
+
+def _check_ranges(path: Path, pressure_hpa: np.ndarray, temperature_k: np.ndarray, height_m: np.ndarray) -> None:
+    """TwilightError for numbers that no air has, as those in other units."""
+    for name, values, low, high, unit in (
+        ("pressure", pressure_hpa, 0.0, 1200.0, "hPa (or say in its units that it is in Pa)"),
+        ("temperature", temperature_k, 100.0, 1000.0, "K"),
+        ("height of the pressure levels", height_m, -2000.0, 120e3, "m"),
+    ):
+        known = values[np.isfinite(values)]
+        if known.size and not low <= known.min() <= known.max() <= high:
+            raise TwilightError(
+                f"{path}: its {name} goes from {known.min():g} to {known.max():g}; allowed is {low:g} to {high:g} "
+                f"{unit}"
+            )
+
+
+def _from_the_ground(
+    path: Path,
+    ground_m: float,
+    pressure_hpa: np.ndarray,
+    temperature_k: np.ndarray,
+    water: np.ndarray | None,
+    columns: dict[str, Any],
+) -> np.ndarray:
+    """Geopotential heights [m] of the levels by the hydrostatic equation, from the pressure on the ground."""
+    on_ground = next((columns[name] * factor for name, factor in SURFACE_HPA if name in columns), None)
+    if on_ground is None or np.ndim(on_ground) or not np.isfinite(on_ground):
+        raise TwilightError(
+            f"{path}: its altitude (z) is that of the ground alone; download z (geopotential) on the pressure levels "
+            "too, or sp (surface pressure) to integrate from"
+        )
+    known = np.isfinite(temperature_k) & (pressure_hpa > 0.0)
+    virtual = moist_air.virtual_temperature_k(temperature_k, 0.0 if water is None else np.nan_to_num(water))[known]
+    x = -np.log(pressure_hpa[known])
+    order = np.argsort(x)
+    x, virtual = x[order], virtual[order]
+    metres = np.diff(x) * 0.5 * (virtual[1:] + virtual[:-1])
+    metres *= moist_air.GAS_CONSTANT / (moist_air.MOLAR_MASS_DRY * moist_air.STANDARD_GRAVITY)
+    course = np.concatenate([[0.0], np.cumsum(metres)])
+    start = float(np.interp(-np.log(on_ground), x, course))
+    if -np.log(on_ground) < x[0]:  # the ground lies below all levels
+        scale_m = virtual[0] * moist_air.GAS_CONSTANT / (moist_air.MOLAR_MASS_DRY * moist_air.STANDARD_GRAVITY)
+        start = float((-np.log(on_ground) - x[0]) * scale_m)
+    height = np.full(pressure_hpa.shape, np.nan)
+    height[np.flatnonzero(known)[order]] = ground_m + course - start
+    return height
 
 
 def _clouds(source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], wanted: PlaceAndTime) -> list[Part]:

@@ -24,8 +24,10 @@ def read_bytes(path: Path, count: int = -1) -> bytes:
         with zipfile.ZipFile(path) as archive:
             members = [info for info in archive.infolist() if not info.is_dir()]
             if len(members) != 1 or members[0].file_size > MAX_BYTES:
+                names = ", ".join(info.filename for info in members[:4]) + ", ..." * (len(members) > 4)
                 raise TwilightError(
-                    f"{path}: holds {len(members)} files; allowed is one of {MAX_BYTES // 1_000_000} MB at most"
+                    f"{path}: holds {len(members)} files ({names}); allowed is one of {MAX_BYTES // 1_000_000} MB at "
+                    "most: unpack it and give them one by one"
                 )
             with archive.open(members[0]) as file:
                 return file.read(count)

@@ -10,6 +10,11 @@ from datetime import UTC, datetime
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.base.errors import TwilightError
 
+FAR_KM, FAR_HOURS = 300.0, 12.0
+"""What was measured farther away than this is warned of: weather is another there and then."""
+SAME_PLACE_KM = 1.0
+"""Places that are nearer to each other are one."""
+
 
 @dataclass(frozen=True)
 class PlaceAndTime:
@@ -42,16 +47,46 @@ class PlaceAndTime:
             parts.append(f"{abs(hours):.1f} h" if abs(hours) < 100.0 else f"{abs(hours) / 24.0:.0f} days")
         return f", {' and '.join(parts)} away" if parts else ""
 
-    def nearest(self, times: Sequence[datetime], file: object, what: str) -> int:
-        """Which of the times is nearest; TwilightError where there are several and none is asked for."""
-        if self.time is None:
-            if len(times) > 1:
+    def warnings(
+        self, source: str, time: datetime | None, latitude_deg: float | None = None, longitude_deg: float | None = None
+    ) -> tuple[str, ...]:
+        """A sentence where what was measured there and then is far away; source: words on what, where and when."""
+        km, hours = self.km_to(latitude_deg, longitude_deg), self.hours_to(time)
+        far = [f"more than {FAR_KM:g} km"] * (km is not None and km > FAR_KM)
+        far += [f"more than {FAR_HOURS:g} h"] * (hours is not None and abs(hours) > FAR_HOURS)
+        return (f"{source}: is {' and '.join(far)} from the place and time that it stands for",) if far else ()
+
+    def nearest(
+        self,
+        times: Sequence[datetime],
+        file: object,
+        what: str,
+        places: Sequence[tuple[float | None, float | None]] | None = None,
+    ) -> int:
+        """Which of several is nearest: first in place, where they have one [deg], then in time.
+
+        Errors: TwilightError where there are several places, or several times at it, and none is asked for.
+        """
+        index = list(range(len(times)))
+        if places is not None and (known := [i for i in index if None not in places[i]]):
+            first = places[known[0]]
+            if self.latitude_deg is not None:
+                km = {i: self.km_to(*places[i]) or 0.0 for i in known}
+                index = [i for i in known if km[i] <= min(km.values()) + SAME_PLACE_KM]
+            elif any((PlaceAndTime(None, *first).km_to(*places[i]) or 0.0) > SAME_PLACE_KM for i in known):
                 raise TwilightError(
-                    f"{file}: holds {len(times)} {what}, from {spoken(min(times))} to {spoken(max(times))}; say "
+                    f"{file}: holds {what} of several places; say where by air.latitude_deg and air.longitude_deg, "
+                    "--latitude and --longitude, or the sun's"
+                )
+        if self.time is None:
+            if len(index) > 1:
+                here = [times[i] for i in index]
+                raise TwilightError(
+                    f"{file}: holds {len(here)} {what}, from {spoken(min(here))} to {spoken(max(here))}; say "
                     "which by its time (air.at, --at, or the sun's)"
                 )
-            return 0
-        return min(range(len(times)), key=lambda i: abs((times[i] - self.time).total_seconds()))  # type: ignore[operator]
+            return index[0]
+        return min(index, key=lambda i: abs((times[i] - self.time).total_seconds()))  # type: ignore[operator]
 
     def place(self, file: object) -> tuple[float, float]:
         """Latitude and longitude [deg]; TwilightError where they are not given."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from zipfile import is_zipfile
 
 from twilight.atmosphere.measured.parts import Reading
 from twilight.base.errors import TwilightError
@@ -11,7 +13,7 @@ from twilight.io.air.lines import read_bytes, read_lines
 from twilight.io.air.place_and_time import PlaceAndTime
 
 KINDS = {
-    "sounding": "a sounding (University of Wyoming's text list, IGRA version 2)",
+    "sounding": "a sounding (University of Wyoming's list or CSV, IGRA version 2)",
     "reanalysis": "a reanalysis (ERA5, CAMS, MERRA-2; netCDF or GRIB)",
     "aeronet": "AERONET version 3 (optical depths, or an inversion with all products)",
 }
@@ -35,6 +37,14 @@ def read_air_file(path: Path, wanted: PlaceAndTime) -> Reading:
     if path.is_dir():
         raise TwilightError(f"{path}: is a folder; allowed is a file of measurements")
     head = read_bytes(path, 8)
+    if head.startswith((GRIB, *NETCDF3, HDF5)) and is_zipfile(path):
+        with TemporaryDirectory(prefix="twilight-") as folder:
+            unpacked = Path(folder) / path.name
+            unpacked.write_bytes(read_bytes(path))
+            try:
+                return read_air_file(unpacked, wanted)
+            except TwilightError as error:
+                raise TwilightError(str(error).replace(str(unpacked), str(path))) from None
     if head.startswith(HDF4):
         raise TwilightError(f"{path}: is HDF4, which is not read; newer versions of the same data come in HDF5")
     if head.startswith(GRIB):
@@ -46,6 +56,6 @@ def read_air_file(path: Path, wanted: PlaceAndTime) -> Reading:
     lines = read_lines(path)
     if aeronet.is_aeronet(lines):
         return aeronet.read_aeronet(path, wanted)
-    if sounding.is_igra(lines) or sounding.is_wyoming(lines):
+    if sounding.is_igra(lines) or sounding.is_wyoming(lines) or sounding.is_wyoming_csv(lines):
         return sounding.read_sounding(path, wanted)
     raise TwilightError(f"{path}: is none of the files that are read: {'; '.join(KINDS.values())}")

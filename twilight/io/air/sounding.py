@@ -4,12 +4,15 @@ References
 ----------
 University of Wyoming, weather.uwyo.edu/upperair/sounding.html, `TEXT:LIST`: eleven columns of seven characters,
 PRES (hPa), HGHT (m, geopotential), TEMP (C), DWPT (C), RELH (%), ..., blank where missing; below them the station's.
+Since 2024 also in HTML with another title and a table of the station below, and as `CSV`: a row a level with time,
+place, pressure_hPa, geopotential height_m, temperature_C, dew point temperature_C, relative humidity_%.
 Durre et al. 2016, Integrated Global Radiosonde Archive, version 2, NOAA NCEI, `igra2-data-format.txt`: a header that
 begins with #, then one record a level at fixed columns; -9999 missing, -8888 removed by quality control.
 """
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,9 +31,18 @@ WYOMING_HEAD = re.compile(r"^\s*PRES\s+HGHT\s+TEMP\s+DWPT\s+RELH")
 WYOMING_COLUMNS = (("PRES", 0.001, 1100.0, "hPa"), ("HGHT", -500.0, 80000.0, "m"), ("TEMP", -130.0, 60.0, "C"),
                    ("DWPT", -180.0, 60.0, "C"), ("RELH", 0.0, 130.0, "%"))  # fmt: skip
 WYOMING_WIDTH = 7
-WYOMING_TITLE = re.compile(r"(.*?)\s*Observations at (\d{2})Z (\d{1,2} \w{3} \d{4})")
+WYOMING_TITLE = re.compile(r"(.*?)\s*Observations (?:for Station (.*?) )?at (\d{2}) ?(?:Z|UTC) (\d{1,2} \w{3} \d{4})")
 WYOMING_TIME = re.compile(r"Observation time:\s*(\d{6}/\d{4})")
-WYOMING_PLACE = re.compile(r"Station (latitude|longitude):\s*(-?[\d.]+)")
+WYOMING_PLACE = re.compile(r"Station (latitude|longitude):?\s*(-?[\d.]+)", re.IGNORECASE)
+
+CSV_TIME = ("time", "latitude", "longitude")
+CSV_COLUMNS = {
+    "pressure_hPa": (0.001, 1100.0), "geopotential height_m": (-500.0, 80000.0), "temperature_C": (-130.0, 60.0),
+    "dew point temperature_C": (-180.0, 60.0), "relative humidity_%": (0.0, 130.0),
+}  # fmt: skip
+"""Columns of Wyoming's CSV that are used, and the numbers that they may hold."""
+MOST_LEVELS = 300
+"""Levels that are kept of an ascent that has more (a row a second), evenly in ln(p)."""
 
 IGRA_HEAD = re.compile(r"^#[A-Z]{2}[A-Z0-9]{9} \d{4} \d\d \d\d \d\d ")
 IGRA_MISSING = (-9999.0, -8888.0)
@@ -52,27 +64,39 @@ def is_wyoming(lines: list[str]) -> bool:
     return any(WYOMING_HEAD.match(line) for line in lines)
 
 
+def is_wyoming_csv(lines: list[str]) -> bool:
+    names = [name.strip() for name in lines[0].split(",")] if lines else []
+    return {"time", "pressure_hPa", "temperature_C"} <= set(names)
+
+
 def is_igra(lines: list[str]) -> bool:
     return bool(lines) and IGRA_HEAD.match(lines[0]) is not None
 
 
 def read_sounding(path: Path, wanted: PlaceAndTime) -> Reading:
-    """The sounding of a file that is nearest in time.
+    """The sounding of a file that is nearest: first in place, then in time.
 
     Errors: TwilightError with the file and the line for what is not in the format.
     """
     lines = read_lines(path)
-    igra = is_igra(lines)
-    found = list(_igra(path, lines, wanted) if igra else _wyoming(path, lines))
-    one = found[wanted.nearest([s.time for s in found], path, "soundings")]
-    away = wanted.away(one.time, one.latitude_deg, one.longitude_deg)
-    source = f"sounding {path.name}: {one.station}, {spoken(one.time)}{away}"
+    if is_igra(lines):
+        found = list(_igra(path, lines, wanted))
+    else:
+        found = [_wyoming_csv(path, lines)] if is_wyoming_csv(lines) else list(_wyoming(path, lines))
+    places = [(s.latitude_deg, s.longitude_deg) for s in found]
+    one = found[wanted.nearest([s.time for s in found], path, "soundings", places)]
+    here = one.time, one.latitude_deg, one.longitude_deg
+    source = f"sounding {path.name}: {one.station}, {spoken(one.time)}{wanted.away(*here)}"
     rows = np.array(sorted(one.rows, key=lambda row: -row[0])).reshape(-1, 4)
     rows = rows[np.concatenate([[True], np.diff(rows[:, 0]) < 0.0])] if len(rows) else rows
+    if len(rows) > MOST_LEVELS:
+        even = np.linspace(np.log(rows[0, 0]), np.log(rows[-1, 0]), MOST_LEVELS)
+        rows = rows[np.unique(np.searchsorted(-np.log(rows[:, 0]), -even).clip(0, len(rows) - 1))]
     latitude = one.latitude_deg if one.latitude_deg is not None else wanted.latitude_deg
     pressure, height, temperature, water = rows.T
     at = 45.0 if latitude is None else latitude
-    return Reading("sounding", (column_of(path, source, pressure, height, temperature, water, at),))
+    column = column_of(path, source, pressure, height, temperature, water, at)
+    return Reading("sounding", (column,), warnings=wanted.warnings(source, *here))
 
 
 def column_of(
@@ -108,8 +132,8 @@ def _wyoming(path: Path, lines: list[str]) -> Iterator[_Sounding]:
         after = " ".join(re.sub(r"<[^>]*>", " ", line) for line in lines[head:end])
         title = next((found for line in reversed(before) if (found := WYOMING_TITLE.search(line))), None)
         if title is not None:
-            time = moment(path, head + 1, f"{title[2]} {title[3]}", "%H %d %b %Y")
-            station = title[1] or "a station without a name"
+            time = moment(path, head + 1, f"{title[3]} {title[4]}", "%H %d %b %Y")
+            station = title[1] or title[2] or "a station without a name"
         elif (said := WYOMING_TIME.search(after)) is not None:
             time, station = moment(path, head + 1, said[1], "%y%m%d/%H%M"), "a station without a name"
         else:
@@ -117,7 +141,7 @@ def _wyoming(path: Path, lines: list[str]) -> Iterator[_Sounding]:
                 f"{path}: line {head + 1}: the sounding has no time; expected is a title above it such as `10868 "
                 "Muenchen Observations at 12Z 21 Jun 2026`, or `Observation time: 260621/1200` below it"
             )
-        place = {name: float(value) for name, value in WYOMING_PLACE.findall(after)}
+        place = {name.lower(): float(value) for name, value in WYOMING_PLACE.findall(after)}
         rows = list(_wyoming_rows(path, lines, head, end))
         yield _Sounding(station, time, place.get("latitude"), place.get("longitude"), rows)
 
@@ -135,14 +159,49 @@ def _wyoming_rows(path: Path, lines: list[str], head: int, end: int) -> Iterator
             number(path, i + 1, name, text, low, high, unit) if text.strip() else np.nan
             for text, (name, low, high, unit) in zip(fields, WYOMING_COLUMNS, strict=True)
         ]
-        pressure, height, celsius, dew_point, humidity = value
-        if np.isfinite(pressure) and np.isfinite(celsius):
-            kelvin, water = celsius + 273.15, np.nan
-            if np.isfinite(dew_point):
-                water = float(moist_air.from_dew_point(dew_point + 273.15, pressure))
-            elif np.isfinite(humidity):
-                water = float(moist_air.from_relative_humidity(humidity, kelvin, pressure))
-            yield pressure, height, kelvin, water
+        row = _row(*value)
+        if row is not None:
+            yield row
+
+
+def _row(
+    pressure: float, height: float, celsius: float, dew_point: float, humidity: float
+) -> tuple[float, float, float, float] | None:
+    """A level as `_Sounding` has it; None where it lacks pressure or temperature."""
+    if not (np.isfinite(pressure) and np.isfinite(celsius)):
+        return None
+    kelvin, water = celsius + 273.15, np.nan
+    if np.isfinite(dew_point):
+        water = float(moist_air.from_dew_point(dew_point + 273.15, pressure))
+    elif np.isfinite(humidity):
+        water = float(moist_air.from_relative_humidity(humidity, kelvin, pressure))
+    return pressure, height, kelvin, water
+
+
+def _wyoming_csv(path: Path, lines: list[str]) -> _Sounding:
+    """The ascent of a CSV file, at the time and place of its first row."""
+    reader = csv.reader(lines)
+    names = [name.strip() for name in next(reader)]
+    rows: list[tuple[float, float, float, float]] = []
+    first: dict[str, str] | None = None
+    for i, fields in enumerate(reader, start=2):
+        if not any(field.strip() for field in fields):
+            continue
+        if len(fields) != len(names):
+            raise TwilightError(f"{path}: line {i}: has {len(fields)} values, the columns are {len(names)}")
+        values = {name: field.strip() for name, field in zip(names, fields, strict=True)}
+        first = first or values
+        row = _row(*(
+            number(path, i, name, values[name], *span) if values.get(name) else np.nan
+            for name, span in CSV_COLUMNS.items()
+        ))  # fmt: skip
+        if row is not None:
+            rows.append(row)
+    if first is None:
+        raise TwilightError(f"{path}: has the names of columns and no row below them")
+    place = [number(path, 2, n, first[n], -360.0, 360.0, "deg") if first.get(n) else None for n in CSV_TIME[1:]]
+    time = moment(path, 2, first["time"], "%Y-%m-%d %H:%M:%S")
+    return _Sounding("a station without a name", time, place[0], place[1], rows)
 
 
 def _igra(path: Path, lines: list[str], wanted: PlaceAndTime) -> Iterator[_Sounding]:

@@ -3,8 +3,6 @@ own."""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import lru_cache
@@ -14,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twilight.atmosphere.csv_columns import as_number, delimiter_of, fields_of, numbered_lines
 from twilight.base.errors import TwilightError
 from twilight.base.extras import is_installed, missing
 from twilight.base.shipped_data import data_numbers, data_rows
@@ -27,7 +26,6 @@ CAMERA = "Nikon 5100 (NPL)"
 (JOSA A 32, 381), measured at the National Physical Laboratory."""
 ERYTHEMA_NM = np.arange(300.0, 401.0)
 """Where erythema is counted [nm]: the air's data begin at 300 nm, and some 1 to 5 % of a high sun's is below."""
-MAX_FILE_BYTES = 10_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,25 +197,25 @@ def _from_speclite(name: str) -> Response:
 
 
 def _file(path: Path) -> Response:
-    try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise TwilightError(f"{path}: more than {MAX_FILE_BYTES // 1_000_000} MB is no spectral response")
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise TwilightError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or 'it is no text'})") from None
-    rows = list(csv.reader(line for line in lines if line.strip() and not line.startswith("#")))
-    try:
-        nm, value = np.array([[float(x) for x in row[:2]] for row in rows[0 if _is_numbers(rows[:1]) else 1 :]]).T
-    except ValueError:
-        raise TwilightError(f"{path}: needs two columns of numbers, wavelength [nm] and response to energy") from None
+    lines = numbered_lines(path)
+    delimiter = delimiter_of(lines[0][1]) if lines else ","
+    found: list[tuple[float, float]] = []
+    for i, (number, line) in enumerate(lines):
+        fields = fields_of(path, number, line, delimiter)
+        try:
+            if len(fields) != 2:
+                raise ValueError
+            found.append((as_number(fields[0], delimiter), as_number(fields[1], delimiter)))
+        except ValueError:
+            if i > 0:
+                raise TwilightError(
+                    f"{path}: line {number}: needs two numbers, wavelength [nm] and response to energy, with a comma "
+                    "between them; or with a semicolon, where decimals have commas"
+                ) from None
+    if not found:
+        raise TwilightError(f"{path}: needs two columns of numbers, wavelength [nm] and response to energy")
+    nm, value = np.array(found).T
     return Response(path.stem, nm, value, source=str(path))
-
-
-def _is_numbers(rows: Iterable[list[str]]) -> bool:
-    try:
-        return all(np.isfinite([float(x) for x in row[:2]]).all() for row in rows)
-    except ValueError:
-        return False
 
 
 @lru_cache(maxsize=1)

@@ -2,9 +2,9 @@
 overcast sky, each in one colour.
 
 A standard sky is relative to its zenith.  The zenith luminance is set, or follows the sun: for skies without direct sun
-(1 to 6 and 16) so that the horizontal illuminance is 300 lx + 21000 lx sin(elevation) (Krochmann and Seidl 1974), for
-the others it is Preetham's for the turbidity of the medium.  The former have the colour of daylight of 6500 K, the
-latter that of Preetham's zenith.
+(1 to 6 and 16) so that the horizontal illuminance is that of Krochmann and Seidl 1974, for
+the others it is Preetham's for the turbidity of the medium.  The former have the colour of daylight of
+6500 K, the latter that of Preetham's zenith.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from twilight.solvers.analytic.coefficients import load_coefficients
 from twilight.solvers.analytic.daylight import SpectralBins, daylight_chromaticity
 from twilight.solvers.analytic.ground import hemisphere, sky_and_ground
 from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
-from twilight.solvers.analytic.perez import angles, cie, traditional_overcast
+from twilight.solvers.analytic.perez import angles, cie, overcast_illuminance_lx, traditional_overcast
 from twilight.solvers.analytic.shipped_tables import table
 from twilight.solvers.analytic.sunlight import direct_transmittance
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_choices, check_ranges
@@ -147,7 +147,7 @@ class Field(BareField):
             return float(self._zenith.zenith_luminance_cd_per_m2(90.0 - sun_elevation_deg, self.turbidity))
         e, a, solid = hemisphere(24, 24)
         relative = self.relative_luminance(sun_elevation_deg, e, a)
-        illuminance = 300.0 + 21000.0 * np.sin(np.radians(sun_elevation_deg))
+        illuminance = overcast_illuminance_lx(sun_elevation_deg)
         return float(illuminance / np.sum(solid * np.sin(np.radians(e)) * relative))
 
     def _spectrum(self, sun_elevation_deg: float) -> np.ndarray:

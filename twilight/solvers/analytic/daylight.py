@@ -93,6 +93,9 @@ class SpectralBins:
         nodes = _nodes()
         self.to_bins = np.stack([np.interp(inside, nodes, hat).mean(axis=1) for hat in np.eye(nodes.size)], axis=1)
         self.to_bins /= sun[:, None]
+        unit = spectrum.LUMINOUS_EFFICACY_LM_PER_W * spectrum.colour_matching_functions("cie1931_2deg")[:, 1].sum()
+        self.of_flat_spectrum = 1.0 / unit / sun
+        """Sun-normalised radiance [sr^-1] of light of 1 cd m^-2 whose spectrum is constant, (W,)."""
 
     def from_chromaticity(self, luminance_cd_per_m2, x, y) -> np.ndarray:
         """Sun-normalised radiance [sr^-1] (..., W) of daylight of that luminance and chromaticity."""

@@ -48,3 +48,14 @@ def cie(parameters, cos_zenith, sun_angle_rad) -> np.ndarray:
 def traditional_overcast(cos_zenith) -> np.ndarray:
     """(1 + 2 cos theta) / 3 relative to the zenith: Moon and Spencer 1942, CIE 1955, CIE S 011 type 16, eq. 2."""
     return (1.0 + 2.0 * np.maximum(cos_zenith, 0.0)) / 3.0
+
+
+def overcast_illuminance_lx(sun_elevation_deg: float) -> float:
+    """Horizontal illuminance of an overcast sky [lx], 300 + 21000 sin(elevation) (Krochmann and Seidl 1974)."""
+    return 300.0 + 21000.0 * float(np.sin(np.radians(sun_elevation_deg)))
+
+
+def overcast_luminance(sun_elevation_deg: float, cos_zenith) -> np.ndarray:
+    """Luminance [cd m^-2] of the traditional overcast sky; its zenith is 9/(7 pi) of the horizontal illuminance."""
+    zenith = 9.0 / (7.0 * np.pi) * overcast_illuminance_lx(sun_elevation_deg)
+    return zenith * traditional_overcast(cos_zenith)

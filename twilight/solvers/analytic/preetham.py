@@ -1,5 +1,6 @@
 """The sky of Preetham, Shirley and Smits 1999 as a solver: a formula in turbidity and sun position, sun above the
-horizon.
+horizon.  From the coefficients' highest turbidity (6) to OVERCAST_TURBIDITY it goes linearly over to the CIE's overcast
+sky of flat spectrum without direct sun, as the paper asks for (sec. 5, Fig. 10).
 
 The turbidity is that of the medium (``turbidity.turbidity_of``) unless it is set; everything else about the air, and
 the ground's albedo, does not change the sky.  Directions below the horizon see the ground, a Lambertian reflector of
@@ -23,16 +24,23 @@ from twilight.solvers.analytic.coefficients import file_sha256, load_coefficient
 from twilight.solvers.analytic.daylight import SpectralBins
 from twilight.solvers.analytic.ground import sky_and_ground
 from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
+from twilight.solvers.analytic.perez import overcast_luminance
 from twilight.solvers.analytic.sunlight import direct_transmittance
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_choices, check_ranges
 
 CAPABILITIES = Capabilities(kind="formula", finite_segments=True, wavelengths_at_once=ALL_WAVELENGTHS)
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
 
+HIGHEST_TURBIDITY = 100.0
+"""Highest turbidity that is allowed."""
+
+OVERCAST_TURBIDITY = 10.0
+"""Turbidity from which "we would typically expect an overcast sky" (sec. 5)."""
+
 
 @dataclass(frozen=True)
 class PreethamSettings:
-    """turbidity: at 550 nm; null: that of the medium.
+    """turbidity: at 550 nm; from 10 on the sky is overcast; null: that of the medium.
     outside: 'nearest' takes the nearest turbidity that the coefficients cover where the medium's is not, and warns;
         'refuse' does not.
     coefficients: 'preetham1999', another set that comes with twilight, or the path of a set that `twilight fit perez`
@@ -49,7 +57,7 @@ class PreethamSettings:
     precipitable_water_cm: float = 2.0
 
     def __post_init__(self):
-        ranges = {"turbidity": (1.0, 100.0), "ozone_cm": (0.0, 10.0), "precipitable_water_cm": (0.0, 100.0)}
+        ranges = {"turbidity": (1.0, HIGHEST_TURBIDITY), "ozone_cm": (0.0, 10.0), "precipitable_water_cm": (0.0, 100.0)}
         check_ranges(self, ranges)
         check_choices(self, {"outside": OUTSIDE})
 
@@ -95,9 +103,13 @@ class Field(BareField):
             raise TwilightError(
                 f"solver.coefficients: {settings.coefficients}: is not the file that solver.coefficients_sha256 names"
             )
+        low, high = self.coefficients.turbidity
+        allowed = (low, HIGHEST_TURBIDITY)
         self.turbidity, self.medium_turbidity = chosen_turbidity(
-            settings.turbidity, settings.outside, self.coefficients.turbidity, medium, "preetham"
+            settings.turbidity, settings.outside, allowed, medium, "preetham"
         )
+        self.clear_turbidity = min(self.turbidity, high)
+        self.overcast = float(np.clip((self.turbidity - high) / (OVERCAST_TURBIDITY - high), 0.0, 1.0))
         self._bins = SpectralBins(medium.wavelength_nm, "preetham")
         of_medium = {} if self.medium_turbidity is None else {"medium_turbidity": self.medium_turbidity}
         self.facts = {"turbidity": self.turbidity} | of_medium
@@ -120,7 +132,7 @@ class Field(BareField):
     def sunlight(self, sun_elevation_deg: float) -> np.ndarray:
         """The model's own direct sunlight at the ground at normal incidence over F0, (W,)."""
         self._check(sun_elevation_deg)
-        return direct_transmittance(
+        return (1.0 - self.overcast) * direct_transmittance(
             self.medium.wavelength_nm,
             90.0 - sun_elevation_deg,
             self.turbidity,
@@ -154,5 +166,10 @@ class Field(BareField):
         check_sun(sun_elevation_deg, "preetham", lowest, highest)
 
     def _sky(self, sun_elevation_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
-        luminance, x, y = self.coefficients.sky(self.turbidity, sun_elevation_deg, elevation_deg, azimuth_deg)
-        return self._bins.from_chromaticity(luminance, x, y)
+        luminance, x, y = self.coefficients.sky(self.clear_turbidity, sun_elevation_deg, elevation_deg, azimuth_deg)
+        clear = self._bins.from_chromaticity(luminance, x, y)
+        if self.overcast == 0.0:
+            return clear
+        grey = overcast_luminance(sun_elevation_deg, np.sin(np.radians(elevation_deg)))
+        flat = grey[..., None] * self._bins.of_flat_spectrum
+        return (1.0 - self.overcast) * clear + self.overcast * flat

@@ -1,4 +1,4 @@
-"""Haber's atmosphere cells (section 4.1.3): shells around the observer, cut into equal azimuths and elevations."""
+"""Haber section 4.1.3, atmosphere cells: shells around the observer, cut into equal azimuths and elevations."""
 
 from __future__ import annotations
 
@@ -12,16 +12,19 @@ def shell_radii(azimuth_cells: int, inner_radius_km: float, outer_radius_km: flo
     """Radii of the shells' boundaries: r_j = R_min q^j with q = (1 + d/2)/(1 - d/2), d = 2 pi/S.
 
     A shell is as thick as its mean arc is long.  Their number is the whole number that ends nearest to `outer`: with
-    R_min = 100 m and 669 km the paper's 101 at S = 72 and 252 at S = 180 (his printed 10 m gives others).
+    R_min = 100 m and 669 km the paper's 101 at S = 72 and 252 at S = 180 (his printed 10 m gives others).  Where they
+    end short of it (at 662 km with S = 120) the last one goes on to `outer`.
     """
     d = 2.0 * math.pi / azimuth_cells
     log_q = math.log((1.0 + d / 2.0) / (1.0 - d / 2.0))
     n = max(1, round(math.log(outer_radius_km / inner_radius_km) / log_q))
-    return inner_radius_km * np.exp(log_q * np.arange(n + 1))
+    radii = inner_radius_km * np.exp(log_q * np.arange(n + 1))
+    radii[-1] = max(radii[-1], outer_radius_km)
+    return radii
 
 
 def outer_radius_km(top_km: float, observer_altitude_km: float, earth_radius_km: float) -> float:
-    """Where a horizontal line from the observer leaves the air: sqrt(H^2 + 2 R H) from the ground."""
+    """R_max, where a horizontal line from the observer leaves the air: sqrt(H^2 + 2 R H) from the ground."""
     h = top_km - observer_altitude_km
     return math.sqrt(h * (h + 2.0 * (earth_radius_km + observer_altitude_km)))
 

@@ -11,29 +11,23 @@ from twilight.solvers.base import check_choices, check_ranges
 
 @dataclass(frozen=True)
 class CellsSettings:
-    """Haber's cells and what goes beyond them.
+    """Haber's cells, and what goes beyond them.
 
     Both modes:
     multiple_scattering: 'exact' follows the phase functions at every order, on points around the observer; 'isotropic'
-        is Haber's, on his cells: the first order with its phase function, later ones isotropic in air whose aerosol is
-        reduced by similarity; 'none' is single scattering
+        is Haber's system on his cells; 'none' is single scattering along exact lines of sight
     max_orders: most orders of scattering that are followed
     tolerance: stop earlier when what is missing is known to this fraction of the light at every point (exact: a
         geometric series is added for it) or an order adds less than this fraction (isotropic); 0 follows max_orders
-    refraction: bend and spread the sunbeam
+    refraction: bend the sunbeam (exact: and spread it)
 
     Isotropic mode:
     azimuth_cells: S, the number of cells around a ring; their angular size is 360/S deg in azimuth and elevation
-    inner_radius_km: R_min, radius of the innermost shell
     active_shell_step: every n-th shell takes part in multiple scattering
-    operator: how isotropic orders are computed: 'fourier' (one matrix per azimuthal mode, reused for every sun) or
-        'pairs' (Haber's loop over pairs of cells)
-    second_order: light that is scattered once before a cell gets it: 'table' (a table over altitude and solar zenith
-        angle: the sphere is symmetric about the direction of the sun) or 'pairs' (cell to cell with the phase function)
-    left_right_symmetry, mirrored_pairs, ring_reuse: Haber's exact savings, for operator 'pairs'
-    azimuth_modes: azimuthal Fourier modes followed by operator 'fourier' (0 keeps all)
-    subcells: points per edge that average the coefficients over a cell (1 is the value at its centre)
-    close_energy: scale each column of the operator so that it extinguishes as much light as rays through the air do
+    inner_radius_km: R_min, radius of the innermost shell
+    sun_tolerance_deg: of the binary search for the refracted path to the sun
+    reduce_extinction: in light scattered twice or more take g of the aerosol's scattering from its extinction too, so
+        that none is lost; Haber takes it from scattering alone
 
     Exact mode:
     degree: of the Legendre series that phase functions are followed to (delta-scaled beyond)
@@ -49,24 +43,17 @@ class CellsSettings:
         "refraction",
         "azimuth_cells",
         "active_shell_step",
-        "operator",
     )
     """Options that are shown first."""
 
     azimuth_cells: int = 60
-    inner_radius_km: float = 0.1
     active_shell_step: int = 4
+    inner_radius_km: float = 0.1
+    sun_tolerance_deg: float = 0.1
+    reduce_extinction: bool = False
     max_orders: int = 60
     tolerance: float = 1e-3
     multiple_scattering: Literal["exact", "isotropic", "none"] = "exact"
-    operator: Literal["fourier", "pairs"] = "fourier"
-    second_order: Literal["table", "pairs"] = "table"
-    left_right_symmetry: bool = True
-    mirrored_pairs: bool = True
-    ring_reuse: bool = True
-    azimuth_modes: int = 16
-    subcells: int = 3
-    close_energy: bool = True
     degree: int = 6
     polar_directions: int = 6
     azimuth_directions: int = 14
@@ -81,8 +68,7 @@ class CellsSettings:
             "active_shell_step": (1, 16),
             "max_orders": (1, 100),
             "tolerance": (0.0, 0.5),
-            "azimuth_modes": (0, 181),
-            "subcells": (1, 9),
+            "sun_tolerance_deg": (1e-4, 0.5),
             "degree": (2, 32),
             "polar_directions": (2, 32),
             "azimuth_directions": (4, 96),
@@ -90,12 +76,7 @@ class CellsSettings:
             "node_density": (0.3, 5.0),
         }
         check_ranges(self, ranges)
-        choices = {
-            "multiple_scattering": ("exact", "isotropic", "none"),
-            "operator": ("fourier", "pairs"),
-            "second_order": ("table", "pairs"),
-        }
-        check_choices(self, choices)
+        check_choices(self, {"multiple_scattering": ("exact", "isotropic", "none")})
         if self.azimuth_cells % 2:
             raise TwilightError(f"solver.azimuth_cells is {self.azimuth_cells}; it must be even")
         if self.azimuth_nodes % self.azimuth_directions or self.azimuth_nodes % 2:
@@ -108,6 +89,12 @@ class CellsSettings:
                 f"solver.expert.azimuth_directions is {self.azimuth_directions}; degree {self.degree} needs at least "
                 f"{2 * self.degree + 1}"
             )
+
+
+def check_sun(sun_elevation_deg: float) -> None:
+    """TwilightError for an elevation that no sun has."""
+    if not -90.0 <= sun_elevation_deg <= 90.0:
+        raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
 
 
 QUALITIES: dict[str, CellsSettings] = {
@@ -126,6 +113,5 @@ QUALITIES: dict[str, CellsSettings] = {
         multiple_scattering="isotropic",
         max_orders=5,
         tolerance=0.0,
-        subcells=1,
     ),
 }

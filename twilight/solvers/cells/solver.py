@@ -11,9 +11,9 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.solvers.base import BareField
 from twilight.solvers.cells.exact import ExactCells
-from twilight.solvers.cells.isotropic import IsotropicCells
+from twilight.solvers.cells.haber import HaberField
 from twilight.solvers.cells.line_integrals import MultipleView, coarse_elevations, horizon_deg
-from twilight.solvers.cells.settings import QUALITIES, CellsSettings
+from twilight.solvers.cells.settings import QUALITIES, CellsSettings, check_sun
 from twilight.solvers.cells.single import make_straight_lines, single_scattering
 from twilight.transport.beam import prepare_beam
 from twilight.transport.profile import prepare_profile
@@ -26,7 +26,7 @@ def prepare(
     *,
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
-) -> Field:
+) -> Field | HaberField:
     """Make everything that does not depend on the sun.
 
     Parameters
@@ -49,37 +49,34 @@ def prepare(
     ----------
     Haber, Magnor & Seidel 2005, Physically-based simulation of twilight phenomena.
     """
-    return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
+    settings = settings or QUALITIES["standard"]
+    if not medium.bottom_km <= observer_altitude_km < medium.top_km:
+        raise TwilightError(
+            "the cells solver needs an observer inside the air: observer.altitude_km is "
+            f"{observer_altitude_km:g}, allowed is {medium.bottom_km:g} to below {medium.top_km:g}"
+        )
+    made = HaberField if settings.multiple_scattering == "isotropic" else Field
+    return made(medium, settings, float(observer_altitude_km), progress)
 
 
 class Field(BareField):
-    """The sky of one medium around one observer, for any sun."""
+    """The sky of one medium around one observer, for any sun, beyond Haber's system: exact phase functions."""
 
     def __init__(self, medium: Medium, settings: CellsSettings, observer_altitude_km: float, progress: Progress | None):
-        if not medium.bottom_km <= observer_altitude_km < medium.top_km:
-            raise TwilightError(
-                "the cells solver needs an observer inside the air: observer.altitude_km is "
-                f"{observer_altitude_km:g}, allowed is {medium.bottom_km:g} to below {medium.top_km:g}"
-            )
         self.medium, self.settings = medium, settings
-        self.observer_altitude_km = float(observer_altitude_km)
+        self.observer_altitude_km = observer_altitude_km
         self._progress = progress or silent
-        mode = settings.multiple_scattering
-        self.scaled = delta_scaled(medium, {"exact": settings.degree, "isotropic": 0, "none": None}[mode])
+        exact = settings.multiple_scattering == "exact"
+        self.scaled = delta_scaled(medium, settings.degree if exact else None)
         self._progress("sunbeam", 0.0)
-        # light scattered once, in the isotropic mode, sees the aerosol as it is, forward peak and all
-        lit = medium if mode == "isotropic" else self.scaled.medium
-        self.beam = prepare_beam(lit, refraction=settings.refraction)
+        self.beam = prepare_beam(self.scaled.medium, refraction=settings.refraction)
         self.profile = prepare_profile(self.scaled.medium)
-        # Of light scattered once the narrow forward peak (moment 3) alone counts as unscattered on the line of sight:
-        # all that similarity calls forward (f = g) would brighten the horizon by half, none of it would lose light.
-        self._line_air = delta_scaled(medium, 2) if mode == "isotropic" else self.scaled
-        self._line_profile = prepare_profile(self._line_air.medium) if mode == "isotropic" else self.profile
         self._progress("cells", 0.0)
-        common = (medium, self.scaled, self.profile, self.beam, settings, self.observer_altitude_km)
-        self.multiple: ExactCells | IsotropicCells | None = None
-        if mode != "none" and settings.max_orders > 1:
-            self.multiple = ExactCells(*common) if mode == "exact" else IsotropicCells(*common)
+        self.multiple: ExactCells | None = None
+        if exact and settings.max_orders > 1:
+            self.multiple = ExactCells(
+                medium, self.scaled, self.profile, self.beam, settings, self.observer_altitude_km
+            )
         self.horizon_deg = horizon_deg(self.observer_altitude_km, medium.bottom_km, medium.earth_radius_km)
         self._solved_sun_deg: float | None = None
         self._solution: Any = None
@@ -94,16 +91,14 @@ class Field(BareField):
             True elevation of the sun's centre [deg].
         elevation_deg, azimuth_deg
             Of the lines of sight [deg], azimuth from the sun; they are broadcast.  Directions may look down: then the
-            Lambertian ground is seen through the air; in the isotropic mode it is lit by the sun only, in the exact
-            mode by the sky too.
+            Lambertian ground is seen through the air, lit by sun and sky.
 
         Returns
         -------
         array
             [sr^-1], shape of the directions plus (W,).
         """
-        if not -90.0 <= sun_elevation_deg <= 90.0:
-            raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
+        check_sun(sun_elevation_deg)
         elevation, azimuth = np.broadcast_arrays(
             np.asarray(elevation_deg, dtype=float), np.asarray(azimuth_deg, dtype=float)
         )
@@ -119,12 +114,10 @@ class Field(BareField):
 
     def single(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """Light scattered once, (D, W) [sr^-1], for flat lists of directions in degrees."""
-        lines = make_straight_lines(
-            self._line_profile, self._line_air, self.observer_altitude_km, elevation_deg, azimuth_deg
-        )
-        return single_scattering(lines, self.beam, self.medium, self._line_air.forward_fraction, sun_elevation_deg)
+        lines = make_straight_lines(self.profile, self.scaled, self.observer_altitude_km, elevation_deg, azimuth_deg)
+        return single_scattering(lines, self.beam, self.medium, self.scaled.forward_fraction, sun_elevation_deg)
 
-    def _view(self, multiple: ExactCells | IsotropicCells, sun_elevation_deg: float, below: bool) -> MultipleView:
+    def _view(self, multiple: ExactCells, sun_elevation_deg: float, below: bool) -> MultipleView:
         """Light scattered more than once, above or below the horizon; the views of the latest sun are cached."""
         if self._solved_sun_deg != sun_elevation_deg:
             self._solution, self.convergence = multiple.solve(sun_elevation_deg, self._progress)

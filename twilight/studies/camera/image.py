@@ -1,11 +1,13 @@
 """Photographs as linear RGB: EXR; HDR, TIFF, PNG, JPEG with OpenImageIO (extra `photo`); RAW with rawpy (`raw`).
 
-Pixels are as stored: an orientation tag does not turn them, for a camera model counts rows and columns of the file.
+Pixels are upright, as a file's orientation says, in the whole picture where the file holds a piece of one, and their
+light is Rec. 709 whatever colours the file states (``camera.stated``).
 """
 
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -18,7 +20,8 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
 from twilight.base.reading import MEMORY_FRACTION, first_line, memory_bytes
-from twilight.io.exr import exr_size, read_latlong_exr, write_channels
+from twilight.io.exr import OPAQUE, exr_size, laid_out, read_latlong_exr, write_channels
+from twilight.studies.camera.stated import STATES_NOTHING, Colours, colours_of, place_of, radiance_head, upright
 
 MAX_PIXELS = 400_000_000
 """Larger pictures are refused before memory is taken for them: 400 megapixels are 5 GB of linear RGB."""
@@ -37,16 +40,23 @@ ResponseFunction = Callable[[np.ndarray], np.ndarray]
 """Undoes a camera's curve: samples (..., 3) in 0..1 to relative exposure (..., 3), see ``camera.response``."""
 
 
+def srgb_to_linear(samples: np.ndarray) -> np.ndarray:
+    """Linear light of sRGB samples 0..1 (IEC 61966-2-1)."""
+    z = np.asarray(samples)
+    return np.where(z <= 0.04045, z / 12.92, ((np.maximum(z, 0.0) + 0.055) / 1.055) ** 2.4)
+
+
 @dataclass(frozen=True)
 class StoredImage:
     """A photograph as it was stored, before any response curve is undone.
 
-    samples (H, W, 3): 0..1 of the full scale for integers, the file's own numbers for floats; float32.
-    saturated (H, W): at the upper end of an integer scale, or not finite.
+    samples (H, W, 3): 0..1 of the full scale for integers, linear Rec. 709 in the file's own scale for floats; float32.
+    saturated (H, W): at the upper end of an integer scale, not finite, transparent, or outside of a piece of a picture.
     bits: of an integer sample, None for floats.
     linear: the format holds light itself (HDR, EXR, RAW, float TIFF) and has no response curve.
     grey: the file has one channel, repeated here; it says nothing about colour.
     exposure_time_s: from the file, None where it does not say.
+    colours: what the file states of integer samples.
     """
 
     samples: np.ndarray
@@ -55,6 +65,21 @@ class StoredImage:
     linear: bool
     grey: bool = False
     exposure_time_s: float | None = None
+    colours: Colours = STATES_NOTHING
+
+    def light(self, response: ResponseFunction | None) -> np.ndarray:
+        """Linear Rec. 709 (H, W, 3), float32, of samples whose curve is undone by `response`; None: they are linear.
+
+        In place of sRGB's curve a file's own is taken.
+        """
+        if self.linear:
+            return self.samples
+        if response is srgb_to_linear and self.colours.curves is not None:
+            light = self.colours.curves(self.samples).astype(np.float32)
+        else:
+            light = self.samples if response is None else np.asarray(response(self.samples), dtype=np.float32)
+        matrix = self.colours.to_rec709
+        return light if matrix is None else np.asarray(light @ matrix.T, dtype=np.float32)
 
 
 def read_image(path: str | Path, response: ResponseFunction | None = None) -> StoredImage:
@@ -69,11 +94,9 @@ def read_image(path: str | Path, response: ResponseFunction | None = None) -> St
 
 def as_light(path: str | Path, picture: StoredImage, response: ResponseFunction | None) -> StoredImage:
     """Samples as stored as linear light; arguments and errors as `read_image`, `path` names the file in them."""
-    if response is None:
-        return replace(picture, linear=True)
-    if picture.linear:
+    if picture.linear and response is not None:
         raise TwilightError(f"{path}: holds linear light; a response curve is for PNG, JPEG and integer TIFF")
-    return replace(picture, samples=np.asarray(response(picture.samples), dtype=np.float32), linear=True)
+    return replace(picture, samples=picture.light(response), linear=True)
 
 
 def read_samples(path: str | Path) -> StoredImage:
@@ -128,8 +151,9 @@ def _openimageio(path: Path) -> StoredImage:
     OpenImageIO.attribute("limits:imagesize_MB", 0)  # our own limit, with our own sentence
     wanted = OpenImageIO.ImageSpec()
     wanted.attribute("oiio:UnassociatedAlpha", 1)  # samples as stored, not times the opacity
-    with _without_native_messages():
-        file = OpenImageIO.ImageInput.open(str(path), wanted)
+    head = radiance_head(path) if path.suffix.lower() in RADIANCE_SUFFIXES else None
+    with _readable(path, head is not None and head.xyz) as readable, _without_native_messages():
+        file = OpenImageIO.ImageInput.open(str(readable), wanted)
         if file is None:
             raise TwilightError(f"{path}: is not a complete picture ({_line(OpenImageIO.geterror())})")
         spec = file.spec()
@@ -142,31 +166,59 @@ def _openimageio(path: Path) -> StoredImage:
         raise TwilightError(f"{path}: has {spec.nchannels} channels; 1 to 4 are read")
     grey = spec.nchannels <= 2
     samples = np.repeat(stored[..., :1], 3, axis=-1) if grey else stored[..., :3]
+    colours, place = colours_of(path, spec), place_of(path, spec)
+    orientation = spec.get_int_attribute("Orientation", 1)
+    if place is not None:
+        _check_size(path, place.width, place.height)
     if spec.format.basetype in (OpenImageIO.HALF, OpenImageIO.FLOAT, OpenImageIO.DOUBLE):
-        samples = samples.astype(np.float32)
-        return _floating(path, _radiance(samples, spec) if path.suffix.lower() in RADIANCE_SUFFIXES else samples, grey)
+        light = samples.astype(np.float32)
+        if head is not None:
+            light = np.asarray(_radiance(light) / head.divisor, dtype=np.float32)
+            colours = Colours(head.to_rec709)
+        elif (
+            colours.curves is not None and np.abs(colours.curves.light - np.linspace(0, 1, 1024)[:, None]).max() > 1e-3
+        ):
+            raise TwilightError(
+                f"{path}: holds floats and a colour profile with a curve; save it linear, or as integers"
+            )
+        light = light if colours.to_rec709 is None else light @ colours.to_rec709.T.astype(np.float32)
+        light = light if place is None else laid_out(light, place, np.nan)
+        return _floating(path, upright(light, orientation), grey)
     if stored.dtype not in (np.uint8, np.uint16):
         raise TwilightError(f"{path}: holds {stored.dtype}; integers of 8 or 16 bits without sign and floats are read")
     bits = 8 * stored.dtype.itemsize
     samples = samples.astype(np.float32) / np.float32(2**bits - 1)
     saturated = np.any(samples > SATURATED_FRACTION, axis=-1)
+    if spec.alpha_channel >= 0:
+        saturated |= stored[..., spec.alpha_channel] < OPAQUE * (2**bits - 1)
+    if place is not None:
+        samples, saturated = laid_out(samples, place, 0.0), laid_out(saturated, place, True)
+    samples, saturated = upright(samples, orientation), upright(saturated, orientation)
     seconds = spec.get_float_attribute("ExposureTime")
-    return StoredImage(samples, saturated, bits, False, grey, seconds if 0.0 < seconds < np.inf else None)
+    return StoredImage(samples, saturated, bits, False, grey, seconds if 0.0 < seconds < np.inf else None, colours)
 
 
-def _radiance(rgb: np.ndarray, spec: Any) -> np.ndarray:
-    """A Radiance picture's light, its EXPOSURE undone, upright.
+@contextmanager
+def _readable(path: Path, xyz: bool) -> Iterator[Path]:
+    """The file itself, or a Radiance picture of X, Y, Z as one of R, G, B, which is what OpenImageIO reads."""
+    if not xyz:
+        yield path
+        return
+    with tempfile.TemporaryDirectory(prefix="twilight-") as folder:
+        copy = Path(folder) / f"picture{path.suffix}"
+        copy.write_bytes(path.read_bytes().replace(b"32-bit_rle_xyze", b"32-bit_rle_rgbe", 1))
+        yield copy
+
+
+def _radiance(rgb: np.ndarray) -> np.ndarray:
+    """A Radiance picture's light.
 
     A mantissa m stands for the middle of its step, (m + 1/2) 2^(e - 136) (Ward, Real pixels, Graphics Gems II); what is
     read is its lower end, and the largest channel's exponent is that of all three.
     """
     largest = rgb.max(axis=-1, keepdims=True)
     exponent = np.frexp(largest)[1]
-    rgb = np.where(largest > 0, rgb + np.ldexp(np.float32(0.5), exponent - 8), 0.0).astype(np.float32)
-    orientation = spec.get_int_attribute("Orientation", 1)
-    rgb = rgb[::-1] if orientation in (3, 4) else rgb
-    rgb = rgb[:, ::-1] if orientation in (2, 3) else rgb
-    return rgb / np.float32(spec.get_float_attribute("hdr:exposure", 1.0))
+    return np.where(largest > 0, rgb + np.ldexp(np.float32(0.5), exponent - 8), 0.0).astype(np.float32)
 
 
 def _line(error: str) -> str:
@@ -190,7 +242,7 @@ def _without_native_messages() -> Iterator[None]:
 
 
 def _raw(path: Path) -> StoredImage:
-    """A RAW file by LibRaw: camera white balance, linear Rec. 709, no brightening, no turning; 16 bits."""
+    """A RAW file by LibRaw: camera white balance, linear Rec. 709, no brightening; 16 bits."""
     try:
         import rawpy  # optional
     except ImportError:
@@ -199,7 +251,7 @@ def _raw(path: Path) -> StoredImage:
         with rawpy.imread(str(path)) as raw:
             _check_size(path, raw.sizes.width, raw.sizes.height)
             rgb = raw.postprocess(
-                gamma=(1, 1), no_auto_bright=True, use_camera_wb=True, output_bps=16, user_flip=0,
+                gamma=(1, 1), no_auto_bright=True, use_camera_wb=True, output_bps=16,
                 output_color=rawpy.ColorSpace.sRGB, highlight_mode=rawpy.HighlightMode.Clip,
             )  # fmt: skip
     except (rawpy.LibRawError, MemoryError, ValueError) as error:

@@ -17,7 +17,7 @@ from twilight.atmosphere.csv_columns import read_columns
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
 from twilight.base.whole_files import write_csv
-from twilight.studies.camera.image import ResponseFunction, StoredImage
+from twilight.studies.camera.image import ResponseFunction, StoredImage, srgb_to_linear
 
 NODES = 256
 """Samples at which a curve is recovered and stored."""
@@ -33,12 +33,6 @@ TINY = 1e-12
 
 EXPOSURES = dict.fromkeys(("exposure", "red", "green", "blue"), (0.0, 1e300, "0 to 1e300"))
 """Columns of a curve's file beside its samples, and the numbers that they may hold."""
-
-
-def srgb_to_linear(samples: np.ndarray) -> np.ndarray:
-    """Linear light of sRGB samples 0..1 (IEC 61966-2-1)."""
-    z = np.asarray(samples)
-    return np.where(z <= 0.04045, z / 12.92, ((np.maximum(z, 0.0) + 0.055) / 1.055) ** 2.4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +192,7 @@ def merge_bracket(
     for index in order:
         picture, seconds = pictures[index], times[index]
         z = picture.samples
-        light = np.asarray(z if response is None else response(z), dtype=float) / seconds
+        light = picture.light(response).astype(float) / seconds
         if fallback is None:
             fallback, saturated = light, picture.saturated.copy()
         else:

@@ -29,7 +29,6 @@ HABER = {
     **CELLS,
     "solver.quality": "haber2005",
     "solver.azimuth_cells": 60,
-    "solver.expert.subcells": 3,
     "solver.max_orders": 20,
     "solver.expert.tolerance": 1e-3,
 }
@@ -67,7 +66,7 @@ ABLATIONS: tuple[Ablation, ...] = (
     _zones("straight lines of sight", solver__bent_lines_of_sight=False),
     _zones("ozone as a vertical filter", gases__ozone__treatment="overhead_filter"),
     _zones("no ozone", gases__ozone__treatment="none"),
-    _zones("no NO2, no O4", gases__no2=False, gases__o4=False),
+    _zones("no NO2 and O4", gases__no2=False, gases__o4=False),
     *(_zones(f"top at {top:g} km", atmosphere__top_km=top) for top in (35.0, 50.0, 60.0, 80.0)),
     _zones("Henyey-Greenstein instead of Mie", aerosol__phase_function="henyey_greenstein"),
     _zones("single scattering alone", solver__max_orders=1),
@@ -86,28 +85,24 @@ ABLATIONS: tuple[Ablation, ...] = (
     ),
     *(
         Ablation(
-            f"N = {n} layers of equal mass, top at 35 km",
+            f"N = {n} layers of equal mass to 35 km",
             {**ZONES, **LOW_TOP, "atmosphere.layers": {"equal_air_mass": n}},
             {**ZONES, **LOW_TOP},
         )
         for n in (10, 20, 30, 50, 70, 100)
     ),
-    _zones("N = 100 layers of equal mass, top at 100 km", atmosphere__layers={"equal_air_mass": 100}),
+    _zones("N = 100 layers of equal mass to 100 km", atmosphere__layers={"equal_air_mass": 100}),
     Ablation(
-        "isotropic multiple scattering, on Haber's cells (cells)",
+        "isotropic scattering on Haber's cells (cells)",
         {**HABER, **FEW_NM, "solver.azimuth_cells": 120},
         {**CELLS, **FEW_NM, "solver.quality": "standard"},
     ),
     *(
-        _haber(
-            f"active shells every {n}, against every 1 (cells)", {"solver.active_shell_step": 1}, active_shell_step=n
-        )
+        _haber(f"every {n}th shell active against all (cells)", {"solver.active_shell_step": 1}, active_shell_step=n)
         for n in (2, 4, 8)
     ),
-    *(
-        _haber(f"S = {s} against 120 (cells)", {"solver.azimuth_cells": 120}, azimuth_cells=s)
-        for s in (36, 60, 90, 180)
-    ),
+    _haber("similarity in extinction too (cells)", {}, **{"expert.reduce_extinction": True}),
+    *(_haber(f"S = {s} against 120 (cells)", {"solver.azimuth_cells": 120}, azimuth_cells=s) for s in (36, 60, 90)),
 )
 
 
@@ -122,6 +117,21 @@ class AblationRow:
     simplified: ComparisonRow | None = None
     full: ComparisonRow | None = None
     reason: str = ""
+
+
+def chosen_ablations(names: str, where: str = "--ablations") -> tuple[Ablation, ...]:
+    """The ablations that have one of the comma-separated names in their own, in the order of `ABLATIONS`; `all`: all.
+
+    Errors: TwilightError that lists them for a name that none has.
+    """
+    wanted = [name.strip().lower() for name in names.split(",")]
+    if wanted == ["all"]:
+        return ABLATIONS
+    for name in wanted:
+        if not name or not any(name in a.name.lower() for a in ABLATIONS):
+            listed = "; ".join(a.name for a in ABLATIONS)
+            raise TwilightError(f"{where}: {name or 'a name'} is in the name of no ablation: all, or {listed}")
+    return tuple(a for a in ABLATIONS if any(name in a.name.lower() for name in wanted))
 
 
 COLUMNS = (

@@ -66,7 +66,8 @@ class Job:
     def message(self, suns: tuple[float, ...], timed: tuple[float, ...]) -> dict[str, Any]:
         """The message to the worker, as JSON values; `timed` are the suns whose run time is missing."""
         name, quality, _ = self.config.chosen_solver
-        options = {k: v for k, v in self.config.solver.items() if k not in ("name", "quality")}
+        options = {k: v for k, v in self.config.solver.items() if k not in ("name", "quality", "expert")}
+        options |= self.config.solver.get("expert", {})
         return {
             "module": solvers.SOLVERS[name],
             "quality": quality,

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
+import secrets
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 
 from twilight.base.errors import TwilightError
+from twilight.base.whole_files import unfinished
 
 Buffer = bytes | bytearray | memoryview
 
@@ -21,22 +20,17 @@ def write_folder(folder: str | Path, files: Mapping[str, Buffer]) -> None:
     """
     folder = Path(folder)
     check_new(folder)
-    temporary = None
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-        for name, content in files.items():
-            path = temporary / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(content)
-        temporary.chmod(0o755)
-        os.replace(temporary, folder)
+        with unfinished(folder.with_name(f".{folder.name}.{secrets.token_hex(4)}.part")) as temporary:
+            temporary.mkdir()
+            for name, content in files.items():
+                path = temporary / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(content)
+            os.replace(temporary, folder)
     except OSError as error:
         raise TwilightError(f"{folder}: cannot be written ({error.strerror or error})") from None
-    finally:
-        if temporary is not None:
-            with suppress(OSError):
-                shutil.rmtree(temporary)
 
 
 def check_new(folder: Path) -> None:

@@ -1,7 +1,7 @@
 """The Prague Sky Model's file from solved fields: for every air, albedo, altitude and sun a sum of products.
 
-A field of all suns makes the skies of an air over a ground.  Below -2 deg it is evaluated for every second sun of the
-file, and the logarithm of radiance goes as a cubic spline between them.
+A field of all suns makes the skies of an air over a ground: tables of suns (`twilight.sky.table`), below -2 deg of
+every second sun of the file, between which the tables' rule goes.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from twilight.base.progress import Progress, part_of
-from twilight.studies.export.field_values import JUST_DEG
+from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT
+from twilight.engine.table import first_columns, first_rows, row_breaks
+from twilight.sky.table import DARKEST, SkyTable, stack
 from twilight.studies.export.prague_air import ChannelNodes
 from twilight.studies.export.prague_file import (
     PragueAxes,
@@ -33,6 +34,7 @@ from twilight.studies.export.prague_fit import (
 )
 from twilight.studies.export.prague_sky import SAFETY_M, PragueAngles, angles_of, elevation_of, index_and_fraction
 from twilight.studies.export.prague_transmittance import transmittance_of, transmittance_roots
+from twilight.transport.apparent_rays import horizon_dip_deg
 
 
 def _numbers(text: str) -> np.ndarray:
@@ -45,7 +47,7 @@ SUN_DEG = (
 )
 """Elevations of the sun in a file [deg]."""
 EVERY_SUN_DEG = -2.0
-"""Elevation of the sun [deg] below which the field is evaluated for every second sun of the file."""
+"""Elevation of the sun [deg] below which every second sun of the file has a table."""
 
 EMPHASIS_DEG = 90.0 - _numbers(
     "90 81 72 64 56 48 40 33 27 22 18 15 12.5 10 8 6 4.5 3.5 2.7 2 1.4 1 0.75 0.5 0.35 0.2269"
@@ -65,7 +67,7 @@ _AZIMUTH_DEG = _numbers(
     "169 174 178 180"
 )
 _AROUND_DEG = (0, 0.25, 0.6, 1, 1.5, 2.2, 3, 4, 5.5, 7, 9, 12, 15)
-"""Distances in height from a sun above the horizon at which its aureole is evaluated."""
+"""Distances in height from a sun above the horizon at which the sums of products are fitted to its aureole too."""
 FIRST_STEPS = 40
 """Rounds of the least squares of the first sun, which begin from nothing."""
 STEPS = 5
@@ -84,7 +86,7 @@ class PragueMaker:
     polarised: bool
 
     def make(self, field_of: Callable[[int, int, Progress], Any], progress: Progress) -> PragueFile:
-        """The file; field_of(visibility, albedo, progress): a `Solved` by the indices of its air and its ground."""
+        """The file; field_of(visibility, albedo, progress): a `Field` by the indices of its air and its ground."""
         axes, terms = self.axes, (len(GAMMA_DEG), len(ALPHA_DEG))
         sky = np.zeros(axes.shape, radiance_record(self.rank, *terms, len(EMPHASIS_DEG)))
         pol = np.zeros(axes.shape, polarisation_record(self.rank, *terms)) if self.polarised else None
@@ -165,57 +167,43 @@ def _store(
 
 
 class _Skies:
-    """The skies of one field from one altitude."""
+    """The skies of one field from one altitude, as tables of suns."""
 
     def __init__(self, field: Any, maker: PragueMaker, altitude_m: float):
-        self.field, self.maker, self.altitude_m = field, maker, altitude_m
-        self.altitude_km = field.medium.bottom_km + 1e-3 * (altitude_m - SAFETY_M)
-        suns = [float(s) for s in maker.axes.elevation_deg if s < EVERY_SUN_DEG]
-        every_second = suns[::2] if len(suns) % 2 else [*suns[::2], suns[-1]]
-        self._low = set(suns) if len(suns) >= 8 else set()
-        anchors = [*every_second, *(float(s) for s in maker.axes.elevation_deg if EVERY_SUN_DEG <= s <= 0.0)]
-        self._splines: list[CubicSpline] = []
-        if self._low:
-            evaluated = [self._evaluate(sun, EMPHASIS_DEG) for sun in anchors]
-            self._splines = [CubicSpline(anchors, np.array(one)) for one in zip(*evaluated, strict=True)]
+        self.maker, self.altitude_m = maker, altitude_m
+        altitude_km = field.medium.bottom_km + 1e-3 * (altitude_m - SAFETY_M)
+        self._horizon_deg = -horizon_dip_deg(field.medium, altitude_km)
+        rows = first_rows(*row_breaks(field.scene, altitude_km), ROW_COUNT)
+        columns = first_columns(COLUMN_COUNT)
+
+        def table(sun: float) -> SkyTable:
+            return field.table(sun, altitude_km, rows_deg=rows, columns_deg=columns, refine=False)
+
+        suns = [float(sun) for sun in maker.axes.elevation_deg]
+        low = [sun for sun in suns if sun < EVERY_SUN_DEG]
+        every_second = low[::2] if len(low) % 2 else [*low[::2], low[-1]]
+        self._tables = stack([table(sun) for sun in suns if sun >= EVERY_SUN_DEG or sun in every_second])
 
     def at(self, sun: float) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Zenith angles [deg] of the rows, mean radiance (rows, A, C) of each channel and, if polarised, polarisation.
 
-        Rows and azimuths half-way between those at which the field is evaluated are on cubic splines: there must be
-        several times as many directions as unknowns, or the sum of products goes astray between them.
+        There must be several times as many directions as unknowns, or the sum of products goes astray between them.
+        Directions below the horizon's refracted image have the sky just above it.
         """
-        zero_deg = EMPHASIS_DEG
+        zero_deg, table, nodes = EMPHASIS_DEG, self._tables.under(sun), self.maker.nodes
         if sun > 0.0:
             around = 90.0 - sun + np.concatenate([_AROUND_DEG, np.negative(_AROUND_DEG)])
             zero_deg = np.union1d(EMPHASIS_DEG, around[(around >= 0.0) & (around <= EMPHASIS_DEG[-1])])
-        if sun in self._low:
-            found = [spline(sun) for spline in self._splines]
-        else:
-            found = self._evaluate(sun, zero_deg)
-        fine = [
-            CubicSpline(
-                zero_deg, CubicSpline(_AZIMUTH_DEG, one, axis=1, bc_type="clamped")(_with_midpoints(_AZIMUTH_DEG))
-            )(_with_midpoints(zero_deg))
-            for one in found
-        ]
-        return _with_midpoints(zero_deg), np.exp(fine[0]), fine[1] if len(fine) > 1 else None
-
-    def _evaluate(self, sun: float, zero_deg: np.ndarray) -> list[np.ndarray]:
-        """Logarithm of the field's radiance (rows, A, C) and, if polarised, its polarisation along the sun's plane.
-
-        Directions below the horizon's refracted image have the sky just above it.
-        """
-        lowest = _horizon_deg(self.field.medium, self.altitude_km) + JUST_DEG
-        elevation = np.clip(elevation_of(zero_deg, self.altitude_m), lowest, 90.0)
-        e, a = np.meshgrid(elevation, _AZIMUTH_DEG, indexing="ij")
-        nodes = self.maker.nodes
+        zero_deg, azimuth = _with_midpoints(zero_deg), _with_midpoints(_AZIMUTH_DEG)
+        elevation = np.clip(elevation_of(zero_deg, self.altitude_m), self._horizon_deg, 90.0)
+        radiance = table.on_grid(elevation, azimuth).astype(float)
+        light = nodes.mean(radiance)
+        light = np.maximum(light, DARKEST * light.max(axis=(0, 1)))
         if not self.maker.polarised:
-            light = nodes.mean(self.field.radiance(sun, e, a, self.altitude_km))
-            return [np.log(np.maximum(light, 1e-30))]
-        stokes = nodes.mean(self.field.stokes(sun, e, a, self.altitude_km))
-        light = np.maximum(stokes[..., 0, :], 1e-30)
-        return [np.log(light), along_scattering(sun, e, a, stokes[..., 1, :], stokes[..., 2, :]) / light]
+            return zero_deg, light, None
+        fraction = table.fractional_stokes(elevation[:, None], azimuth)
+        along = along_scattering(sun, elevation[:, None], azimuth, fraction[..., 0, :], fraction[..., 1, :])
+        return zero_deg, light, nodes.mean(along * radiance) / light
 
 
 def along_scattering(sun_deg: float, elevation_deg, azimuth_deg, q: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -234,11 +222,3 @@ def along_scattering(sun_deg: float, elevation_deg, azimuth_deg, q: np.ndarray, 
 def _with_midpoints(values: np.ndarray) -> np.ndarray:
     """The values and the middles between them."""
     return np.sort(np.concatenate([values, 0.5 * (values[1:] + values[:-1])]))
-
-
-def _horizon_deg(medium: Any, altitude_km: float) -> float:
-    """Apparent elevation of the horizon, by Bouguer's invariant."""
-    both = np.array([medium.bottom_km, altitude_km])
-    n = 1.0 + medium.at(both).refractivity[:, 0]
-    r = medium.earth_radius_km + both
-    return -float(np.degrees(np.arccos(min(1.0, n[0] * r[0] / (n[1] * r[1])))))

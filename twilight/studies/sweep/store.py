@@ -20,6 +20,7 @@ import numpy as np
 
 from twilight import __version__
 from twilight.base.errors import TwilightError
+from twilight.base.whole_files import unfinished
 from twilight.io.journal import Journal, open_journal, read_journal
 from twilight.io.labels import attributes
 from twilight.io.provenance import differences, to_json
@@ -217,17 +218,16 @@ def _create(path: Path, sweep: Sweep) -> None:
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        group = zarr.open_group(temporary, mode="w", zarr_format=2)
-        group.attrs.update(_attributes(sweep))
-        _results(group, sweep)
-        _coordinates(group, sweep)
-        zarr.consolidate_metadata(temporary, zarr_format=2)
-        (temporary / JOURNAL).touch()
-        os.rename(temporary, path)
+        with unfinished(temporary):
+            group = zarr.open_group(temporary, mode="w", zarr_format=2)
+            group.attrs.update(_attributes(sweep))
+            _results(group, sweep)
+            _coordinates(group, sweep)
+            zarr.consolidate_metadata(temporary, zarr_format=2)
+            (temporary / JOURNAL).touch()
+            os.rename(temporary, path)
     except OSError as error:
         raise TwilightError(f"{path}: cannot be written ({error.strerror or error})") from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _attributes(sweep: Sweep) -> dict[str, str]:

@@ -180,7 +180,8 @@ def timeline(
         prevented = not (found or held) and _moon_prevents(one, light, moments)
         outcomes.append(Outcome(one, held, tuple(found), prevented))
     days = sorted({moment.date() for moment in times})
-    all_marks = [mark for day in days for mark in twilight_times(day, latitude_deg, longitude_deg, time_zone)]
+    place = latitude_deg, longitude_deg, time_zone, light.solved.scene.altitude_km
+    all_marks = [mark for day in days for mark in twilight_times(day, *place)]
     passed = [mark for mark in all_marks if mark.time is not None and times[0] <= mark.time <= times[-1]]
     # an event that no day of the table has is said once
     missing = {mark.event: mark for mark in all_marks if mark.time is None}

@@ -64,7 +64,8 @@ function startGpu() {
   const [n, m] = HEAD.arrays.zodiacal?.shape ?? [2, 2], flipped = new Float32Array(n * m);
   if (tables.zodiacal) for (let i = 0; i < n; i++) for (let j = 0; j < m; j++) flipped[j * n + i] = tables.zodiacal[i * m + j];
   texture("uZodiac", n, m, 1, flipped);
-  texture3d("uSpace", 1, 1, 1, null);
+  texture3d("spaceTable", 1, 1, 1, null);
+  texture("spaceLines", 1, 1, 4, null);
   if (tables.stars) {
     starCount = HEAD.arrays.stars.shape[0];
     gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
@@ -81,25 +82,37 @@ function uploadTables(sun) {
   if (key === sliced) return;
   sliced = key;
   if (inSpace()) uploadSpace();
-  const t = HEAD.texels, grid = HEAD.kind === "sky", rows = grid ? t.sky : t.ground + t.haze + t.sky + 1, size = rows * t.azimuth * 4;
-  const parts = [], lines = new Float32Array(HEAD.fields.length * 8 * 256 * 4);
-  HEAD.fields.forEach((_, k) => {
-    parts.push(...tablesUnder(k, sun.shown, grid ? 0 : size));
-    if (grid) return;
-    const put = (row, values) => lines.set(values, (8 * k + row) * 1024);
-    if (tables[`phase${k}`]) put(0, tables[`phase${k}`]);
-    put(1, atAltitude("beam", k));
-    atAltitude("refraction_deg", k).forEach((v, i) => { lines[(8 * k + 2) * 1024 + 4 * i] = v * DEG; });
-    put(3, atAltitude("night", k));
-  });
-  if (moon?.lights) HEAD.fields.forEach((_, k) => parts.push(...tablesUnder(k, moon.shown, size)));
-  const whole = new Float32Array(parts.reduce((sum, p) => sum + p.length, 0));
-  parts.reduce((start, p) => { whole.set(p, start); return start + p.length; }, 0);
-  texture("uSlice", t.azimuth, whole.length / (4 * t.azimuth), 4, whole);
-  texture("uLines", 256, HEAD.fields.length * 8, 4, lines);
+  const lines = new Float32Array(HEAD.fields.length * 7 * 256 * 4);
+  if (HEAD.kind === "field") {
+    HEAD.fields.forEach((_, k) => {
+      const put = (row, values) => lines.set(values, (7 * k + row) * 1024);
+      put(0, atAltitude("beam", k));
+      atAltitude("refraction_deg", k).forEach((v, i) => { lines[(7 * k + 1) * 1024 + 4 * i] = v * DEG; });
+      put(2, atAltitude("night", k));
+    });
+  }
+  texture("uLines", 256, HEAD.fields.length * 7, 4, lines);
+  if (inSpace()) return;
+  const bodies = moon?.lights ? [sun, moon] : [sun], parts = 2 * HEAD.fields.length * bodies.length;
+  const [, , , rows, columns] = HEAD.arrays.sky0.shape, size = rows * columns * 4;
+  const whole = new Float32Array(parts * size).fill(NO_LIGHT), nodes = new Float32Array(parts * LINE);
+  bodies.forEach((body, i) => HEAD.fields.forEach((f, k) => {
+    const first = 2 * (k + HEAD.fields.length * i), under = (name) => underSun(name, body.shown, f.sun_node_deg);
+    whole.set(under(`sky${k}`), first * size);
+    if (tables[`aureole${k}`]) whole.set(under(`aureole${k}`), (first + 1) * size);
+    putNodes(nodes, first, [[0], rowsOf(k), HEAD.column_deg, [liftOf(k, body.shown)]], tables[`phase${k}`]);
+  }));
+  texture3d("skyTable", columns, rows, parts, whole);
+  texture("skyLines", LINE / 4, parts, 4, nodes);
 }
 
-const tablesUnder = (k, elevation, size) => [underSun(`sky${k}`, elevation), tables[`aureole${k}`] ? underSun(`aureole${k}`, elevation) : new Float32Array(size)];
+const NO_LIGHT = -200, LINE = 4 * 1024;   // textures.py
+
+// A table's nodes along each axis as a line of 4 channels, and its phase function as the next one.
+function putNodes(lines, line, axes, phase) {
+  axes.forEach((nodes, axis) => nodes.forEach((v, i) => { lines[line * LINE + 4 * i + axis] = v; }));
+  if (phase) lines.set(phase, (line + 1) * LINE);
+}
 
 function setView(p, aspect) {
   gl.useProgram(p.made);
@@ -114,7 +127,7 @@ function setView(p, aspect) {
   gl.uniform1fv(p.at("uHorizon"), twice((k) => horizonOf(k) * DEG));
   gl.uniform1f(p.at("uOrbit"), inSpace() ? orbitRadius(0) : 0);
   if (!HEAD.space) return;
-  gl.uniform3fv(p.at("uEarth"), twice((k) => [HEAD.fields[k].grazing_km, HEAD.fields[k].haze_km, HEAD.fields[k].top_radius_km]).flat());
+  gl.uniform2fv(p.at("uEarth"), twice((k) => [HEAD.fields[k].grazing_km, HEAD.fields[k].top_radius_km]).flat());
   gl.uniform1f(p.at("uLinesTo"), HEAD.space.lines_to_km);
 }
 
@@ -123,19 +136,16 @@ const twice = (f) => [0, 1].map((k) => f(Math.min(k, HEAD.fields.length - 1)));
 
 // X, Y, Z and scotopic luminance into a target; discs: whether those of sun and moon are in it.
 function drawLight(into, aspect, sun, sky, discs) {
-  const p = programs.sky, t = HEAD.texels, moon = theMoon(sun);
+  const p = programs.sky, moon = theMoon(sun), [place, name] = inSpace() ? ["space", "space_sky0"] : ["sky", "sky0"];
+  const [, , suns, rows, columns] = HEAD.arrays[name].shape;
   setView(p, aspect);
-  gl.uniform1i(p.at("uSlice"), slots.uSlice.unit);
+  gl.uniform1i(p.at("skyTable"), slots[`${place}Table`].unit);
+  gl.uniform1i(p.at("skyLines"), slots[`${place}Lines`].unit);
+  gl.uniform3i(p.at("uCount"), inSpace() ? suns : 1, rows, columns);
+  gl.uniform1i(p.at("uFields"), HEAD.fields.length);
   gl.uniform1i(p.at("uZodiac"), slots.uZodiac.unit);
-  gl.uniform1i(p.at("uSpace"), slots.uSpace.unit);
-  gl.uniform1i(p.at("uLimb"), HEAD.space?.limb ?? 0);
   gl.uniform1f(p.at("uEdge"), HEAD.space?.edge_km ?? 1);
-  gl.uniform3fv(p.at("uSunAxis"), HEAD.sun_axis ?? [0, 0, 1]);
-  gl.uniform4i(p.at("uTexels"), t.ground, t.haze, t.sky, t.azimuth);
-  gl.uniform2fv(p.at("uHaze"), twice((k) => hazeOf(k).map((e) => e * DEG)).flat());
   gl.uniform1i(p.at("uGrid"), HEAD.kind === "sky" ? 1 : 0);
-  gl.uniform1f(p.at("uAzimuthPower"), HEAD.azimuth_power ?? 1);
-  gl.uniform1iv(p.at("uAureole"), twice((k) => (tables[`aureole${k}`] ? 1 : 0)));
   gl.uniform3fv(p.at("uSun"), sun.direction);
   gl.uniform2f(p.at("uSunSide"), Math.sin(sun.azimuth * DEG), Math.cos(sun.azimuth * DEG));
   gl.uniform1f(p.at("uSunRadius"), 0.26656 / sun.distance * DEG);
@@ -150,7 +160,6 @@ function drawLight(into, aspect, sun, sky, discs) {
     gl.uniform1f(p.at("uMoonRadius"), moon.radius);
     gl.uniform1f(p.at("uMoonShape"), moonDiscIntegral(moon.phase));
     gl.uniformMatrix4fv(p.at("uMoonColour"), false, twice((k) => moonlight(moon, k, "moon_colours")).flat());
-    gl.uniform1i(p.at("uMoonFirst"), 2 * HEAD.fields.length * (t.ground + t.haze + t.sky + 1));
   }
   gl.uniform1i(p.at("uNight"), state.night && HEAD.kind === "field" ? 1 : 0);
   if (state.night && HEAD.kind === "field") {

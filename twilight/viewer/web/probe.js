@@ -34,35 +34,18 @@ function spectrumOf(d, field) {
 
 // Radiance over the irradiance of a body at 1 au [sr^-1], at the wavelengths of the field.
 function factorUnder(d, field, sun) {
-  const t = HEAD.texels, foot = inSpace() ? footOf(d, field, sun) : null;
-  const name = `${inSpace() ? "space_" : ""}spectrum${field}`, shape = HEAD.arrays[name].shape;
-  const values = underSun(name, foot?.sun ?? sun.shown), bands = shape[0], rows = shape[3], columns = shape[4];
-  const e = elevationOf(d), away = around(azimuthOf(d) - sun.azimuth, 360), h = horizonOf(field), up = e >= h;
-  let y, x, low = 0, high = rows - 1;
-  if (HEAD.kind === "sky") {
-    if (!up) return new Array(bands).fill(0);
-    y = e / 90 * (rows - 1);
-    x = away / 360 * columns;
-  } else if (inSpace()) {
-    if (foot) {
-      const ground = (t.ground + 1) / 2;
-      [low, high] = foot.ground ? [0, ground - 1] : [ground, rows - 1];
-      y = foot.ground ? foot.y / 2 : ground + (foot.y - t.ground) / 2;
-      x = (foot.azimuth / 180) ** (1 / HEAD.azimuth_power) * (columns - 1);
-    } else [x, y] = [0, 0];
-  } else {
-    const ground = (t.ground + 1) / 2;
-    [low, high] = up ? [ground, rows - 1] : [0, ground - 1];
-    y = up ? low + rowAbove(e, h, hazeOf(field), 90, 2, t.haze, t.sky) / 2 : (1 - Math.sqrt(clamp((h - e) / (90 + h), 0, 1))) * high;
-    x = (Math.min(away, 360 - away) / 180) ** (1 / HEAD.azimuth_power) * (columns - 1);
+  const foot = inSpace() ? footOf(d, field, sun) : null, f = HEAD.fields[field], grid = HEAD.kind === "sky";
+  const e = elevationOf(d), h = horizonOf(field), beside = around(azimuthOf(d) - sun.azimuth, 360);
+  if (inSpace() ? !foot : grid && e < h) return f.wavelength_nm.map(() => 0);
+  const values = foot ? underSun(`space_spectrum${field}`, foot.sun, f.space_spectrum_sun_deg) : underSun(`spectrum${field}`, sun.shown, f.spectrum_sun_deg);
+  const kept = foot ? HEAD.space.spectrum_rows : HEAD.spectrum_rows, rows = grid ? HEAD.spectrum_row_deg : kept.map((i) => rowsOf(field)[i]);
+  const columns = HEAD.spectrum_column_deg, bands = f.wavelength_nm.length;
+  const across = stencil(columns, foot ? foot.azimuth : grid ? beside : Math.min(beside, 360 - beside));
+  const logs = new Array(bands).fill(0);
+  for (const [j, v] of stencil(rows, foot ? foot.row : e)) {
+    for (const [i, w] of across) for (let b = 0; b < bands; b++) logs[b] += v * w * values[(j * columns.length + i) * bands + b];
   }
-  const j = clamp(Math.floor(y), low, high - 1), v = y - j;
-  const i = HEAD.kind === "sky" ? Math.floor(x) : Math.min(Math.floor(x), columns - 2), w = x - i;
-  const at = (row, column, b) => values[(row * columns + column % columns) * bands + b];
-  const lit = inSpace() ? (foot ? foot.edge * Math.exp(Math.min(0, foot.sun - HEAD.sun_axis[0])) : 0) : 1;
-  return HEAD.fields[field].wavelength_nm.map((_, b) => lit * Math.exp(
-    (1 - v) * ((1 - w) * at(j, i, b) + w * at(j, i + 1, b)) + v * ((1 - w) * at(j + 1, i, b) + w * at(j + 1, i + 1, b)),
-  ));
+  return logs.map((log) => (foot ? foot.edge : 1) * Math.exp(log));
 }
 
 function drawProbe() {

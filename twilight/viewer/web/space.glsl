@@ -1,6 +1,6 @@
 // Above the air: a line of sight by where it passes the Earth (twilight/viewer/space.py).
 uniform float uOrbit;        // distance of the observer from the Earth's centre, km; 0: within the air
-uniform vec3 uEarth[2];      // p of the rays that graze the ground and the haze's top, radius of the top of the air, km
+uniform vec2 uEarth[2];      // p of the ray that grazes the ground, radius of the top of the air, km
 uniform float uLinesTo;      // km above p_h that the lines of 256 nodes reach
 
 // Place among the nodes of `uLines`, 0 to 1: by elevation e over the horizon h, or by height over the grazing ray.

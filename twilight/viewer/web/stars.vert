@@ -19,7 +19,7 @@ void main() {
   gl_Position = there && e > h && max(abs(p.x), abs(p.y)) < 1.05 ? vec4(p, 0.0, 1.0) : vec4(2.0, 2.0, 2.0, 1.0);
   float u = linePlace(field, e, h, length(d.xy));
   // light of one star of magnitude 10 per square degree, as it comes through the air
-  vec4 through = texelFetch(uLines, ivec2(int(u * 255.0), 8 * field + 4), 0);
+  vec4 through = texelFetch(uLines, ivec2(int(u * 255.0), 7 * field + 3), 0);
   vec4 lux = through * 3.04617e-4 * exp(-0.921034 * (star.w - 10.0));
   colour = min(lux / (uPixel * 6.2832 * 1.1) * uUnit, 6e4);
 }

@@ -31,30 +31,27 @@ function logarithms(bytes, a) {
   return out;
 }
 
-const cubicWeights = (t) => {
-  const t2 = t * t, t3 = t2 * t;
-  return [-0.5 * t + t2 - 0.5 * t3, 1 - 2.5 * t2 + 1.5 * t3, 0.5 * t + 2 * t2 - 1.5 * t3, 0.5 * (t3 - t2)];
-};
-
-// Place of a sun among n suns.
-function sunPlace(elevation, n) {
-  if (n === 1) return 0;
-  const [low, centre, width] = HEAD.sun_axis;
-  const t = (e) => Math.asinh((e - centre) / width);
-  return clamp((t(elevation) - t(low)) / (t(90) - t(low)), 0, 1) * (n - 1);
+// Four of nodes about x and their weights, as skyStencil of table.glsl has them: for suns, and for clicks.
+function stencil(nodes, x) {
+  const last = nodes.length - 1;
+  if (last === 0) return [[0, 1]];
+  x = clamp(x, nodes[0], nodes[last]);
+  let low = 0, high = last;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (nodes[middle] <= x) low = middle; else high = middle;
+  }
+  const at = [-1, 0, 1, 2].map((k) => clamp(low + k, 0, last)), n = at.map((i) => nodes[i]), h = n[2] - n[1];
+  const b = n[1] > n[0] ? h / (n[1] - n[0]) : 0, a = n[3] > n[2] ? h / (n[3] - n[2]) : 0, l = 1 / (1 + b), r = 1 / (1 + a);
+  const u = (x - n[1]) / h, p = u * (1 - u) ** 2, q = u * u * (1 - u), inner = p * l - q * r, left = p * (1 - l) * b, right = q * (1 - r) * a;
+  const w = [-left, (1 + 2 * u) * (1 - u) ** 2 - inner + left, u * u * (3 - 2 * u) + inner + right, -right];
+  return at.map((i, k) => [i, w[k]]).filter(([, v]) => v !== 0);
 }
 
-// Suns and their weights for a cubic; beyond the ends the table goes on as a straight line.
-function sunWeights(place, n) {
-  if (n === 1) return [[0, 1]];
-  const i = clamp(Math.floor(place), 0, n - 2), w = cubicWeights(place - i);
-  const weights = new Map();
-  const add = (j, v) => weights.set(j, (weights.get(j) ?? 0) + v);
-  w.forEach((v, k) => {
-    const j = i - 1 + k;
-    if (j < 0) { add(0, 2 * v); add(1, -v); } else if (j > n - 1) { add(n - 1, 2 * v); add(n - 2, -v); } else add(j, v);
-  });
-  return [...weights];
+// The same of suns: below the first one logarithms fall on straight.
+function sunStencil(nodes, sun) {
+  const below = nodes.length > 1 ? (nodes[0] - sun) / (nodes[1] - nodes[0]) : 0;
+  return below > 0 ? [[0, 1 + below], [1, -below]] : stencil(nodes, sun);
 }
 
 // Altitudes and their weights: linear in the square root of the height above the ground.
@@ -71,30 +68,34 @@ function altitudeWeights(altitude) {
 // Apparent elevation of the horizon [deg].
 const horizonOf = (field) => inSpace() ? -Math.acos(HEAD.fields[field].grazing_km / orbitRadius(field)) / DEG : altitudeWeights(state.altitude).reduce((sum, [i, w]) => sum + w * HEAD.fields[field].horizon_deg[i], 0);
 
-// The same of the top of the haze: 0 for an observer below it, linear in the square root of the height above it; and what
-// the rows have for it between two altitudes, which are mixed like the horizon.
+// The same of the top of the haze: at the horizon for an observer below it, linear in the root of the height above it.
 function hazeOf(field) {
-  const { haze_deg: at, haze_top_km: top } = HEAD.fields[field], [[i, w], next] = altitudeWeights(state.altitude);
-  if (inSpace() || !next) return [at[i], at[i]];
+  const { haze_deg: at, haze_top_km: top } = HEAD.fields[field], [[i], next] = altitudeWeights(state.altitude), least = horizonOf(field) + HEAD.least_haze_deg;
+  if (!next) return Math.max(at[i], least);
   const j = next[0], root = (z) => Math.sqrt(Math.max(0, z - top)), low = root(HEAD.altitude_km[i]);
   const t = clamp((root(state.altitude) - low) / Math.max(root(HEAD.altitude_km[j]) - low, 1e-9), 0, 1);
-  return [at[i] + (at[j] - at[i]) * t, at[i] * w + at[j] * (1 - w)];
+  return Math.max(at[i] + (at[j] - at[i]) * t, least);
 }
 
-// Place among the rows of the sky of a line at x from the horizon by the top of the haze to `high`. As in sky.frag.
-const NEAR = 0.03;
-function rowAbove(x, low, [haze, rowsHaze], high, power, steps, rows) {
-  if (x < haze) return Math.asin(Math.sqrt(clamp((x - low) / Math.max(haze - low, 1e-9), 0, 1))) / (Math.PI / 2) * steps;
-  const far = rowsHaze + NEAR * (high - rowsHaze);
-  const fraction = x < far ? NEAR * (x - haze) / (far - haze) : (x - rowsHaze) / (high - rowsHaze);
-  return steps + clamp(fraction, 0, 1) ** (1 / power) * (rows - 1);
+// Nodes of the rows [deg] of a field's tables at the altitude of the state: at fractions of ground, haze and sky.
+function rowsOf(field) {
+  if (HEAD.kind === "sky") return HEAD.row_deg;
+  if (inSpace()) return HEAD.fields[field].space_row;
+  const edges = [-90, horizonOf(field), hazeOf(field), 90];
+  return HEAD.rise.flatMap((part, k) => part.map((f) => edges[k] * (1 - f) + edges[k + 1] * f));
 }
 
-// One array of shape (C, altitude, sun, ...rest) under a sun: (rest, C), channels last.
-function underSun(name, elevation) {
+// What refraction lifts a sun [deg].
+function liftOf(field, elevation) {
+  const { lift_deg: lifts, sun_node_deg: nodes } = HEAD.fields[field];
+  return altitudeWeights(state.altitude).reduce((sum, [i, w]) => sum + w * sunStencil(nodes, elevation).reduce((s, [j, v]) => s + v * lifts[i][j], 0), 0);
+}
+
+// One array of shape (C, altitude, sun, ...rest) under a sun, its suns being `nodes`: (rest, C), channels last.
+function underSun(name, elevation, nodes) {
   const values = tables[name], [c, nz, ns, ...rest] = HEAD.arrays[name].shape;
   const size = rest.reduce((p, n) => p * n, 1), out = new Float32Array(size * c);
-  const suns = sunWeights(sunPlace(elevation, ns), ns), altitudes = nz > 1 ? altitudeWeights(state.altitude) : [[0, 1]];
+  const suns = sunStencil(nodes, elevation), altitudes = nz > 1 ? altitudeWeights(state.altitude) : [[0, 1]];
   for (let k = 0; k < c; k++) {
     for (const [i, wz] of altitudes) {
       for (const [j, ws] of suns) {

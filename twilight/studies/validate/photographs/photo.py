@@ -68,6 +68,43 @@ class PhotoSky:
         return self.solid_angle_sr > 0
 
 
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Cells of a photograph that stand for equal parts of its clear sky; what is compared of them is as of `PhotoSky`.
+
+    elevation_deg, azimuth_deg (n,): middle of the clear part of each, azimuth from the sun.
+    xyz (n, 3), solid_angle_sr (n,).
+    """
+
+    elevation_deg: np.ndarray
+    azimuth_deg: np.ndarray
+    xyz: np.ndarray
+    solid_angle_sr: np.ndarray
+    colour_known: bool = True
+
+    @property
+    def counts(self) -> np.ndarray:
+        """(n,): the cell takes part in the comparison."""
+        return self.solid_angle_sr > 0
+
+    @classmethod
+    def of(cls, photo: PhotoSky, most: int) -> Cells:
+        """At most so many of the cells that count, spread evenly over the clear sky."""
+        rows, columns = photo.fine_elevation_deg, photo.fine_azimuth_deg
+        shape = photo.fine_valid.shape
+        middle = np.stack([np.broadcast_to(rows[:, None], shape), np.broadcast_to(columns, shape)], axis=-1)
+        k = rows.size // photo.elevation_deg.size
+        where, _ = _average(middle, photo.fine_valid, rows, k, 90.0 / rows.size)
+        weight = photo.solid_angle_sr[photo.counts]
+        chosen = np.arange(weight.size)
+        if weight.size > most:
+            passed = np.cumsum(weight)
+            chosen = np.unique(np.searchsorted(passed, (np.arange(most) + 0.5) / most * passed[-1]))
+            weight = np.full(weight.size, passed[-1] / chosen.size)
+        e, a = where[photo.counts][chosen].T
+        return cls(e, a, photo.xyz[photo.counts][chosen], weight[chosen], photo.colour_known)
+
+
 def photo_sky(panorama: Panorama, valid: np.ndarray, cell_deg: float) -> PhotoSky:
     """A panorama whose origin is the sun's azimuth, averaged over the clear fine cells of every cell.
 
@@ -152,7 +189,7 @@ class Balance:
         return self.exposure * (xyz @ matrix.T)
 
 
-def balance(photo: PhotoSky, simulated: PhotoSky, white_balance: bool = False) -> Balance:
+def balance(photo: PhotoSky | Cells, simulated: PhotoSky | Cells, white_balance: bool = False) -> Balance:
     """One free exposure and, on request, one free white balance (a gain for red, green and blue).
 
     The gains make the weighted mean of ln(channel) the same in both, over cells where all channels are positive; the
@@ -335,13 +372,17 @@ def _quantile(values: np.ndarray, weight: np.ndarray, q: float) -> float:
 
 
 def residual_vector(
-    photo: PhotoSky, simulated: PhotoSky | np.ndarray, *, white_balance: bool = False, with_colour: bool = True
+    photo: PhotoSky | Cells,
+    simulated: PhotoSky | Cells | np.ndarray,
+    *,
+    white_balance: bool = False,
+    with_colour: bool = True,
 ) -> np.ndarray:
     """Residuals (n,) whose sum of squares measures how far a simulation is from a photograph.
 
     For every cell that counts ln(photograph / simulation) / LOG_SCALE and, with colour, the differences in u' and v' /
     CHROMATICITY_SCALE, each times the root of its fraction of the solid angle, after the free exposure (and white
-    balance).  simulated: a PhotoSky, or XYZ (E, A, 3) on the photograph's grid.
+    balance).  simulated: the same, or its XYZ, (E, A, 3) or (n, 3).
     """
     if isinstance(simulated, np.ndarray):
         simulated = replace(photo, xyz=simulated, colour_known=True)

@@ -1,0 +1,83 @@
+"""A solved field as a person meets it: a sky of any sun at once, what it says of itself, and wrong questions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from closed_sky import closed
+
+import twilight
+from twilight.base.errors import TwilightError
+
+
+@pytest.fixture
+def field():
+    return closed("closed air")
+
+
+def asked(field, monkeypatch) -> list[float]:
+    """The suns that the solver is asked for from now on."""
+    inner, suns = field.blocks[0].field, []
+    real = type(inner).radiance
+
+    def radiance(self, sun_elevation_deg, *more, **options):
+        suns.append(sun_elevation_deg)
+        return real(self, sun_elevation_deg, *more, **options)
+
+    monkeypatch.setattr(type(inner), "radiance", radiance)
+    return suns
+
+
+def test_the_sky_of_another_sun_asks_the_solver_for_nothing(field, monkeypatch):
+    suns = asked(field, monkeypatch)
+    first = field.sky(-4.0)
+    assert suns and not any(sun == -4.0 for sun in suns)
+    suns.clear()
+    second = field.sky(-4.05)
+    assert not suns
+    for sky in (first, second):
+        e, a = np.meshgrid(sky.elevation_deg, sky.azimuth_deg, indexing="ij")
+        exact = field.radiance(sky.sun_elevation_deg, e, a)
+        off = np.abs(sky.sun_normalised_radiance / exact - 1.0)
+        assert np.percentile(off, 95) < 0.003 and off.max() < 0.01
+    assert np.array_equal(first.direct_irradiance, field.direct(-4.0).irradiance)
+
+
+def test_another_observer_is_asked_for(field, monkeypatch):
+    suns = asked(field, monkeypatch)
+    field.sky(-4.0, observer_altitude_km=0.05)
+    assert set(suns) == {-4.0}
+
+
+def test_a_field_and_a_page_say_what_they_are_in_five_lines(field):
+    lines = repr(field).splitlines()
+    assert len(lines) == 5 and max(map(len, lines)) <= 110
+    assert "closed air, by " in lines[0] and "8 wavelengths 380 to 720 nm" in lines[1] and "any sun" in lines[3]
+    sky = field.sky(-2.0)
+    assert isinstance(sky, twilight.Sky)
+    page = repr(sky.view())
+    assert len(page.splitlines()) <= 5 and len(page) < 300 and "MB" in page
+
+
+@pytest.mark.parametrize(
+    ("question", "message"),
+    [
+        (lambda f: f.sky("low"), "sun_elevation_deg: must be a number between -90 and 90, got 'low'"),
+        (lambda f: f.sky([-4.0, -5.0]), r"sun_elevation_deg: .* got \[-4.0, -5.0\]"),
+        (lambda f: f.sky(-4.0, sun_azimuth=3.0), "sky: sun_azimuth is no argument; allowed are sun_azimuth_deg"),
+        (lambda f: f.radiance(95.0, 10.0, 0.0), "sun_elevation_deg: must be a number between -90 and 90, got 95"),
+        (lambda f: f.radiance(-4.0, 95.0, 0.0), "elevation_deg: must be numbers between -90 and 90"),
+        (lambda f: f.radiance(-4.0, np.nan, 0.0), "elevation_deg: must be numbers"),
+        (lambda f: f.radiance(-4.0, 10.0, "north"), "azimuth_deg: must be finite numbers"),
+    ],
+)
+def test_wrong_questions_are_one_sentence(field, question, message):
+    with pytest.raises(TwilightError, match=message):
+        question(field)
+
+
+def test_suns_beyond_a_model_are_refused_with_its_range():
+    field = twilight.solve("continental-average", solver="compact", wavelength_nm=[450, 550, 650])
+    assert field.sky(-17.9).sun_normalised_radiance.min() > 0.0  # the last table is that of the model's last sun
+    with pytest.raises(TwilightError, match=r"sun.elevation_deg is -25; the compact solver allows -18 to 90"):
+        field.sky(-25.0)

@@ -1,0 +1,188 @@
+"""The rule by which every sky is read: closed forms, breaks, suns, channels, and nodes chosen by what they miss."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from twilight.engine.answer import Answer
+from twilight.engine.table import fill, first_columns, first_rows
+from twilight.numerics.orientation import PHASE_ANGLE_RAD, scattering_angle_rad
+from twilight.numerics.spectrum import hermite_matrix
+from twilight.sky.table import SkyTable, join, plain_grid, split, stack
+
+SUN_DEG = 12.0
+WAVES = np.array([1.0, 1.6])
+
+
+def smooth_light(elevation, azimuth, sun=SUN_DEG):
+    """A sky without an aureole, (..., 2)."""
+    e, a = np.radians(elevation), np.radians(azimuth)
+    base = np.exp(-2.0 * np.sin(e)) * (2.0 + np.cos(a) * np.cos(e)) * np.exp(0.1 * sun)
+    return base[..., None] ** WAVES
+
+
+def phase(angle):
+    """A forward peak of 3 deg, (..., 2)."""
+    return np.exp(-np.degrees(angle)[..., None] / 3.0 * WAVES) + 0.02
+
+
+class Once:
+    """What stands for `ScatteredOnce`: 5 % off what the peak of `peaked_light` really is."""
+
+    log_phase = np.log(phase(PHASE_ANGLE_RAD)).astype(np.float32)
+
+    def apparent_sun_deg(self, sun):
+        return sun + 0.1
+
+    def light(self, sun, rows, columns):
+        angle = scattering_angle_rad(sun + 0.1, rows[:, None], columns)
+        return 0.95 * 30.0 * phase(angle) * np.exp(-np.radians(rows))[:, None, None]
+
+
+def peaked_light(elevation, azimuth, sun=SUN_DEG):
+    """The same sky with an aureole."""
+    angle = scattering_angle_rad(sun + 0.1, elevation, azimuth)
+    return smooth_light(elevation, azimuth, sun) + 30.0 * phase(angle) * np.exp(-np.radians(elevation))[..., None]
+
+
+def on(light, sun=SUN_DEG):
+    def answer(rows, columns):
+        return Answer(light(*np.meshgrid(rows, columns, indexing="ij"), sun))
+
+    return answer
+
+
+def random_directions(count=500):
+    random = np.random.default_rng(5)
+    return random.uniform(0.0, 90.0, count), random.uniform(0.0, 360.0, count)
+
+
+def test_an_aureole_is_read_between_nodes_that_are_wider_than_it():
+    """Without the second layer a peak of 3 deg would be cut off between rows."""
+    table = fill(on(peaked_light), Once(), SUN_DEG, first_rows(0.0, ()))
+    e, a = random_directions()
+    near = np.concatenate([e, np.clip(SUN_DEG + np.random.default_rng(1).normal(0, 3, 300), 0, 90)])
+    around = np.concatenate([a, np.random.default_rng(2).normal(0, 3, 300)])
+    found, truth = table.light(near, around), peaked_light(near, around)
+    assert np.percentile(np.abs(found / truth - 1.0), 95) < 2e-3
+    assert table.error < 2e-3 and table.worst < 0.02
+    assert table.elevation_deg.size < 60 and table.azimuth_deg.size < 60
+
+
+def test_grid_and_directions_are_read_by_the_same_rule():
+    """A map and a sample of it would differ."""
+    table = fill(on(peaked_light), Once(), SUN_DEG, first_rows(0.0, ()))
+    rows, columns = np.linspace(0.0, 90.0, 37), np.linspace(0.0, 355.0, 72)
+    grid = np.meshgrid(rows, columns, indexing="ij")
+    np.testing.assert_allclose(table.on_grid(rows, columns), table.light(*grid), rtol=2e-5)
+
+
+def test_nodes_crowd_where_light_changes():
+    """An edge of half a degree between rows 3 deg apart would be smeared."""
+
+    def edge(elevation, azimuth, sun=SUN_DEG):
+        return smooth_light(elevation, azimuth) * (1.0 + 4.0 / (1.0 + np.exp(-(elevation - 20.0) / 0.5)))[..., None]
+
+    none = Once()
+    none.log_phase = None
+    none.light = lambda *_: None
+    table = fill(on(edge), none, SUN_DEG, first_rows(0.0, ()))
+    assert np.diff(table.elevation_deg)[np.abs(table.elevation_deg[1:] - 20.0) < 1.0].max() < 0.5
+    e, a = random_directions()
+    assert np.percentile(np.abs(table.light(e, a) / edge(e, a) - 1.0), 95) < 3e-3
+
+
+def test_a_row_that_stands_twice_is_a_break():
+    """Light of the ground would leak into the sky."""
+
+    def step(elevation, azimuth, sun=SUN_DEG):
+        return smooth_light(elevation, azimuth) * np.where(elevation < -2.0, 0.1, 1.0)[..., None]
+
+    none = Once()
+    none.log_phase = None
+    none.light = lambda *_: None
+    table = fill(on(step), none, SUN_DEG, first_rows(-90.0, [-2.0]))
+    assert (table.elevation_deg == -2.0).sum() == 2
+    e = np.array([-2.3, -2.05, -1.95, -1.0])
+    np.testing.assert_allclose(table.light(e, 40.0), step(e, np.full(4, 40.0)), rtol=2e-3)
+    rows, _ = plain_grid(table)
+    assert np.diff(rows).min() > 0.0 and np.abs(rows + 2.0).min() < 0.01
+
+
+def test_suns_are_read_between_and_below():
+    """A film would jump from node to node; twilight would freeze below the last sun."""
+    suns = np.array([-4.0, -2.0, 0.0, 3.0])
+    once, rows, columns = Once(), first_rows(0.0, (), 33), first_columns(25)
+    tables = [fill(on(peaked_light, s), once, s, rows, columns, refine=False) for s in suns]
+    both = stack(tables)
+    e, a = random_directions(100)
+    between = both.under(-1.0)
+    assert between.apparent_sun_deg[0] == pytest.approx(-0.9)
+    np.testing.assert_allclose(between.light(e, a), peaked_light(e, a, -1.0), rtol=0.01)
+    darker = [both.under(s).light(60.0, 120.0)[0] for s in (-4.0, -5.0, -6.0)]
+    assert darker[0] > darker[1] > darker[2] > 0.0
+
+
+def test_wavelengths_of_blocks_are_joined_on_all_their_nodes():
+    """A block's nodes would be lost, or its light moved."""
+    light = on(peaked_light)
+
+    class One(Once):
+        def __init__(self, w):
+            self.w, self.log_phase = w, Once.log_phase[:, w : w + 1]
+
+        def light(self, *where):
+            return super().light(*where)[..., self.w : self.w + 1]
+
+    def of(w):
+        return lambda r, c: Answer(light(r, c).radiance[..., w : w + 1])
+
+    parts = [
+        fill(of(w), One(w), SUN_DEG, first_rows(0.0, (), count), first_columns(25), refine=False)
+        for w, count in ((0, 33), (1, 41))
+    ]
+    whole = join(parts)
+    e, a = random_directions(200)
+    for w, part in enumerate(parts):
+        np.testing.assert_allclose(whole.light(e, a)[:, w], part.light(e, a)[:, 0], rtol=5e-3)
+
+
+def test_channels_are_sums_of_wavelengths():
+    """A page would show other colours than a picture."""
+    table = fill(on(peaked_light), Once(), SUN_DEG, first_rows(0.0, ()))
+    weight = np.array([[0.3, 2.0, 0.0], [0.7, 0.1, 1.0]])
+    e, a = random_directions()
+    np.testing.assert_allclose(table.in_channels(weight).light(e, a), table.light(e, a) @ weight, rtol=4e-3)
+
+
+def test_the_mirror_image_changes_the_sign_of_u():
+    """The pattern of polarisation would be the same on both sides of the sun."""
+    rows, columns = first_rows(0.0, (), 33), first_columns(25)
+    e, a = np.meshgrid(rows, columns, indexing="ij")
+    stokes = np.stack([np.cos(np.radians(a)), np.sin(np.radians(a))], axis=-1)[None, ..., None] * 0.5
+    light = np.ones((1, rows.size, columns.size, 1))
+    smooth, _ = split(light, None, scattering_angle_rad(SUN_DEG, e, a)[None], None)
+    table = SkyTable(np.array([SUN_DEG]), np.array([SUN_DEG]), rows, columns, smooth, stokes=stokes.astype(np.float32))
+    left, right = table.fractional_stokes(30.0, 300.0), table.fractional_stokes(30.0, 60.0)
+    assert left[0, 0] == pytest.approx(right[0, 0]) and left[1, 0] == pytest.approx(-right[1, 0])
+    assert right[1, 0] == pytest.approx(0.5 * np.sin(np.radians(60.0)), abs=2e-3)
+
+
+def test_straight_lines_do_between_the_rows_of_a_plain_grid():
+    """A reader of sky.h5 who interpolates would be off near the sun."""
+    table = fill(on(peaked_light), Once(), SUN_DEG, first_rows(0.0, ()))
+    rows, columns = plain_grid(table)
+    e = 0.5 * (rows[1:] + rows[:-1])
+    light = table.on_grid(rows, columns)
+    error = np.abs(0.5 * (light[1:] + light[:-1]) / table.on_grid(e, columns) - 1.0)
+    assert np.percentile(error, 95) < 4e-3
+    assert columns[0] == 0.0 and columns[-1] < 360.0 and np.diff(columns).min() > 0.0
+
+
+def test_cubics_do_not_cross_a_node_that_stands_twice():
+    """Weights beyond a break would be given."""
+    x = np.array([0.0, 1.0, 2.0, 2.0, 3.0, 4.0])
+    below, above = hermite_matrix(x, np.array([1.9])), hermite_matrix(x, np.array([2.0, 2.1]))
+    assert not below[0, 3:].any() and not above[:, :3].any()
+    np.testing.assert_allclose(below.sum(), 1.0)

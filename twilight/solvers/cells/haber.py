@@ -1,0 +1,131 @@
+"""Haber section 3, the system in five steps, of which the last four are here:
+
+    2  layers of air (`layers`, 4.1.2) and cells around the observer (`grid`, 4.1.3)
+    3  direct light (`first_event`, 4.6.2) along refracted paths (`refraction`, 4.4)
+    4  indirect light: passes between all pairs of cells (`exchange`, 4.5.3 to 4.6.2 and 5), of active shells (5), and
+       with the ground (`ground`, 4.1.4)
+    5  the sky texture (`sky_texture`, 4.7)
+
+Air scatters isotropically from the first event on (4.5.1).  From the second on aerosol does so too, with (1 - g) of its
+scattering coefficient, eq. (2).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.base.progress import Progress, silent
+from twilight.solvers.base import BareField, Convergence
+from twilight.solvers.cells.active_shells import energy_ratio, make_active_shells
+from twilight.solvers.cells.exchange import exchange, full_turn, make_rings
+from twilight.solvers.cells.first_event import sunlit
+from twilight.solvers.cells.grid import make_grid
+from twilight.solvers.cells.ground import Patches, exchange_with_ground, make_patches, sunlit_ground
+from twilight.solvers.cells.layers import make_layers
+from twilight.solvers.cells.settings import CellsSettings, check_sun
+from twilight.solvers.cells.sky_texture import SkyTexture
+
+
+class HaberField(BareField):
+    """Haber's sky of one medium around one observer; the latest sun's is kept."""
+
+    def __init__(
+        self, medium: Medium, settings: CellsSettings, observer_altitude_km: float, progress: Progress | None = None
+    ):
+        if not settings.refraction:
+            medium = replace(medium, refractivity=np.zeros_like(medium.refractivity))
+        self.medium, self.settings = medium, settings
+        self._progress = progress or silent
+        self.tolerance = math.radians(settings.sun_tolerance_deg) if medium.has_refraction else 0.0
+        self.layers = make_layers(medium, settings.reduce_extinction)
+        self.grid = make_grid(
+            settings.azimuth_cells,
+            settings.inner_radius_km,
+            observer_altitude_km,
+            medium.bottom_km,
+            medium.top_km,
+            medium.earth_radius_km,
+        )
+        self.rings = make_rings(self.grid, self.layers, np.arange(self.grid.n_rings))
+        self.active = make_active_shells(self.grid, settings.active_shell_step)
+        self.active_rings = make_rings(self.grid, self.layers, self.active.ring)
+        self.patches: Patches | None = None
+        if np.any(medium.ground_albedo > 0.0):
+            self.patches = make_patches(self.grid, np.unique(self.grid.ring_shell[self.active.ring]), medium.bottom_km)
+        self.texture = SkyTexture(self.grid, self.layers, self.rings)
+        self._solved: tuple[float, np.ndarray] | None = None
+
+    def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
+        """As `Field.radiance` of :mod:`twilight.solvers.base`; below the horizon the air in front of the ground."""
+        check_sun(sun_elevation_deg)
+        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+        if self._solved is None or self._solved[0] != sun_elevation_deg:
+            h = math.radians(sun_elevation_deg)
+            sun = np.array([math.cos(h), 0.0, math.sin(h)])
+            isotropic, aerosol = self.solve(sun)
+            self._solved = (sun_elevation_deg, self.texture.radiance(isotropic, aerosol, sun))
+        found = self.texture.interpolate(self._solved[1], elevation.ravel(), azimuth.ravel())
+        self._progress("sky", 1.0)
+        return found.reshape(*elevation.shape, -1)
+
+    def solve(self, sun: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """I_isotropic and I_aerosol (G, W, H) over F0 [km^2]: all scattering events, aerosol's first one apart."""
+        s, rings, layers = self.settings, self.rings, self.layers
+        self._progress("direct light", 0.0)
+        filtered = np.exp(-self.medium.overhead_absorption_optical_depth)
+        air, aerosol = sunlit(layers, rings, sun, self.tolerance, filtered)
+        isotropic = air.copy()
+        if s.max_orders == 1:
+            self.convergence = Convergence(1, 1.0)
+            return isotropic, aerosol
+        active = self.active.ring
+        cells = full_turn(s.azimuth_cells)
+        scattering = layers.later_scattering[rings.layer]
+        extinction = layers.later_extinction[rings.layer]
+        albedo = np.divide(scattering, extinction, out=np.zeros_like(scattering), where=extinction > 0.0)
+        amount = (scattering * rings.volume[:, None])[:, :, None]
+        reflected = self._first_of_ground(sun, filtered)
+        sent = air
+        forward: np.ndarray | None = aerosol
+        fraction, event = 1.0, 1
+        while event < s.max_orders and (event == 1 or fraction >= s.tolerance):
+            event += 1
+            ratio = energy_ratio(sent if forward is None else sent + forward, self.active, cells)
+            from_active = sent[active]
+            received = exchange(
+                layers, self.active_rings, from_active, None if forward is None else forward[active], sun
+            )
+            received *= ratio[:, None]
+            reflected = self._through_ground(from_active, forward, ratio, reflected, received)
+            mean = np.divide(
+                received * albedo[active][:, :, None], amount[active], out=np.zeros_like(received),
+                where=amount[active] > 0.0,
+            )  # fmt: skip
+            sent, forward = self.active.spread(mean) * amount, None
+            isotropic += sent
+            lit = isotropic > 0.0
+            fraction = float(np.max(sent[lit] / isotropic[lit], initial=0.0))
+            self._progress(f"scattering event {event}", 0.95 * event / s.max_orders)
+        self.convergence = Convergence(event, fraction)
+        return isotropic, aerosol
+
+    def _first_of_ground(self, sun: np.ndarray, filtered: np.ndarray) -> np.ndarray | None:
+        """Sunlight that patches of the ground reflect, (N, W, H); None on dark ground."""
+        if self.patches is None:
+            return None
+        light = np.empty((self.patches.area.size, filtered.size, self.settings.azimuth_cells // 2 + 1))
+        sunlit_ground(self.layers, self.patches, sun, self.tolerance, light)
+        return light * (filtered * self.medium.ground_albedo)[:, None]
+
+    def _through_ground(self, sent, forward, ratio, reflected, received) -> np.ndarray | None:
+        """Add the ground's light to what active cells receive; what it reflects in the next event."""
+        if self.patches is None or reflected is None:
+            return None
+        light = np.zeros_like(reflected)
+        all_sent = sent if forward is None else sent + forward[self.active.ring]
+        exchange_with_ground(self.layers, self.active_rings, self.patches, all_sent, reflected, received, light)
+        return light * (ratio * self.medium.ground_albedo)[:, None]
