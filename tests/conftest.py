@@ -17,7 +17,6 @@ from sweeping import client, log, toy
 
 from twilight.engine import sunbeam, view
 from twilight.solvers import zones
-from twilight.studies.export import field_values
 
 os.environ["TWILIGHT_CACHE_GB"] = "0"
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -124,6 +123,6 @@ def sunbeams_of_the_same_air_are_made_once():
         return made[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        for user in (sunbeam, view, field_values):
+        for user in (sunbeam, view):
             patch.setattr(user, "prepare_beam", prepare_beam)
         yield

@@ -19,10 +19,13 @@ from twilight.animation.exposure import meter, smoothed
 from twilight.animation.film import Animation
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
+from twilight.config import load
+from twilight.engine import Problem
 from twilight.engine.sun_tables import SunTables
 from twilight.engine.table import first_columns, first_rows
 from twilight.numerics import spectrum
 from twilight.numerics.projections import view_directions
+from twilight.scene import resolve
 from twilight.sky.disc import SOLAR_RADIUS_DEG
 from twilight.sky.tone import Light, Shot, tone_of
 from twilight.viewer.colours import Channels
@@ -337,3 +340,28 @@ def test_as_many_pictures_as_asked_for():
     place = {"latitude_deg": 48.0, "longitude_deg": 11.0, "start": "2026-06-21T20:00Z", "stop": "2026-06-21T21:00Z"}
     line = timeline(load("pure-air", {"sun": place}), speed=300.0, frames_per_second=25.0, frames=10)
     assert len(line) == 10 and line.time_s[-1] == pytest.approx(3600.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("air", ["continental-average", "pure-air"])
+def test_frames_are_the_field(air, tmp_path):
+    """Luminances of frames beside lines of sight that the field is asked for: the figures of docs/animate.md."""
+    from twilight.io.exr import read_latlong_exr
+    from twilight.sky.colour import REC709_LUMINANCE
+
+    view = {"observer.view.kind": "fisheye", "observer.view.width": 48, "observer.view.elevation_deg": 90.0}
+    made = Animation(
+        load(air, {**view, "solver.quality": "draft"}), tmp_path / "f", from_deg=2.0, to_deg=-10.0, frames=3
+    )
+    made.make()
+    solved = Problem(resolve(made.config), cached=True).solve()
+    elevation, azimuth = made._directions(made.view)
+    channels = Channels(solved.medium.wavelength_nm)
+    for i, sun in enumerate((2.0, -4.0, -10.0)):
+        away = np.hypot(elevation - sun, azimuth - 360.0 * (azimuth > 180.0))
+        keep = np.isfinite(elevation) & (elevation > 4.0) & (away > 1.0)
+        exact = channels.of(solved.radiance(sun, elevation[keep], azimuth[keep]))[:, 1]
+        found = read_latlong_exr(tmp_path / "f" / f"{i + 1:05d}.exr").rgb[keep] @ REC709_LUMINANCE * 683.002
+        off = 100.0 * np.abs(found / exact - 1.0)
+        print(f"{air} sun {sun:+g}: 95 % {np.percentile(off, 95):.2f} %, worst {off.max():.2f} %")
+        assert np.percentile(off, 95) < 0.5 and off.max() < 2.0, sun

@@ -235,7 +235,7 @@ def test_other_solvers_refuse(name):
 def test_an_export_knows_the_horizon_of_its_configuration(tmp_path, monkeypatch):
     """Tables for renderers would be of another evening than the configuration that they were made from."""
 
-    def prepare(medium, settings, progress):
+    def prepare(medium, settings, **more):
         raise TwilightError(f"prepared with {medium.screen}")
 
     monkeypatch.setattr(zones, "prepare", prepare)
@@ -244,5 +244,5 @@ def test_an_export_knows_the_horizon_of_its_configuration(tmp_path, monkeypatch)
         (str(tmp_path / "evening.yaml"), Screen.of_clouds(0.7, 8.0, 1.5, 150.0)),
         ("pure-air", None),
     ):
-        done = CliRunner().invoke(app, ["export", "tables", target, "--output", str(tmp_path / "out")])
+        done = CliRunner().invoke(app, ["export", "shader", target, "--output", str(tmp_path / "out")])
         assert done.exit_code == 2 and f"prepared with {screen}" in done.output + done.stderr

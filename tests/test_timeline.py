@@ -31,6 +31,9 @@ class Slope:
     wavelength_nm = NM
     solved = SimpleNamespace(solar_spectrum=spectrum.DEFAULT_SOLAR_SPECTRUM, scene=SimpleNamespace(altitude_km=0.0))
 
+    def prepare(self, moments, progress=None):
+        pass
+
     def spectra(self, light):
         return Spectra(light, NM, where="the field")
 

@@ -14,6 +14,7 @@ from closed_sky import field_luminance, solved
 from PIL import Image
 from typer.testing import CliRunner
 
+from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
 from twilight.engine import Problem
@@ -146,3 +147,21 @@ def test_what_it_refuses(tmp_path):
     ):
         result = CliRunner().invoke(app, ["export", "shader", *words])
         assert result.exit_code == 2 and sentence in result.stderr, result.stderr
+
+
+def test_a_folder_that_cannot_be_written_leaves_nothing(tmp_path):
+    """A failed export would leave half a folder."""
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(TwilightError):
+        write_folder(tmp_path / "file" / "sky", {"a": b"1"})
+    with pytest.raises(TwilightError):
+        write_folder(tmp_path / "sky", {"a": b"1", "a/b": b"2"})
+    assert [f.name for f in tmp_path.iterdir()] == ["file"]
+
+
+def test_the_page_of_three_js_is_short():
+    """The example of the manual: 25 lines that read the files by their names and turn the axes."""
+    text = (Path(__file__).parents[1] / "docs" / "examples" / "sunset.html").read_text()
+    assert text.count("\n") <= 25
+    for word in ("sky.bin", "lines.bin", "sky.json", "sky.glsl", "skyTable", "skyLines", "skyRgb", "zUp"):
+        assert word in text, word

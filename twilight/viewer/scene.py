@@ -28,7 +28,7 @@ from twilight.viewer.textures import padded_columns
 MOST_FIELDS = 2
 """Skies that a page shows beside each other."""
 LOWEST_SUN_DEG = -18.0
-"""Lowest sun that the page shows."""
+"""Lowest sun that the page shows [deg]."""
 INNER_KM = (2.0, 5.0, 10.0, 20.0, 40.0, 65.0)
 """Heights above the ground of the observers of `ground_to_orbit` within the air."""
 ORBIT_KM = 1000.0

@@ -8,6 +8,7 @@ same fractions of it, so that the page may interpolate between altitudes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -44,7 +45,7 @@ class PageNodes:
     def every_second_row(self, *, space: bool = False) -> np.ndarray:
         """Rows of the spectral table: every second one of each part."""
         starts = np.cumsum([0, self.ground, self.haze, self.limb if space else self.sky])
-        return np.concatenate([np.arange(a, b, 2) for a, b in zip(starts[:-1], starts[1:], strict=True)])
+        return np.concatenate([np.arange(a, b, 2) for a, b in pairwise(starts)])
 
     @property
     def columns_deg(self) -> np.ndarray:
@@ -54,8 +55,8 @@ class PageNodes:
 
 def between_edges(rises: list[np.ndarray], edges: list[float]) -> np.ndarray:
     """Rows of parts from edge to edge."""
-    ends = zip(edges[:-1], edges[1:], rises, strict=True)
-    return np.concatenate([low * (1.0 - rise) + high * rise for low, high, rise in ends])
+    ends = zip(pairwise(edges), rises, strict=True)
+    return np.concatenate([low * (1.0 - rise) + high * rise for (low, high), rise in ends])
 
 
 def haze_top_km(solved: Field) -> float:
