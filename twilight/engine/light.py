@@ -22,7 +22,7 @@ from twilight.engine.light_sources import SOURCE_NAMES, SOURCES, Source
 from twilight.engine.moments import Moments
 from twilight.engine.night import levels_of
 from twilight.engine.over_suns import HIGHEST_SUN_DEG, DiscOverSuns, OverSuns
-from twilight.engine.solve import Solved
+from twilight.engine.solve import Field
 from twilight.engine.sun_tables import SunTables
 from twilight.engine.surfaces import Surface
 from twilight.numerics import spectrum
@@ -56,11 +56,11 @@ class LightField:
     solved: of a solver whose field serves every sun; levels: of the night, None for none.
     """
 
-    solved: Solved
+    solved: Field
     levels: NightLevels | None = None
 
     @classmethod
-    def of(cls, solved: Solved) -> LightField:
+    def of(cls, solved: Field) -> LightField:
         """With the night of the scene's configuration."""
         night = solved.scene.configuration.night
         return cls(solved, None if night is None else levels_of(night))

@@ -21,7 +21,7 @@ from twilight.sky.disc import SOLAR_RADIUS_DEG
 from twilight.sky.table import sun_weights
 
 if TYPE_CHECKING:
-    from twilight.engine.solve import Solved
+    from twilight.engine.solve import Field
 
 TURN_DEG = 10.0
 """Distance of the azimuths of a plane's normal from the sun at which its light is held [deg]."""
@@ -36,7 +36,7 @@ DISC_NODES = 160
 class OverSuns:
     """Sky light of a solved field on surfaces and in the zenith, for the scene's observer; suns_deg: of `SunTables`."""
 
-    def __init__(self, solved: Solved, suns_deg: np.ndarray):
+    def __init__(self, solved: Field, suns_deg: np.ndarray):
         self._solved, self._suns_deg = solved, suns_deg
         self._lines: dict[int, np.ndarray] = {}
         self._surfaces: dict[tuple[str, float], np.ndarray] = {}
@@ -149,7 +149,7 @@ def _stored(name: str, wavelengths: int) -> np.ndarray | None:
 class DiscOverSuns:
     """The beam at the scene's observer, from nodes of the sun, for the strips of its disc."""
 
-    def __init__(self, solved: Solved):
+    def __init__(self, solved: Field):
         dark, lit = -40.0, 1.0
         while lit - dark > 1e-6:  # the lowest ray that arrives
             middle = 0.5 * (dark + lit)

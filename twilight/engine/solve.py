@@ -3,7 +3,7 @@
 A `Problem` is a scene and how it is to be solved.  Its wavelengths are divided into blocks of as many as the solver
 takes at once, so that 1000 need no more memory than one block; a `Block` is one of them, solved.  Two ways lead on:
 
-- `Problem.solve` (or `solve`) solves all blocks and holds them: a `Solved` answers at any time and in any order;
+- `Problem.solve` (or `solve`) solves all blocks and holds them: a `Field` answers at any time and in any order;
 - `Problem.block` solves one block, which the caller drops before the next: for a whole sequence at many wavelengths.
 """
 
@@ -153,14 +153,14 @@ class Problem:
         bands = bands if bands is not None and bands.absorption_per_km.any() else None
         return Block.solve(self, part, medium, bands, progress or silent)
 
-    def solve(self, progress: Progress | None = None) -> Solved:
+    def solve(self, progress: Progress | None = None) -> Field:
         """Solve all blocks and hold them."""
         tell, count = progress or silent, len(self.slices)
-        return Solved(self, tuple(self.block(i, part_of(tell, i / count, 1.0 / count)) for i in range(count)))
+        return Field(self, tuple(self.block(i, part_of(tell, i / count, 1.0 / count)) for i in range(count)))
 
 
 @dataclass(frozen=True, repr=False)
-class Solved(FieldLight):
+class Field(FieldLight):
     """A problem with all its blocks solved."""
 
     problem: Problem
@@ -371,11 +371,18 @@ class Solved(FieldLight):
         def view(self, **options: Any) -> BrowserPage: ...
 
 
-def solve(scene: Scene, sun_elevations_deg: Sequence[float] | None = None, progress: Progress | None = None) -> Solved:
-    """Solve a scene with the user's cache, and hold it.
+def solve(
+    scene: Scene,
+    sun_elevations_deg: Sequence[float] | None = None,
+    progress: Progress | None = None,
+    *,
+    cached: bool = True,
+) -> Field:
+    """Solve a scene and hold it.
 
     sun_elevations_deg: true elevations of all the suns that will be asked for [deg], None: any; progress: called as
-    progress(doing, fraction) now and then.  Errors: TwilightError for what the solver cannot do.
+    progress(doing, fraction) now and then; cached: whether the user's cache gives and keeps it, else it is solved here.
+    Errors: TwilightError for what the solver cannot do.
     """
     known = None if sun_elevations_deg is None else tuple(sun_elevations_deg)
-    return Problem(scene, known, cached=True).solve(progress)
+    return Problem(scene, known, cached).solve(progress)

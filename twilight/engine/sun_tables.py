@@ -20,7 +20,7 @@ from twilight.engine.table import first_columns, first_rows, row_breaks
 from twilight.sky.table import SkyTable, stack, sun_weights
 
 if TYPE_CHECKING:
-    from twilight.engine.solve import Solved
+    from twilight.engine.solve import Field
     from twilight.scene.scene import Scene
 
 SUN_COUNT = 97
@@ -78,7 +78,7 @@ class SunTables:
 
     def __init__(
         self,
-        solved: Solved,
+        solved: Field,
         altitude_km: float | None = None,
         *,
         rows_deg: np.ndarray | None = None,

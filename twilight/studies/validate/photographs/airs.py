@@ -29,7 +29,7 @@ from twilight.studies.validate.photographs.photo import OBSERVER, Cells
 WAVELENGTH_NM = np.array(PLACED_NM)
 """Wavelengths of the skies [nm]."""
 
-SUN_DEG = (-18.0, 90.0)
+SUN_DEG: tuple[float, float] = (-18.0, 90.0)
 """Suns that the solver knows [deg]."""
 
 COLOUR_ERROR = 0.1
@@ -196,7 +196,8 @@ class Airs:
 
     def _errors(self) -> tuple[float, float]:
         """Relative error of the luminance and error in u', v' that the solver says of the skies asked for last."""
-        error = max(field.convergence.error for field in self._fields.values())
+        made = [field.convergence for field in self._fields.values()]
+        error = max(float(one.error) for one in made if one is not None and one.error is not None)
         return error, COLOUR_ERROR * error
 
 
