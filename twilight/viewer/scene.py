@@ -192,8 +192,9 @@ def _add_tables(pack: Pack, smooth: str, aureole: str, made: list[SkyTable]) -> 
     """S and A of tables at several altitudes, columns as `padded_columns` has them: (4, altitude, sun, row, column)."""
     _, column = padded_columns(made[0].azimuth_deg)
     for name, layers in ((smooth, [t.smooth for t in made]), (aureole, [t.aureole for t in made])):
-        if layers[0] is not None:
-            pack.logarithm(name, np.moveaxis(np.stack(layers)[:, :, :, column], -1, 0))
+        held = [layer[:, :, column] for layer in layers if layer is not None]
+        if held:
+            pack.logarithm(name, np.moveaxis(np.stack(held), -1, 0))
 
 
 def _add_spectrum(pack: Pack, name: str, logs: list[np.ndarray]) -> None:
