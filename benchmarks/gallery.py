@@ -121,7 +121,7 @@ def page() -> str:
         "",
     ]
     for name, title, arguments in SKIES:
-        parts += [f"## {title}", "", f"![{title}](gallery/{name}.jpg)", "", "```sh", command(arguments), "```", ""]
+        parts += [f"## {title}", "", f"![{name}](gallery/{name}.jpg)", "", "```sh", command(arguments), "```", ""]
     return "\n".join(parts)
 
 

@@ -73,8 +73,9 @@ def in_short() -> str:
     by_day, _, night = largest_errors("standard")["continental-average"]
     took = processor_s()
     return (
-        f"**How wrong**: 95 % of radiances are within {by_day:.1f} % of a Monte-Carlo reference with the sun from +30\n"
-        f"to -6 deg, and within {night:.1f} % at -18 deg (continental air; [other air](docs/accuracy.md)).\n\n"
+        "**How wrong**: 95 % of what a file holds is within 0.5 % of the field that was solved, and 95 % of the field\n"
+        f"within {by_day:.1f} % of a Monte-Carlo reference with the sun from +30 to -6 deg, {night:.1f} % at -18 deg\n"
+        "(continental air; [other air](docs/accuracy.md)).\n\n"
         f"**How fast**: a sky takes {took['zones, compiled']:.0f} s of processor time; the first one on a machine\n"
         f"{took['zones, fresh machine']:.0f} s, most of it compiling, with a preview after {took['preview']:.1f} s."
     )

@@ -35,11 +35,12 @@ def pictures(name: str, folder: Path) -> list[tuple[str, Image.Image]]:
     """Label and picture of each case of a configuration."""
     command = [sys.executable, "-m", "twilight", "render", name, *FIGURES[name], "--output", str(folder)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    order = [line.split("\t")[0] for line in subprocess.run(
+    plan = subprocess.run(
         [*command[:5], *FIGURES[name], "--plan"], check=True, stdout=subprocess.PIPE, text=True
-    ).stdout.splitlines()]  # fmt: skip
-    made = sorted(folder.rglob("s*.png"), key=lambda path: order.index(path.parent.name))
-    found = [(path.parent.name, Image.open(path).convert("RGB")) for path in made]
+    ).stdout
+    labels = dict.fromkeys(line.split("\t")[0] for line in plan.splitlines())
+    made = [(label, path) for label in labels if (path := folder / label / "sky.png").is_file()]
+    found = [(label, Image.open(path).convert("RGB")) for label, path in made]
     if name == "haber2005-fig7":
         once, more = (np.asarray(image, float) / 255.0 for _, image in found)
         found.append(("difference", Image.fromarray((255.0 * np.abs(more - once) ** (1.0 / 3.0)).astype(np.uint8))))

@@ -1,50 +1,33 @@
 """Three panoramas against computed skies: estimated air, side-by-side pictures, figures.
 
-    python benchmarks/photos.py FOLDER_OF_PHOTOS [--library DIR] [--output docs/photos]
+    python benchmarks/photos.py FOLDER_OF_PHOTOS [--output docs/photos] [--only NAME]
 
 The photographs are Poly Haven's, CC0, 1024 x 512, linear: kiara_1_dawn_1k.hdr, pmndrs_sunset.hdr (also known as
 venice_sunset) and rooitou_park_1k.hdr.  Their white balance and scale are not known, so both are free.  The air is not
-known either: the aerosol's optical depth, ozone and the ground's albedo are fitted (`twilight validate estimate`), for
-kiara the sun's elevation too.
+known either: the aerosol, ozone, the ground's albedo and the sun are found (`twilight.estimate`).
 """
 
 from __future__ import annotations
 
 import argparse
+import time
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import results
 
-from twilight.config import load
-from twilight.engine import run
-from twilight.scene import resolve
-from twilight.sky.colour import sky_to_xyz
-from twilight.studies.validate.photographs.estimate import estimate, sentences
+import twilight
+from twilight.studies.validate.photographs.estimate import Estimated
 from twilight.studies.validate.photographs.figure import write_figure
-from twilight.studies.validate.photographs.library import (
-    OTHERS,
-    SUN,
-    Design,
-    climate_settings,
-    make_library,
-    with_settings,
-)
-from twilight.studies.validate.photographs.photo import OBSERVER, compare
-from twilight.studies.validate.photographs.photograph import read_photograph
+from twilight.studies.validate.photographs.photo import compare
 
-HERE = Path(__file__).parent / "photos"
-DESIGN = Design(tuple(p for p in OTHERS if p.name in ("ozone", "albedo")))
-TYPE = "continental_average"
-CELL_DEG = 3.0
-"""Side of the cells that photographs are averaged to where the air is sought [deg]."""
+HERE = Path(__file__).parent
 PICTURE_CELL_DEG = 2.0
 """Side of the cells of the pictures [deg]."""
-PHOTOS = {  # file, lowest and highest sun [deg] of the search
-    "kiara_1_dawn": ("kiara_1_dawn_1k.hdr", -6.0, -2.0),
-    "pmndrs_sunset": ("pmndrs_sunset.hdr", 3.0, 3.0),
-    "rooitou_park": ("rooitou_park_1k.hdr", 10.4, 10.4),
+PHOTOS = {
+    "kiara_1_dawn": "kiara_1_dawn_1k.hdr",
+    "pmndrs_sunset": "pmndrs_sunset.hdr",
+    "rooitou_park": "rooitou_park_1k.hdr",
 }
 COLUMNS = (
     *("luminance_median_percent", "luminance_rms_percent", "luminance_p95_percent"),
@@ -55,81 +38,57 @@ COLUMNS = (
 
 
 def main() -> None:
+    """Measure, and write the tables and pictures."""
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("photos", type=Path)
-    arguments.add_argument("--library", type=Path, default=Path("out/photos-library"))
-    arguments.add_argument("--output", type=Path, default=HERE.parents[1] / "docs" / "photos")
+    arguments.add_argument("--output", type=Path, default=HERE.parent / "docs" / "photos")
     arguments.add_argument("--only", choices=sorted(PHOTOS))
     given = arguments.parse_args()
-    for folder in (given.library, given.output):
-        folder.mkdir(parents=True, exist_ok=True)
-    base = load(HERE / "base.scene.yaml")
+    given.output.mkdir(parents=True, exist_ok=True)
     for name in PHOTOS if given.only is None else (given.only,):
-        low, high = PHOTOS[name][1:]
-        library = make_library(
-            base,
-            DESIGN,
-            TYPE,
-            [low] if low == high else [float(sun) for sun in np.arange(low, high + 0.5)],
-            CELL_DEG,
-            file=given.library / f"{name}_{TYPE}.npz",
-            progress=lambda doing, fraction: print(doing, flush=True),
-        )
-        print(f"emulated: {library.luminance_error:.4f} in ln(luminance), {library.chromaticity_error:.5f} in u', v'")
-        rows = one(name, given.photos, base, library, given.output)
-        results.write(
-            given.output / f"{name}.csv",
-            ["photograph", "quantity", "value", "standard_error", "low", "high", "constrained"],
-            rows,
-        )
+        rows = one(name, given.photos / PHOTOS[name], given.output)
+        columns = ["photograph", "quantity", "value", "low_68", "high_68", "low_95", "high_95", "told"]
+        results.write(given.output / f"{name}.csv", columns, rows)
 
 
-def one(name: str, photos: Path, base, library, output: Path) -> list[list]:
+def words(p: Estimated) -> str:
+    """A parameter in a line of the picture."""
+    unit = "" if p.unit == "1" else f" {p.unit}"
+    return f"{p.name} {p.value:.3g}, {p.low:.3g} to {p.high:.3g}{unit}" if p.constrained else f"{p.name}: not told"
+
+
+def one(name: str, file: Path, output: Path) -> list[list]:
     """Estimate, compare and draw one panorama; rows of its table."""
-    file, low, _ = PHOTOS[name]
-    shot = read_photograph(photos / file, None, cell_deg=CELL_DEG, min_elevation_deg=3.0, glare_deg=10.0)
-    sun = shot.sun
-    print(name, sun, flush=True)
-    photo = shot.seen(sun.azimuth_deg, float(library.apparent_elevations_deg.mean())).sky
-
-    def scene(values, cell_deg):
-        settings = climate_settings(DESIGN, values, TYPE) | {"texture": {"resolution_deg": cell_deg}}
-        return with_settings(base, settings | {"sun": {"elevation_deg": values.get(SUN, low)}})
-
-    found = estimate(
-        photo,
-        [library],
-        white_balance=True,
-        refine=lambda _, values: sky_to_xyz(run(resolve(scene(values, CELL_DEG))), observer=OBSERVER),
-        progress=lambda doing, fraction: print(doing, flush=True),
-    )
-    best = found[0]
-    rows = [
-        [name, p.name, f"{p.value:.4g}", f"{p.standard_error:.2g}", f"{p.low:.4g}", f"{p.high:.4g}", p.constrained]
-        for p in best.parameters
+    begin = time.process_time()
+    found = twilight.estimate(file, white_balance=True)
+    rows = [[name, "processor_time_s", f"{time.process_time() - begin:.1f}", *[""] * 5]]
+    for p in found.best.parameters:
+        interval = (f"{x:.4g}" for x in (p.low, p.high, p.low_95, p.high_95))
+        rows.append([name, p.name, f"{p.value:.4g}", *interval, p.constrained])
+    facts = [("aerosol_type", found.best.aerosol_type), ("misfit", f"{found.best.misfit:.4g}")]
+    facts += [
+        ("sun_elevation_deg", f"{found.sun_elevation_deg:.4g}"),
+        ("sun_azimuth_deg", f"{found.sun_azimuth_deg:.4g}"),
     ]
-    rows.append([name, "misfit", f"{best.misfit:.4g}", "", "", "", ""])
-    sky = run(resolve(scene(best.values, PICTURE_CELL_DEG)))
-    fine = replace(shot, cell_deg=PICTURE_CELL_DEG, min_elevation_deg=0.0, glare_deg=6.0)
-    seen = fine.seen(sun.azimuth_deg, sky.apparent_sun_elevation_deg)
+    sky = found.sky
+    fine = replace(found.photograph, cell_deg=PICTURE_CELL_DEG, min_elevation_deg=0.0, glare_deg=6.0)
+    seen = fine.seen(found.sun_azimuth_deg, sky.apparent_sun_elevation_deg)
     for white_balance in (False, True):
         compared = compare(seen.sky, sky, white_balance=white_balance)
         kind = "white balance free" if white_balance else "as it is"
-        rows += [[name, f"{key}, {kind}", f"{compared.figures[key]:.4g}", "", "", "", ""] for key in COLUMNS]
-    rows += [[name, f"masked, {cause}", f"{part:.4g}", "", "", "", ""] for cause, part in seen.mask.taken.items()]
-    rows.append([name, "sun_azimuth_deg", f"{sun.azimuth_deg:.4g}", f"{sun.uncertainty_deg:.2g}", "", "", sun.method])
-    lines = [f"sun {sky.sun_elevation_deg:+.2f} deg; continental aerosol (OPAC average); fitted:"]
-    for p in best.parameters:
-        unit = "" if p.unit == "1" else f" {p.unit}"
-        lines.append(
-            f"  {p.name} {p.value:.3g} +- {p.standard_error:.2g}{unit}{'' if p.constrained else ' (not constrained)'}"
-        )
-    title = f"{name} (Poly Haven, CC0)"
-    write_figure(output / f"{name}.png", compared, seen.panorama, seen.mask, title=title, lines=tuple(lines))
+        facts += [(f"{key}, {kind}", f"{compared.figures[key]:.4g}") for key in COLUMNS]
+    facts += [(f"masked, {cause}", f"{part:.4g}") for cause, part in seen.mask.taken.items()]
+    rows += [[name, what, value, *[""] * 5] for what, value in facts]
+    lines = (
+        f"sun {found.sun_elevation_deg:+.2f} deg; {found.best.aerosol_type}",
+        *found.remarks,
+        *map(words, found.best.parameters),
+    )
+    write_figure(
+        output / f"{name}.png", compared, seen.panorama, seen.mask, title=f"{name} (Poly Haven, CC0)", lines=lines
+    )
     for row in rows:
         print(*row, flush=True)
-    for sentence in sentences(found):
-        print(sentence, flush=True)
     return rows
 
 

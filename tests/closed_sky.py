@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from airs import problem_of_field, turbid
 
-from twilight.engine.solve import Solved
+from twilight.engine.solve import Field
 from twilight.numerics.orientation import scattering_angle_rad
 from twilight.solvers.base import BareField
 from twilight.viewer.colours import Channels
@@ -50,7 +50,7 @@ class ClosedSky(BareField):
         return self.level(sun_elevation_deg) * (1.0 + 0.02 * observer_altitude_km) * shape[..., None] * colour
 
 
-def solved(level: Callable[[float], float]) -> Solved:
+def solved(level: Callable[[float], float]) -> Field:
     """Of hazy air at EIGHT_NM."""
     return problem_of_field(ClosedSky(turbid(wavelength_nm=EIGHT_NM), level)).solve()
 
@@ -60,14 +60,14 @@ def gone_at_17_deg(sun_elevation_deg: float) -> float:
     return math.exp(2.0 * min(sun_elevation_deg, 0.0) ** 3 / (100.0 + sun_elevation_deg**2))
 
 
-def closed(name: str = "closed", level: float = 1.0) -> Solved:
+def closed(name: str = "closed", level: float = 1.0) -> Field:
     """A solved sky of that level, times a factor, under a title."""
     medium = turbid(wavelength_nm=EIGHT_NM)
     problem = problem_of_field(ClosedSky(medium, lambda sun: level * gone_at_17_deg(sun)))
     return replace(problem, scene=replace(problem.scene, title=name)).solve()
 
 
-def field_luminance(solved: Solved, sun_deg: float, count: int = 1000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def field_luminance(solved: Field, sun_deg: float, count: int = 1000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Elevation and azimuth [deg] of lines of sight from 0.3 deg up to the zenith, a third of them below 10 deg, 0.3
     deg off the sun's disc at least, and the field's luminance there [cd m^-2], (N,) each."""
     random = np.random.default_rng(1)

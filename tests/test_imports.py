@@ -43,6 +43,50 @@ def test_imports_keep_to_the_contract():
     assert "3 kept, 0 broken" in result.stdout
 
 
+def imported_when_loaded(path: Path, modules: set[str]) -> set[str]:
+    """The modules of the package that a module imports while it is loaded, those for types alone left out."""
+
+    def statements(body: list[ast.stmt]):
+        for one in body:
+            if isinstance(one, ast.Import | ast.ImportFrom):
+                yield one
+            elif isinstance(one, ast.If) and "TYPE_CHECKING" not in ast.unparse(one.test):
+                yield from statements([*one.body, *one.orelse])
+            elif isinstance(one, ast.Try | ast.With):
+                yield from statements([*one.body, *getattr(one, "orelse", [])])
+
+    found = set()
+    for one in statements(ast.parse(path.read_text(encoding="utf-8")).body):
+        if isinstance(one, ast.Import):
+            found |= {alias.name for alias in one.names}
+        else:
+            inside = {f"{one.module}.{alias.name}" for alias in one.names}
+            found |= inside & modules or {one.module or ""}
+    return found & modules
+
+
+def circles(imports: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of modules each of which leads back to itself."""
+    reached = {name: set(others) for name, others in imports.items()}
+    for middle in imports:
+        for name in imports:
+            if middle in reached[name]:
+                reached[name] |= reached[middle]
+    groups = {frozenset(o for o in reached[n] if n in reached[o]) for n in imports if n in reached[n]}
+    return [sorted(group) for group in groups]
+
+
+def test_no_modules_import_each_other():
+    names = {}
+    for path in (ROOT / "twilight").rglob("*.py"):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        names[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    imports = {name: imported_when_loaded(path, set(names)) - {name} for name, path in names.items()}
+    assert len(imports) > 300 and sum(map(len, imports.values())) > 1000
+    assert circles(imports) == []
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set()}) == [["a", "b", "c"]]
+
+
 def unexplained_imports(path: Path) -> list[str]:
     """Functions that import first without a word of the reason; one comment serves the imports behind it."""
     text = path.read_text(encoding="utf-8")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+import time
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
@@ -13,11 +14,12 @@ import twilight
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.engine.hemisphere import whole_hemisphere
-from twilight.engine.light import _bilinear
-from twilight.engine.sky_table import SUNS_DEG, SkyTable
+from twilight.engine.light import TIMES_BRIGHTER, LightField
+from twilight.engine.light_sources import NightSource
+from twilight.engine.moments import moments_at
 from twilight.engine.surfaces import Surface
 from twilight.engine.towards import Direction, towards
-from twilight.numerics.spectrum import hermite_weights
+from twilight.sky.night import NightLevels, night_radiance
 
 PLACE = (28.3, -16.5)
 AIR = {
@@ -58,33 +60,115 @@ def test_what_is_asked_for_is_read_from_text():
             towards(text)
 
 
-def test_a_grid_of_the_night_is_read_between_its_nodes():
-    grid = np.zeros((13, 24, 1))
-    grid[:, :, 0] = 3.0 + np.arange(13)[:, None]
-    assert _bilinear(grid, np.array([2.5, 90.0, 35.0]), np.array([7.0, 355.0, -20.0]))[:, 0] == pytest.approx(
-        [3.5, 15.0, 9.5]
-    )
-
-
 @pytest.fixture(scope="module")
-def field():
-    return twilight.solve(AIR)
+def light():
+    return LightField(twilight.solve({**AIR, "solver": {"name": "compact", "polarisation": False}}), NightLevels())
 
 
-def test_tables_are_the_field_within_their_stated_error(field):
-    table, random = SkyTable(field), np.random.default_rng(2)
-    for sun in (-5.2, 31.3):
-        elevation = np.degrees(np.arcsin(random.uniform(0.1, 1.0, 24)))
-        azimuth = random.uniform(0.0, 360.0, 24)
-        exact = field.radiance(sun, elevation, azimuth)
-        nodes, weights = hermite_weights(SUNS_DEG, np.array([sun]))
-        held = sum(w * table._table(int(k)) for k, w in zip(nodes[0], weights[0], strict=True) if w)
-        found = table._interpolate(held, sun, elevation, azimuth)
-        assert np.sqrt(((found / exact - 1) ** 2).mean()) < 0.003, sun
-    # enough lines of sight and the tables answer
-    many = table.radiance(np.full(4, -5.2), np.tile(elevation, (4, 1)), np.tile(azimuth, (4, 1)))
-    assert np.allclose(many[0], field.radiance(-5.2, elevation, azimuth), rtol=0.01)
-    assert not table.radiance(np.array([-60.0]), np.array([[45.0]]), np.array([[0.0]])).any()
+def at(*hours: float):
+    """Moments of a day, hours from its beginning in UTC."""
+    times = [datetime(2026, 3, 20, tzinfo=UTC) + timedelta(hours=h) for h in hours]
+    return moments_at([PLACE[0]] * len(times), [PLACE[1]] * len(times), times)
+
+
+def test_the_night_is_exact_in_every_direction_at_every_moment(light):
+    """Directions and times that no grid has, beside the formulas of the night sky asked for one direction alone."""
+    moments = at(21.3, 23.123, 28.61)
+    elevation, azimuth = np.array([[17.0, 52.3, 90.0]] * 3), np.array([[283.0, 7.7, 0.0]] * 3)
+    found = light.directions(moments, elevation, azimuth, ["airglow", "stars", "zodiacal_light"])
+    for n, place in enumerate(moments.places):
+        sun = float(moments.sun_elevation_deg[n]), float(moments.sun_azimuth_deg[n])
+        for d in range(3):
+            exact = night_radiance(
+                light.solved.medium, elevation[n, d : d + 1], azimuth[n, d : d + 1] - sun[1], NightLevels(),
+                sun_elevation_deg=sun[0], sun_azimuth_deg=sun[1], place=place,
+            )[0, 0]  # fmt: skip
+            assert found[n, d] == pytest.approx(exact, rel=3e-3)
+
+
+def test_the_night_of_surfaces_is_the_integral_of_its_directions(light):
+    moments, names = at(22.0, 27.5), ["airglow", "stars", "zodiacal_light"]
+    rows, columns = np.meshgrid(np.arange(1.0, 90.0, 2.0), np.arange(0.0, 360.0, 6.0), indexing="ij")
+    e, a = (np.broadcast_to(x.ravel(), (2, x.size)) for x in (rows, columns))
+    radiance = light.directions(moments, e, a, names)
+    solid = np.cos(np.radians(e)) * np.radians(2.0) * np.radians(6.0)
+    for surface in (Surface(), Surface("plane", 60.0, 75.0), Surface("plane", 90.0, 30.0, True), Surface("cylinder")):
+        expected = np.einsum("nd,ndw->nw", surface.view(e, a, moments.sun_azimuth_deg) * solid, radiance)
+        assert light.surfaces(moments, [surface], names)[:, 0] == pytest.approx(expected, rel=0.01)
+
+
+def test_surfaces_have_the_integral_of_the_sky_at_any_sun(light):
+    """Suns between nodes, planes between the azimuths that are held: within 0.3 % of the field's own lines of sight."""
+    moments = at(12.9, 18.7, 19.31, 20.03)
+    surfaces = [Surface(), Surface("plane", 90.0, 37.0), Surface("plane", 40.0, 205.0), Surface("sphere")]
+    found = light.surfaces(moments, surfaces, ["sky"])
+    for n, sun in enumerate(moments.sun_elevation_deg):
+        elevation, azimuth, solid = whole_hemisphere(float(sun))
+        radiance = light.solved.radiance(float(sun), elevation, azimuth) * light.solar_irradiance
+        radiance = radiance / moments.distance_au[n] ** 2
+        around = azimuth[None] + moments.sun_azimuth_deg[n]
+        for s, surface in enumerate(surfaces):
+            weight = surface.view(elevation[None], around, moments.sun_azimuth_deg[n : n + 1])[0] * solid
+            assert found[n, s] == pytest.approx(weight @ radiance, rel=5e-3), (sun, surface)
+
+
+def test_the_disc_of_the_sun_is_that_of_its_strips(light):
+    for sun in (-0.7, -0.2, 0.3, 4.0, 61.0):
+        elevation, beams = light.disc.strips(np.array([sun]))
+        level = np.maximum(np.sin(np.radians(elevation[0])), 0.0) @ beams[0]
+        exact = light.solved.disc_irradiance(sun)
+        assert level == pytest.approx(exact, rel=0.01, abs=1e-3 * exact.max() + 1e-9), sun
+    assert not light.disc.strips(np.array([-3.0]))[1].any()
+
+
+def test_zenith_and_directions_are_those_of_the_field(light):
+    suns = np.array([-16.3, -5.2, 1.4, 33.0, 71.0])
+    elevation = np.array([[90.0, 12.0, 50.0]] * 5)
+    azimuth = np.array([[0.0, 20.0, 200.0]] * 5)
+    for _ in range(2):  # line by line while tables are missing, then from the tables
+        found = light.sky(suns, elevation, azimuth)
+        for n, sun in enumerate(suns):
+            exact = light.solved.radiance(float(sun), elevation[n], azimuth[n])
+            assert found[n] == pytest.approx(exact, rel=6e-3), sun
+        light.over_suns.fill(suns)
+        light.tables.light(suns, elevation[:, 1], azimuth[:, 1])
+        assert light.tables.missing(suns) == 0 and light.over_suns.missing(suns) == 0
+
+
+def test_below_the_lowest_sun_logarithms_go_on_straight(light):
+    """compact ends at -18 deg; a whole night has no gap and no rise."""
+    suns = np.arange(-17.0, -30.0, -0.5)
+    zenith = light.over_suns.zenith(suns)
+    level = light.over_suns.surface(Surface(), suns, np.zeros(suns.size))
+    for values in (np.log(zenith), np.log(level)):
+        steps = np.diff(values, axis=0)
+        assert (steps < 0.0).all() and np.ptp(steps[3:], axis=0) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_night_is_left_out_by_day_and_only_where_it_cannot_matter(light, monkeypatch):
+    moments, up = at(13.0, 19.75, 22.0), np.array([[90.0]] * 3)
+    asked: list[int] = []
+    for term in light.terms(None):
+        if isinstance(term, NightSource) and term.level > 0.0:
+            true = term.radiance
+            monkeypatch.setattr(
+                term, "radiance", lambda m, e, a, true=true: asked.append(len(m.places)) or true(m, e, a)
+            )
+    whole = light.directions(moments, up, 0.0 * up)
+    assert asked == [2, 2, 2]  # of three moments two are dark enough
+    night = sum(light.directions(moments, up, 0.0 * up, [name]) for name in ("airglow", "stars", "zodiacal_light"))
+    sunlit = light.directions(moments, up, 0.0 * up, ["sky", "moon"])
+    assert whole[1:] == pytest.approx((sunlit + night)[1:]) and (whole[0] == sunlit[0]).all()
+    assert (night[0] < 3.0 / TIMES_BRIGHTER * sunlit[0]).all()
+    # a source that is asked for alone is there by day too
+    assert (light.directions(moments, up, 0.0 * up, ["stars"]) > 0.0).all()
+
+
+def test_without_a_solver_it_is_compact_where_that_serves_and_says_so():
+    air = {key: value for key, value in AIR.items() if key != "solver"}
+    made = twilight.light(PLACE, DUSK, "zenith", ["V"], air)
+    assert made.attrs["solver"].startswith("solver: compact")
+    assert twilight.light(PLACE, DUSK, "zenith", ["V"], AIR).attrs["solver"] == "zones"
 
 
 @pytest.mark.slow
@@ -199,3 +283,19 @@ def test_the_moon_lights_the_night_as_in_a_render():
     put = {**AIR, "moon": {"elevation_deg": 30.0}}
     with pytest.raises(TwilightError, match="light takes the moon from place and time"):
         twilight.light(PLACE, night, "zenith", "luminance", put)
+
+
+@pytest.mark.slow
+def test_ten_thousand_moments_take_seconds():
+    """Lux and colour temperature through a year, with stars, zodiacal light and moon: 1.6 processor s of skies
+    that are there."""
+    start = datetime(2026, 1, 1, tzinfo=UTC)
+    times = [start + timedelta(minutes=52.56 * i) for i in range(10_000)]
+    asked = ("horizontal", ["illuminance", "cct"], {key: v for key, v in AIR.items() if key != "solver"})
+    twilight.light(PLACE, times[::10], *asked)
+    told: list[float] = []
+    begin = time.process_time()
+    made = twilight.light(PLACE, times, *asked, progress=lambda doing, fraction: told.append(fraction))
+    assert time.process_time() - begin < 10.0
+    assert told == sorted(told) and len(told) > 4
+    assert np.isfinite(made.illuminance_lux).all() and (made.illuminance_lux > 0.0).all()

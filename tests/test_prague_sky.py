@@ -1,4 +1,4 @@
-"""The sky of zones beside published values of the Prague sky model (all thirty: docs/notes/prague-radiances.md)."""
+"""The sky of zones beside published values of the Prague sky model (docs/accuracy.md)."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from twilight.api.representation import Sky, SkySeries, open_dataset
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import Climate, Config, load, load_climate
-from twilight.engine import Solved
+from twilight.engine import Field
 from twilight.engine.surfaces import Surface
 from twilight.engine.towards import Direction
 
@@ -16,10 +16,10 @@ __all__ = [
     "Climate",
     "Config",
     "Direction",
+    "Field",
     "Medium",
     "Sky",
     "SkySeries",
-    "Solved",
     "Surface",
     "TwilightError",
     "TwilightWarning",

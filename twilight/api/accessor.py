@@ -25,6 +25,7 @@ from twilight.io.labels import attributes
 from twilight.io.provenance import provenance_from_fields
 from twilight.sky.quantities.catalogue import quantity, unit_of
 from twilight.sky.quantities.responses import ResponseLike, response
+from twilight.sky.table import SkyTable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -123,7 +124,7 @@ class SkyAccessor:
         azimuth: ArrayLike | xarray.DataArray | None = None,
         **others: Any,
     ) -> xarray.Dataset:
-        """`Dataset.interp`, linear, on the sphere: azimuths go round, elevations reach from the horizon to the zenith.
+        """What the dataset holds in any direction, by the rule of a sky's table (`Sky.sample`), on the whole sphere.
 
         Parameters
         ----------
@@ -131,27 +132,28 @@ class SkyAccessor:
             Directions [deg], azimuths beyond 360 and below 0 too: numbers, arrays that span a grid, or DataArrays,
             whose dimensions are then those of the result.  None: those of the dataset.
         **others
-            Other coordinates and options (wavelength, time, method ...), as of `Dataset.interp`.
+            Other coordinates and options (wavelength, time, method ...), as of `Dataset.interp`, linear.
 
         Returns
         -------
         xarray.Dataset
             What the dataset holds, in these directions; NaN for elevations below the sky.
         """
-        wanted: dict[str, Any] = {}
-        data = self._dataset
-        if elevation is not None or azimuth is not None:
-            data = _sphere(data)
-            wanted["elevation"] = self._dataset.elevation if elevation is None else elevation
-            wanted["azimuth"] = np.mod(self._dataset.azimuth if azimuth is None else azimuth, 360.0)
-        made = data.interp(**wanted, **others)
+        data = self._dataset.interp(**others) if others else self._dataset
+        if elevation is None and azimuth is None:
+            return data
+        given = {"elevation": elevation, "azimuth": azimuth}
+        wanted = {name: _coordinate(name, data[name] if v is None else v) for name, v in given.items()}
+        towards = _Towards(data, wanted["elevation"], wanted["azimuth"])
+        kept = data.drop_vars(["elevation_bnds", *_DERIVED], errors="ignore")
+        made = kept.drop_dims(["elevation", "azimuth"])
+        made = made.assign({str(n): towards.read(v) for n, v in kept.data_vars.items() if _over_sky(v)})
+        for name, values in wanted.items():
+            attrs = {k: v for k, v in self._dataset[name].attrs.items() if k != "bounds"}
+            made = made.assign_coords({name: values.assign_attrs(attrs)})
         if azimuth is not None:
-            asked = np.broadcast_to(azimuth, made["azimuth"].shape)
-            made = made.assign_coords(azimuth=made["azimuth"].copy(data=asked))
             made.attrs.pop("azimuth_count", None)
-        made["azimuth"].attrs = dict(self._dataset.azimuth.attrs)
-        made["elevation"].attrs = {k: v for k, v in self._dataset.elevation.attrs.items() if k != "bounds"}
-        return _with_polarisation(made) if wanted else made
+        return _with_polarisation(made.assign_attrs({k: v for k, v in data.attrs.items() if k in made.attrs}))
 
     def luminance(self) -> xarray.DataArray:
         """Luminance [cd m^-2] in every direction of the dataset."""
@@ -236,63 +238,65 @@ class SkyAccessor:
         return made.rename(name).assign_attrs(units=unit, long_name=about)
 
 
-def _sphere(data: xarray.Dataset) -> xarray.Dataset:
-    """The dataset with all azimuths, another column on either side, and rows at the lower edge and in the zenith.
-
-    The zenith is the mean of the last row, of Q and U each column turned to azimuth 0, as in
-    `interpolation.interpolate_stokes`.
-    """
-    azimuth, column = _whole(data)
-    mirrored = (azimuth > 180.0) & (data.azimuth.values[column] <= 180.0)
-    whole = data.drop_vars(["elevation_bnds"], errors="ignore").isel(azimuth=column).assign_coords(azimuth=azimuth)
-    for name in _U:
-        if name in whole:
-            whole[name] = whole[name] * xarray.DataArray(np.where(mirrored, -1.0, 1.0), dims="azimuth")
-    rows = data.elevation.values
-    parts = [whole]
-    if rows[-1] < 90.0:
-        parts.append(_zenith(whole))
-    if rows.size > 1 and 0.0 < rows[0] <= rows[1] - rows[0]:
-        parts.insert(0, _edge(whole, rows[0] / (rows[1] - rows[0])))
-    closed = xarray.concat([_directed(part) for part in parts], "elevation")
-    around = [closed.isel(azimuth=[-1]), closed, closed.isel(azimuth=[0])]
-    columns = np.concatenate([azimuth[-1:] - 360.0, azimuth, azimuth[:1] + 360.0])
-    closed = xarray.concat(around, "azimuth").assign_coords(azimuth=columns)
-    rest = whole.drop_vars([*closed.data_vars, "elevation", "azimuth"])
-    return rest.drop_dims(["elevation", "azimuth"], errors="ignore").merge(closed).assign_attrs(data.attrs)
+def _coordinate(name: str, values: Any) -> xarray.DataArray:
+    """Angles as a DataArray: numbers without a dimension, arrays along their own name."""
+    if isinstance(values, xarray.DataArray):
+        return values.drop_vars(list(values.coords)).astype(float)
+    found = np.asarray(values, float)
+    return xarray.DataArray(found, dims=[name] if found.ndim else [])
 
 
-def _directed(data: xarray.Dataset) -> xarray.Dataset:
-    """The variables over elevation and azimuth that may be interpolated."""
-    names = [n for n, v in data.data_vars.items() if {"elevation", "azimuth"} <= set(v.dims) and n not in _DERIVED]
-    return data[names].drop_vars([n for n in data.coords if n not in data.dims])
+def _over_sky(values: xarray.DataArray) -> bool:
+    return {"elevation", "azimuth"} <= set(values.dims) and values.dtype.kind == "f"
 
 
-def _edge(whole: xarray.Dataset, fraction: float) -> xarray.Dataset:
-    """A row at 0 deg, a fraction of the rows' distance below the lowest: by the logarithm as `Sky.sample`, Q and U
-    linearly."""
-    first, second = (_directed(whole).isel(elevation=[i]).assign_coords(elevation=[0.0]) for i in (0, 1))
+class _Towards:
+    """Directions in which the variables of a dataset are read."""
 
-    def on(values: xarray.DataArray) -> xarray.DataArray:
-        other = second[values.name]
-        if values.name in (_Q[0], _U[0]):
-            return values + fraction * (values - other)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return xarray.where((values > 0.0) & (other > 0.0), values * (values / other) ** fraction, values)
+    def __init__(self, data: xarray.Dataset, elevation: xarray.DataArray, azimuth: xarray.DataArray):
+        both = xarray.broadcast(elevation, azimuth)
+        self._dims, self._shape = [str(d) for d in both[0].dims], both[0].shape
+        self._sizes = dict(zip(self._dims, self._shape, strict=True))
+        self._elevation, self._turn = both[0].values.ravel(), both[1].values.ravel()
+        self._rows = data.elevation.values
+        self._columns, self._place = _whole(data)
+        self._mirrored = (self._columns > 180.0) & (data.azimuth.values[self._place] <= 180.0)
+        first = self._rows[:2]
+        low = 0.0 if first.size > 1 and 0.0 < first[0] <= first[1] - first[0] else float(first[0])
+        self._outside = ~((self._elevation >= low) & (self._elevation <= 90.0))
 
-    return first.map(on)
+    def read(self, values: xarray.DataArray) -> xarray.DataArray:
+        """A variable in these directions; NaN where a sky is NaN, and below its lower edge."""
+        signed = values.name in (*_Q, *_U) and "error" not in str(values.name)
+        flips = values.name == _U[0]
 
+        def one(skies: np.ndarray) -> np.ndarray:
+            whole = np.moveaxis(skies[..., self._place].reshape(-1, self._rows.size, self._place.size), 0, 2)
+            if flips:
+                whole = np.where(self._mirrored[:, None], -whole, whole)
+            out = np.full((self._elevation.size, whole.shape[2]), np.nan)
+            negative, positive = (whole < 0.0).any(axis=(0, 1)) | signed, (whole > 0.0).all(axis=(0, 1))
+            kinds = (positive & ~negative, SkyTable.of_samples), (negative, SkyTable.of_signed)
+            for which, table in (*kinds, (~positive & ~negative, SkyTable.of_samples)):
+                if which.any():
+                    made = table(self._rows, self._columns, whole[..., which])
+                    out[:, which] = made.light(self._elevation, self._turn)
+            out[self._outside] = np.nan
+            return out.T.reshape((*skies.shape[:-2], *self._shape)).astype(skies.dtype)
 
-def _zenith(whole: xarray.Dataset) -> xarray.Dataset:
-    """A row in the zenith."""
-    top = _directed(whole).isel(elevation=[-1]).assign_coords(elevation=[90.0])
-    made = top.map(lambda values: values.mean("azimuth").broadcast_like(values))
-    turn = np.exp(2j * np.radians(top.azimuth))
-    for q, u in zip(_Q, _U, strict=True):
-        if q in top and u in top and "error" not in q:
-            polarised = ((top[q] + 1j * top[u]) / turn).mean("azimuth") * turn
-            made[q], made[u] = polarised.real, polarised.imag
-    return made.map(lambda values: values.transpose(*top[values.name].dims))
+        made = xarray.apply_ufunc(
+            one,
+            values.drop_vars(["elevation", "azimuth"], errors="ignore"),
+            input_core_dims=[["elevation", "azimuth"]],
+            output_core_dims=[self._dims],
+            exclude_dims={"elevation", "azimuth"},
+            dask="parallelized",
+            output_dtypes=[values.dtype],
+            dask_gufunc_kwargs={"output_sizes": self._sizes, "allow_rechunk": True},
+        )
+        order = [d for old in values.dims for d in (self._dims if old == "elevation" else [old])]
+        others = [str(d) for d in order if d in self._dims or d not in ("elevation", "azimuth")]
+        return made.transpose(*dict.fromkeys(others)).assign_attrs(values.attrs)
 
 
 def _with_polarisation(made: xarray.Dataset) -> xarray.Dataset:

@@ -21,7 +21,7 @@ from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import Climate, load_climate
 from twilight.config.sun import SunAt, SunElevation
 from twilight.config.validate import unknown
-from twilight.engine import Solved, check_size, frames
+from twilight.engine import Field, check_size, frames
 from twilight.engine import solve as solve_scene
 from twilight.engine.night import check_stars
 from twilight.scene import resolve
@@ -144,7 +144,7 @@ def solve(
     solver: str | None = None,
     quality: str | None = None,
     settings: Mapping[str, object] | None = None,
-) -> Solved:
+) -> Field:
     """The solved field of a climate or configuration, to be asked for any direction, sun and observer.
 
     Parameters
@@ -158,7 +158,7 @@ def solve(
 
     Returns
     -------
-    Solved
+    Field
         `radiance(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)` is sun-normalised [sr^-1], shape
         of the directions plus (W,); `stokes` gives I, Q and U, `inscatter` the air before an object, `direct` the sun's
         own light, `sky` a whole `Sky`, `view` a page for the browser.
@@ -220,7 +220,7 @@ def solver(name: str) -> Solver:
     return solvers.load(name)
 
 
-def view(self: Solved, **options: Any) -> Page:
+def view(self: Field, **options: Any) -> Page:
     """The field in a browser, for any sun and direction; takes a minute or more.
 
     Parameters
@@ -238,7 +238,7 @@ def view(self: Solved, **options: Any) -> Page:
     return view_fields([self], **options)
 
 
-Solved.view = view  # type: ignore[method-assign]
+Field.view = view  # type: ignore[method-assign]
 
 
 def _times(at: TimeLike | TimesLike) -> dict[str, object]:

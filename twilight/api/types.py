@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, TypedDict, Union
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from twilight.base.progress import Progress
 from twilight.engine.surfaces import Surface
 from twilight.engine.towards import Direction
 
@@ -101,6 +102,7 @@ class LightOptions(TypedDict, total=False):
     altitude_km: float | None
     quality: str | None
     settings: Mapping[str, object] | None
+    progress: Progress | None
 
 
 class RenderOptions(TypedDict, total=False):

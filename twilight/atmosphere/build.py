@@ -196,13 +196,13 @@ def _aerosol_regions(
         air = rayleigh.cross_section_cm2(at_550, co2_ppm) * full.at(ground_km).air_per_cm3 * 1e5
         factor = aerosols.visibility_factor(aerosol.visibility_km, float(air[0]), tropospheric(at_550), ground_km)
     elif aerosol is not None and (aerosol.optical_depth_550nm is not None or aerosol.turbidity is not None):
-        target = aerosol.optical_depth_550nm
+        wanted = aerosol.optical_depth_550nm or 0.0
         if aerosol.turbidity is not None:
             below_top = full.at(np.append(full.altitude_km[full.altitude_km < top_km], top_km))
             air = rayleigh.cross_section_cm2(at_550, co2_ppm) * below_top.column_per_cm2(below_top.air_per_cm3)
-            target = (aerosol.turbidity - 1.0) * float(air[0])
+            wanted = (aerosol.turbidity - 1.0) * float(air[0])
         of_550 = aerosols.tropospheric_factor(
-            np.array([target]), at_550, tropospheric(at_550), stratospheric(at_550), top_km
+            np.array([wanted]), at_550, tropospheric(at_550), stratospheric(at_550), top_km
         )
         factor = float(of_550[0])
     elif aerosol is not None and aerosol.optical_depths is not None:

@@ -49,7 +49,7 @@ def compare(
     settings: Annotated[list[str] | None, options.SETTINGS] = None,
     output: Annotated[Path | None, option("DIR", "Folder for tables, picture and finished rows.")] = None,
 ) -> None:
-    """Measure error, run time and memory of the solvers; write tables (CSV) and a picture. Takes up what is there."""
+    """Measure error, run time and memory of the solvers; write tables (CSV) and a picture. A rerun continues."""
     chosen, names = options.settings_of(settings)
     suns = None if sun_elevation is None else options.parse_numbers(sun_elevation, "--sun-elevation", -90.0, 90.0)
     options.check_range(reference_stderr, "--reference-stderr", 1e-4, 0.1)

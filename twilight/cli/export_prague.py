@@ -61,7 +61,7 @@ def prague(
     import numpy as np
 
     from twilight.base.whole_files import check_file
-    from twilight.engine.solve import Problem
+    from twilight.engine.solve import solve
     from twilight.scene import resolve
     from twilight.studies.export.prague import SUN_DEG, PragueMaker
     from twilight.studies.export.prague_air import airs_of, channel_nodes
@@ -84,7 +84,7 @@ def prague(
 
     def field_of(v: int, b: int, progress: Any) -> Any:
         scene = resolve(airs[v].config(float(axes.albedo[b]), quality), wavelength_nm=asked.wavelength_nm)
-        return Problem(scene).solve(progress)
+        return solve(scene, progress=progress, cached=False)
 
     begin = time.process_time()
     with progress_bar() as bar:

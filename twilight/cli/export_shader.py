@@ -18,7 +18,7 @@ def shader(
 ) -> None:
     """Write the sky of a climate for one observer and every sun as GLSL and WGSL with two textures, and a page."""
     from twilight.cli.first_run import announce_compiling
-    from twilight.engine import Problem
+    from twilight.engine import solve
     from twilight.scene import resolve
     from twilight.studies.export.folder import check_new, write_folder
     from twilight.viewer import check_altitudes
@@ -27,16 +27,16 @@ def shader(
     chosen, names = options.settings_of(settings)
     options.put_options(chosen, names, {"solver.quality": (quality, "--quality")})
     config = options.load_one_scene(climate, chosen, names, "export shader")
-    problem = Problem(resolve(config), cached=True)
-    name = problem.scene.medium.name or config.title
-    check_altitudes(problem.scene, None, name)
+    scene = resolve(config)
+    name = scene.medium.name or config.title
+    check_altitudes(scene, None, name)
     folder = output or Path("out") / f"{options.file_stem(name, 'sky')}-shader"
     check_new(folder)
     announce_compiling(config.chosen_solver.name)
     with progress_bar() as bar:
         from twilight.base.progress import part_of
 
-        solved = problem.solve(part_of(bar, 0.0, 0.3))
+        solved = solve(scene, progress=part_of(bar, 0.0, 0.3))
         files = shader_sky(solved, name, config.solar_spectrum, progress=part_of(bar, 0.3, 0.7)).files()
     write_folder(folder, files)
     size = len(files["sky.bin"]) + len(files["lines.bin"])

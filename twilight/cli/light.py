@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Annotated
 
 from twilight.cli import options
 from twilight.cli.options import option
-from twilight.cli.terminal import print_table
+from twilight.cli.terminal import print_table, progress_bar
 
 
 def light(
@@ -55,6 +56,7 @@ def light(
     directions = [one for one in where if one not in surfaces]
     asked = [known(name) for name in quantity] if quantity else None
     rows: list[list[str]] = []
+    said: dict[str, None] = {}
     for of, some, usual in (("direction", directions, ("V", "luminance")), ("surface", surfaces, ("illuminance",))):
         if not some:
             continue
@@ -63,14 +65,19 @@ def light(
             wanted = [one for one in asked if of in one.of]
             if not wanted:
                 continue
-        made = light_of(
-            (latitude, longitude), list(at), some, wanted, climate, sources=source, time_zone=time_zone,
-            altitude_km=altitude_km, quality=quality, settings=options.settings_of(settings)[0],
-        )  # fmt: skip
+        with progress_bar() as progress:
+            made = light_of(
+                (latitude, longitude), list(at), some, wanted, climate, sources=source, time_zone=time_zone,
+                altitude_km=altitude_km, quality=quality, settings=options.settings_of(settings)[0], progress=progress,
+            )  # fmt: skip
+        if " " in made.attrs["solver"]:
+            said[made.attrs["solver"]] = None
         for t, text in enumerate(at):
             for d, target in enumerate(some):
                 for one in wanted:
                     cell = made[one.variable].isel({"time": t, of: d})
                     sun = float(made["solar_elevation_angle"].isel(time=t))
                     rows.append([text, f"{sun:.2f}", target, one.name, f"{float(cell):.5g}", str(cell.attrs["units"])])
+    for sentence in said:
+        print(f"twilight: {sentence}", file=sys.stderr)
     print_table(["time", "sun [deg]", "towards", "quantity", "value", "unit"], rows, right=(1, 4))

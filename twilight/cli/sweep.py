@@ -31,7 +31,7 @@ def sweep(
     output: Annotated[Path | None, option("DIR.zarr", "The dataset; continued where it is there.")] = None,
     plan: Annotated[bool, options.ONLY_PLAN] = False,
 ) -> None:
-    """Compute the skies of a configuration's `vary` section into one dataset for xarray. Takes up what is there."""
+    """Compute the skies of a configuration's `vary` section into one dataset for xarray. A rerun continues."""
     from twilight.base.whole_files import check_folder
     from twilight.config.load import load_axes
     from twilight.config.slips import warn_of_slips

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 from twilight.base.errors import TwilightError
 from twilight.cli import options
 from twilight.cli.options import option
-from twilight.cli.terminal import print_table
+from twilight.cli.terminal import print_table, progress_bar
 
 
 def timeline(
     climate: Annotated[str, options.CLIMATE],
-    at: Annotated[str, option("DATE", "The night from noon to noon, e.g. 2026-06-21.")],
     latitude: Annotated[float, options.LATITUDE],
     longitude: Annotated[float, options.LONGITUDE],
+    at: Annotated[
+        str | None, option("DATE", "The night from noon to noon, e.g. 2026-06-21; without it, of today.")
+    ] = None,
     purpose: Annotated[
         str | None,
         option(
@@ -36,7 +39,10 @@ def timeline(
     altitude_km: Annotated[float | None, options.ALTITUDE_KM] = None,
     quality: Annotated[str | None, options.QUALITY_LISTED] = None,
     settings: Annotated[list[str] | None, options.SETTINGS] = None,
-    output: Annotated[Path | None, option("STEM", "Of the files; without it, out/NAME_timeline.")] = None,
+    output: Annotated[
+        Path | None,
+        option("FILE", "X.csv, X.nc or X.png: that file; X: all three; without it, out/NAME_timeline."),
+    ] = None,
 ) -> None:
     """Tabulate light through a night, as CSV, netCDF and a figure, and find when it passes a value.
 
@@ -44,22 +50,23 @@ def timeline(
     """
     import datetime as dt
 
+    from twilight.base.progress import part_of
     from twilight.base.whole_files import check_file
     from twilight.config.load import load
     from twilight.config.validate import unknown
     from twilight.engine.light_setup import field_for
     from twilight.sky.ephemeris import parse_time
-    from twilight.sky.twilight_times import time_of, twilight_times
+    from twilight.sky.twilight_times import time_of, today_at, twilight_times
     from twilight.studies.timeline import timeline as work
     from twilight.studies.timeline.columns import column
-    from twilight.studies.timeline.files import draw, write_dataset, write_table
+    from twilight.studies.timeline.files import WRITERS
     from twilight.studies.timeline.presets import PRESETS
 
     options.check_range(latitude, "--latitude", -90.0, 90.0)
     options.check_range(longitude, "--longitude", -180.0, 360.0)
     if purpose is not None and purpose not in PRESETS:
         raise TwilightError(f"--for: {purpose} {unknown(purpose, PRESETS, 'purpose')}")
-    day = options.parse_date(at, "--at")
+    day = today_at(longitude, time_zone) if at is None else options.parse_date(at, "--at")
     texts, conditions = list(quantity or ()), list(when or ())
     preset = PRESETS.get(purpose or "")
     if preset is not None:
@@ -86,16 +93,23 @@ def timeline(
     last = moment(stop) if stop else marks[1].time
     times = work.rows(first, last, work.step_of(step))  # type: ignore[arg-type]
     stem = output or Path("out") / f"{options.file_stem(config.name or config.climate.name, 'sky')}_timeline"
-    paths = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "nc", "png")]
+    if stem.suffix.lower() in WRITERS:
+        paths = [stem]
+    else:
+        paths = [stem.with_name(f"{stem.name}{suffix}") for suffix in WRITERS]
     for path in paths:
         check_file(path)
     stem.parent.mkdir(parents=True, exist_ok=True)
-    field = field_for(config, [one.needs for one in (*columns, *(c.column for c in wanted))])
-    made = work.timeline(field, latitude, longitude, times, columns, wanted, time_zone)
+    needs = [one.needs for one in (*columns, *(c.column for c in wanted))]
+    with progress_bar() as progress:
+        chosen = field_for(config, needs, part_of(progress, 0.0, 0.5))
+        if chosen.solver:
+            print(f"twilight: {chosen.solver}", file=sys.stderr, flush=True)
+        rest = part_of(progress, 0.5, 0.5)
+        made = work.timeline(chosen.field, latitude, longitude, times, columns, wanted, time_zone, rest)
     about = f"{config.climate.name}, {latitude:g} {longitude:g}, {day.isoformat()}"
-    write_table(made, paths[0], f"twilight timeline: {about}")
-    write_dataset(made, paths[1], {"title": about})
-    draw(made, paths[2], about)
+    for path in paths:
+        WRITERS[path.suffix.lower()](made, path, about)
     _print(made)
     if preset is not None:
         print(preset.about)

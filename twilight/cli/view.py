@@ -44,27 +44,29 @@ def view(
     scenes = [scene] if beside is None else [scene, beside]
     found = [_scene(one, chosen, names) for one in scenes]
     title = [
-        problem.scene.title or problem.scene.medium.name or options.file_stem(Path(one).stem, "sky")
-        for one, (problem, _) in zip(scenes, found, strict=True)
+        air.title or air.medium.name or options.file_stem(Path(one).stem, "sky")
+        for one, (air, _) in zip(scenes, found, strict=True)
     ]
     path = output or Path("out") / f"{'-'.join(options.file_stem(name, 'sky') for name in title)}.html"
 
     from twilight.base.whole_files import check_file
+    from twilight.engine import solve
     from twilight.viewer import check_altitudes, ground_to_orbit, view_fields
 
-    first = found[0][0].scene
+    first = found[0][0]
     if altitudes is None and first.capabilities.every_observer:
         altitudes = list(ground_to_orbit(first.medium))
-    for name, (problem, _) in zip(title, found, strict=True):
-        check_altitudes(problem.scene, altitudes, name)
+    for name, (air, _) in zip(title, found, strict=True):
+        check_altitudes(air, altitudes, name)
     check_file(path)
     config = found[0][1]
     with progress_bar() as bar:
         from twilight.base.progress import part_of
 
         solved = []
-        for k, (problem, _) in enumerate(found):
-            solved.append(problem.solve(part_of(bar, 0.4 * k / len(found), 0.4 / len(found), f"{title[k]}: field")))
+        for k, (air, config_of_it) in enumerate(found):
+            part = part_of(bar, 0.4 * k / len(found), 0.4 / len(found), f"{title[k]}: field")
+            solved.append(solve(air, progress=part, cached=config_of_it is not None))
         page = view_fields(
             solved,
             names=title,
@@ -90,15 +92,14 @@ def _render_words(scene: str, quality: str | None, settings: list[str] | None) -
 
 
 def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[Any, Any]:
-    """The problem of a scene, and its configuration where it has one."""
+    """The scene resolved, and its configuration where it has one."""
     from twilight.cli.first_run import announce_compiling
-    from twilight.engine import Problem
     from twilight.scene import Scene, resolve
 
     if not scene.lower().endswith((".h5", ".hdf5")):
         config = options.load_one_scene(scene, chosen, names, "view")
         announce_compiling(config.chosen_solver.name)
-        return Problem(resolve(config), cached=True), config
+        return resolve(config), config
     if chosen:
         raise TwilightError(f"{scene}: is a solved field, which {next(iter(names.values()))} cannot change")
     from twilight.solvers import zones
@@ -107,7 +108,7 @@ def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[A
     solver: Any = SimpleNamespace(
         CAPABILITIES=zones.CAPABILITIES, QUALITIES=zones.QUALITIES, prepare=lambda medium, settings, **options: field
     )
-    return Problem(Scene(field.medium, None, solver, field.settings, title=Path(scene).stem)), None
+    return Scene(field.medium, None, solver, field.settings, title=Path(scene).stem), None
 
 
 def _start(config: Any) -> dict[str, Any]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class FieldLight:
-    """The measures of a `Solved`; what they need of it is declared below."""
+    """The measures of a `Field`; what they need of it is declared below."""
 
     if TYPE_CHECKING:
         blocks: tuple[Block, ...]

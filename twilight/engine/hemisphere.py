@@ -35,14 +35,14 @@ def disc_irradiance(
     altitude_km: of the surface; None: the ground.
     """
     total, out = np.zeros(medium.n_wavelengths), np.zeros(medium.n_wavelengths)
-    for offset, fraction in zip(*_disc_strips(), strict=True):
+    for offset, fraction in zip(*disc_strips(), strict=True):
         true = np.radians(sun_elevation_deg + SOLAR_RADIUS_DEG * offset)
         bending = beam_at(beam, medium.bottom_km if altitude_km is None else altitude_km, np.sin(true), out)
         total += fraction * max(0.0, float(np.sin(true + bending))) * out
     return total
 
 
-def _disc_strips() -> tuple[np.ndarray, np.ndarray]:
+def disc_strips() -> tuple[np.ndarray, np.ndarray]:
     """Heights of strips above the disc's centre, over its radius, and fractions of its area.
 
     Nodes of Gauss and Chebyshev's second kind: strips of a disc weigh by their chord.
@@ -62,7 +62,7 @@ def disc_beams(
     altitude_km = max(altitude_km, solved.medium.bottom_km)
     if not all(block.sunbeam.reaches(sun_elevation_deg + SOLAR_RADIUS_DEG, altitude_km) for block in solved.blocks):
         return None
-    offsets, fractions = _disc_strips()
+    offsets, fractions = disc_strips()
     elevation, parts = np.zeros(DISC_STRIPS), []
     for block in solved.blocks:
         out = np.zeros((DISC_STRIPS, block.sunbeam.medium.n_wavelengths))

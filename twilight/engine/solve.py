@@ -3,7 +3,7 @@
 A `Problem` is a scene and how it is to be solved.  Its wavelengths are divided into blocks of as many as the solver
 takes at once, so that 1000 need no more memory than one block; a `Block` is one of them, solved.  Two ways lead on:
 
-- `Problem.solve` (or `solve`) solves all blocks and holds them: a `Solved` answers at any time and in any order;
+- `Problem.solve` (or `solve`) solves all blocks and holds them: a `Field` answers at any time and in any order;
 - `Problem.block` solves one block, which the caller drops before the next: for a whole sequence at many wavelengths.
 """
 
@@ -26,7 +26,7 @@ from twilight.engine.directions import check_question
 from twilight.engine.disc import make_disc
 from twilight.engine.field_light import FieldLight
 from twilight.engine.sun_tables import SunTables
-from twilight.engine.sunbeam import Direct
+from twilight.engine.sunbeam import Direct, join_direct
 from twilight.numerics.grids import texture_centres
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene.scene import Scene
@@ -153,14 +153,14 @@ class Problem:
         bands = bands if bands is not None and bands.absorption_per_km.any() else None
         return Block.solve(self, part, medium, bands, progress or silent)
 
-    def solve(self, progress: Progress | None = None) -> Solved:
+    def solve(self, progress: Progress | None = None) -> Field:
         """Solve all blocks and hold them."""
         tell, count = progress or silent, len(self.slices)
-        return Solved(self, tuple(self.block(i, part_of(tell, i / count, 1.0 / count)) for i in range(count)))
+        return Field(self, tuple(self.block(i, part_of(tell, i / count, 1.0 / count)) for i in range(count)))
 
 
 @dataclass(frozen=True, repr=False)
-class Solved(FieldLight):
+class Field(FieldLight):
     """A problem with all its blocks solved."""
 
     problem: Problem
@@ -247,8 +247,7 @@ class Solved(FieldLight):
 
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         """The sun's direct light at an observer."""
-        found = [block.direct(sun_elevation_deg, observer_altitude_km) for block in self.blocks]
-        return Direct(np.concatenate([one.irradiance for one in found]), found[-1].bending_deg)
+        return join_direct([block.direct(sun_elevation_deg, observer_altitude_km) for block in self.blocks])
 
     def disc(
         self, sun_elevation_deg: float, observer_altitude_km: float | None = None, *, distance_au: float = 1.0
@@ -371,11 +370,18 @@ class Solved(FieldLight):
         def view(self, **options: Any) -> BrowserPage: ...
 
 
-def solve(scene: Scene, sun_elevations_deg: Sequence[float] | None = None, progress: Progress | None = None) -> Solved:
-    """Solve a scene with the user's cache, and hold it.
+def solve(
+    scene: Scene,
+    sun_elevations_deg: Sequence[float] | None = None,
+    progress: Progress | None = None,
+    *,
+    cached: bool = True,
+) -> Field:
+    """Solve a scene and hold it.
 
     sun_elevations_deg: true elevations of all the suns that will be asked for [deg], None: any; progress: called as
-    progress(doing, fraction) now and then.  Errors: TwilightError for what the solver cannot do.
+    progress(doing, fraction) now and then; cached: whether the user's cache gives and keeps it, else it is solved here.
+    Errors: TwilightError for what the solver cannot do.
     """
     known = None if sun_elevations_deg is None else tuple(sun_elevations_deg)
-    return Problem(scene, known, cached=True).solve(progress)
+    return Problem(scene, known, cached).solve(progress)

@@ -17,11 +17,11 @@ from twilight.base import cache
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.engine.table import first_columns, first_rows, row_breaks
-from twilight.numerics.spectrum import hermite_weights
-from twilight.sky.table import SkyTable, stack
+from twilight.sky.table import SkyTable, stack, sun_weights
 
 if TYPE_CHECKING:
-    from twilight.engine.solve import Solved
+    from twilight.engine.solve import Field
+    from twilight.scene.scene import Scene
 
 SUN_COUNT = 97
 """Suns from `LOWEST_SUN_DEG` to the zenith, close together about `CENTRE_DEG`."""
@@ -31,6 +31,9 @@ LOWEST_SUN_DEG = -20.0
 
 CENTRE_DEG, WIDTH_DEG = -8.0, 8.0
 """Where suns are closest, 0.37 deg apart, and the distance over which they stay close [deg]."""
+
+SHADOW_DEG = (-3.2, 1.2)
+"""Suns between which others stand half-way [deg]: the Earth's shadow rises with a sharp edge, in pure air above all."""
 
 DARK_SUN_DEG, DEEP_STEP_DEG = -40.0, 2.0
 """Lowest sun of all, and the distance of those below `LOWEST_SUN_DEG` [deg]."""
@@ -43,7 +46,9 @@ def sun_nodes(lowest_deg: float = DARK_SUN_DEG, highest_deg: float = 90.0) -> np
     """The suns at which fields are tabulated [deg], within a range whose ends are two of them."""
     low, high = (np.arcsinh((sun - CENTRE_DEG) / WIDTH_DEG) for sun in (LOWEST_SUN_DEG, 90.0))
     close = CENTRE_DEG + WIDTH_DEG * np.sinh(np.linspace(low, high, SUN_COUNT))
-    every = np.concatenate([np.arange(DARK_SUN_DEG, LOWEST_SUN_DEG, DEEP_STEP_DEG), close])
+    between = 0.5 * (close[1:] + close[:-1])
+    between = between[(between > SHADOW_DEG[0]) & (between < SHADOW_DEG[1])]
+    every = np.sort(np.concatenate([np.arange(DARK_SUN_DEG, LOWEST_SUN_DEG, DEEP_STEP_DEG), close, between]))
     inside = every[(every > lowest_deg + 1e-6) & (every < highest_deg - 1e-6)]
     return np.concatenate([[lowest_deg], inside, [highest_deg]])
 
@@ -53,6 +58,14 @@ def suns_between(low_deg: float, high_deg: float, nodes_deg: np.ndarray | None =
     nodes = sun_nodes() if nodes_deg is None else nodes_deg
     first = max(0, int(np.searchsorted(nodes, low_deg, "right")) - 2)
     return nodes[first : int(np.searchsorted(nodes, high_deg)) + 2]
+
+
+def check_serves_every_sun(scene: Scene) -> None:
+    """TwilightError for a solver whose field serves one sun alone."""
+    if not scene.capabilities.every_sun or scene.capabilities.standard_error:
+        raise TwilightError(
+            f"this needs a solver whose field serves every sun, as zones and compact, not {scene.solver_name}"
+        )
 
 
 class SunTables:
@@ -65,17 +78,14 @@ class SunTables:
 
     def __init__(
         self,
-        solved: Solved,
+        solved: Field,
         altitude_km: float | None = None,
         *,
         rows_deg: np.ndarray | None = None,
         columns_deg: np.ndarray | None = None,
     ):
         scene = solved.scene
-        if not scene.capabilities.every_sun or scene.capabilities.standard_error:
-            raise TwilightError(
-                f"this needs a solver whose field serves every sun, as zones and compact, not {scene.solver_name}"
-            )
+        check_serves_every_sun(scene)
         self.solved = solved
         self.altitude_km = scene.altitude_km if altitude_km is None else altitude_km
         low, high = getattr(solved.blocks[0].field, "sun_range_deg", (DARK_SUN_DEG, 90.0))
@@ -91,12 +101,34 @@ class SunTables:
 
     def under(self, sun_elevation_deg: float) -> SkyTable:
         """The table of one sun, between its neighbours; below the lowest sun logarithms fall on straight."""
-        if sun_elevation_deg < self.suns_deg[0]:
-            return stack([self._table(0), self._table(1)]).under(sun_elevation_deg)
-        nodes, weights = hermite_weights(self.suns_deg, np.array([sun_elevation_deg]))
+        nodes, weights = sun_weights(self.suns_deg, np.array([sun_elevation_deg]))
         used = [int(k) for k in np.unique(nodes[0][weights[0] != 0.0])]
         low, high = (int(np.clip(k, 0, self.suns_deg.size - 1)) for k in (min(used), max(used)))
         return stack([self._table(k) for k in range(low, high + 1)]).under(sun_elevation_deg)
+
+    def missing(self, sun_elevation_deg: np.ndarray) -> int:
+        """How many tables are to be computed before light is read under these suns."""
+        nodes, weights = sun_weights(self.suns_deg, sun_elevation_deg)
+        each = [int(k) for k in np.unique(nodes[weights != 0.0])]
+        cached = (bool(self._key) and cache.find(cache.SKIES, self._name(k)) is not None for k in each)
+        return sum(k not in self._made and not there for k, there in zip(each, cached, strict=True))
+
+    def light(
+        self,
+        sun_elevation_deg: np.ndarray,
+        elevation_deg: np.ndarray,
+        azimuth_deg: np.ndarray,
+        progress: Progress = silent,
+    ) -> np.ndarray:
+        """Light in directions (D,), each under a sun of its own (D,), (D, W); azimuths from the sun."""
+        nodes, weights = sun_weights(self.suns_deg, sun_elevation_deg)
+        used = np.unique(nodes[weights != 0.0])
+        tables = []
+        for n, k in enumerate(used):
+            progress(f"sun {self.suns_deg[k]:+.1f} deg", n / used.size)
+            tables.append(self._table(int(k)))
+        place = np.minimum(np.searchsorted(used, nodes), used.size - 1)
+        return stack(tables).light_under((place, weights), sun_elevation_deg, elevation_deg, azimuth_deg)
 
     def between(self, low_deg: float, high_deg: float, progress: Progress = silent) -> SkyTable:
         """The table of all suns that those from low_deg to high_deg are read from."""
@@ -113,7 +145,7 @@ class SunTables:
     def _table(self, k: int) -> SkyTable:
         """The table of one of the suns."""
         if k not in self._made:
-            name = hashlib.sha256(f"{self._key} {self.suns_deg[k]!r} {self._nodes()}".encode()).hexdigest()
+            name = self._name(k)
             made = _stored(name) if self._key else None
             if made is None:
                 sun = float(self.suns_deg[k])
@@ -126,8 +158,9 @@ class SunTables:
             self._made[k] = made
         return self._made[k]
 
-    def _nodes(self) -> str:
-        return f"{self.rows_deg.tolist()} {self.columns_deg.tolist()}"
+    def _name(self, k: int) -> str:
+        nodes = f"{self.rows_deg.tolist()} {self.columns_deg.tolist()}"
+        return hashlib.sha256(f"{self._key} {self.suns_deg[k]!r} {nodes}".encode()).hexdigest()
 
 
 def _save(path: Path, table: SkyTable) -> None:

@@ -59,3 +59,15 @@ class Surface:
         if self.kind == "cylinder":
             return 0.5 * np.pi
         return 0.5 * np.pi * (1.0 - float(np.cos(np.radians(self.tilt_deg))))
+
+    @property
+    def sky_view(self) -> float:
+        """Irradiance by a sky of radiance 1 all over [sr]."""
+        if self.kind == "plane":
+            return np.pi - self.ground_view
+        return self.ground_view
+
+    @property
+    def turns(self) -> bool:
+        """Whether it matters where its normal points to."""
+        return self.kind == "plane" and 0.0 < self.tilt_deg < 180.0

@@ -34,6 +34,9 @@ LEAST_REST = 0.01
 DIRECTIONS_AT_ONCE = 40_000
 """Directions that are read at once, which bounds the memory."""
 
+SUNLIT_AT_ONCE = 5_000
+"""Directions under suns of their own that are read at once, which bounds the memory."""
+
 ROWS_AT_ONCE = 64
 """Rows of a grid that are read at once, which bounds the memory."""
 
@@ -72,11 +75,9 @@ class SkyTable:
 
     def under(self, sun_elevation_deg: float) -> SkyTable:
         """The table of one sun, from those of its neighbours; below the first logarithms fall on straight."""
-        suns = self.sun_elevation_deg
-        matrix = hermite_matrix(suns, np.array([sun_elevation_deg]))[0]
-        if suns.size > 1 and sun_elevation_deg < suns[0]:
-            beyond = (suns[0] - sun_elevation_deg) / (suns[1] - suns[0])
-            matrix[:2] = 1.0 + beyond, -beyond
+        nodes, weights = sun_weights(self.sun_elevation_deg, np.array([sun_elevation_deg]))
+        matrix = np.zeros(self.sun_elevation_deg.size)
+        np.add.at(matrix, nodes[0], weights[0])
         used = np.flatnonzero(matrix)
 
         def mixed(values: Any) -> Any:
@@ -108,6 +109,34 @@ class SkyTable:
             parts = [self._gathered(layer, place, weight) for layer in self._layers]
             out[part] = self._sum(parts, flat_e[part], flat_a[part])
         return out.reshape(*elevation.shape, -1)
+
+    def light_under(
+        self,
+        sun: tuple[np.ndarray, np.ndarray],
+        sun_elevation_deg: np.ndarray,
+        elevation_deg: np.ndarray,
+        azimuth_deg: np.ndarray,
+    ) -> np.ndarray:
+        """Light in directions (D,), each under a sun of its own (D,), (D, W); sun: `sun_weights` of the table's suns.
+
+        The table is one of logarithms.
+        """
+        layers = [layer.reshape(-1, layer.shape[-1]) for layer in self._layers]
+        per_sun = self.elevation_deg.size * self.azimuth_deg.size
+        bending = self.apparent_sun_deg - self.sun_elevation_deg
+        out = np.empty((elevation_deg.size, self.smooth.shape[-1]), self.smooth.dtype)
+        for k in range(0, elevation_deg.size, SUNLIT_AT_ONCE):
+            part = slice(k, k + SUNLIT_AT_ONCE)
+            (nodes, over), e, a = (values[part] for values in sun), elevation_deg[part], azimuth_deg[part]
+            place, weight = self._stencil(e, a)
+            each = (nodes[:, :, None] * per_sun + place[:, None, :]).reshape(e.size, -1)
+            share = (over[:, :, None] * weight[:, None, :]).reshape(e.size, -1).astype(weight.dtype)
+            parts = [np.einsum("dk,dkw->dw", share, layer[each]) for layer in layers]
+            out[part] = np.exp(parts[0])
+            if self.aureole is not None:
+                apparent = sun_elevation_deg[part] + (over * bending[nodes]).sum(axis=1)
+                out[part] += np.exp(parts[1] + self._log_phase_at(scattering_angle_rad(apparent, e, a)))
+        return out
 
     def on_grid(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Light on rows (E,) and columns (A,) under the table's one sun, (E, A, W): `light`, faster."""
@@ -152,8 +181,10 @@ class SkyTable:
         if n == 1:
             return a, lambda values: values
         if self.mirrored:
-            index = np.concatenate([[1], np.arange(n), [n - 2]])
-            places = np.concatenate([[2 * a[0] - a[1]], a, [2 * a[-1] - a[-2]]])
+            # columns of a part of the sky have no neighbours beyond their ends
+            before, after = slice(0, int(a[0] == 0.0)), slice(0, int(a[-1] == 180.0))
+            index = np.concatenate([[1][before], np.arange(n), [n - 2][after]]).astype(int)
+            places = np.concatenate([[-a[1]][before], a, [360.0 - a[-2]][after]])
         else:
             index = np.concatenate([[n - 2, n - 1], np.arange(n), [0, 1]])
             places = np.concatenate([a[-2:] - 360.0, a, a[:2] + 360.0])
@@ -328,6 +359,18 @@ class SkyTable:
             aureole=read(self.aureole),
             stokes=read(self.stokes),
         )
+
+
+def sun_weights(suns_deg: np.ndarray, target_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Four suns of a table (T, 4, int) and their weights in logarithms under others (T,): local cubics, a straight line
+    below the first two."""
+    nodes, weights = hermite_weights(suns_deg, target_deg)
+    if suns_deg.size > 1:
+        beyond = np.maximum(suns_deg[0] - target_deg, 0.0) / (suns_deg[1] - suns_deg[0])
+        below = beyond > 0.0
+        nodes[below] = [0, 1, 1, 1]
+        weights[below] = np.stack([1.0 + beyond, -beyond, 0.0 * beyond, 0.0 * beyond], axis=1)[below]
+    return nodes, weights
 
 
 def stack(tables: Sequence[SkyTable]) -> SkyTable:

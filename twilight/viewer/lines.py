@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.engine import Solved
+from twilight.engine import Field
 from twilight.numerics.spectrum import wavelength_bounds
 from twilight.sky.night import light
 from twilight.sky.night.veil import veil
@@ -23,7 +23,7 @@ def sky_elevations(horizon_deg: float) -> np.ndarray:
 
 
 def sunbeam(
-    solved: Solved, channels: Channels, altitude_km: float, nodes_deg: np.ndarray
+    solved: Field, channels: Channels, altitude_km: float, nodes_deg: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Refraction and light of the sun's disc at apparent elevations (N,) [deg], from the horizon up.
 

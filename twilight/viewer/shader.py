@@ -13,7 +13,7 @@ from importlib import resources
 from typing import Any
 
 from twilight.base.progress import Progress, part_of, silent
-from twilight.engine import Solved
+from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG, ROW_COUNT, SunTables
 from twilight.engine.table import first_rows, with_ground
 from twilight.numerics import spectrum
@@ -73,7 +73,7 @@ def _web(name: str) -> str:
 
 
 def shader_sky(
-    solved: Solved,
+    solved: Field,
     name: str,
     solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM,
     progress: Progress = silent,

@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twilight.base.progress import Progress, part_of
-from twilight.engine import Solved
+from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG, SunTables, suns_between
 from twilight.engine.table import first_columns
 from twilight.numerics.spectrum import hermite_weights
@@ -65,7 +65,7 @@ class Geometry:
     top_km: float
 
     @classmethod
-    def of(cls, solved: Solved) -> Geometry:
+    def of(cls, solved: Field) -> Geometry:
         """Geometry of the medium of a field."""
         medium = solved.medium
         radius = medium.earth_radius_km + medium.top_km
@@ -112,7 +112,7 @@ def at_entry(
 
 
 def fill_space(
-    solved: Solved, channels: Channels, nodes: PageNodes, progress: Progress
+    solved: Field, channels: Channels, nodes: PageNodes, progress: Progress
 ) -> tuple[SkyTable, SkyTable, Geometry]:
     """Tables above the air by the sun at the foot, whose rows are places: of channels, and of the light at the field's
     wavelengths at every second node, not split; and the lines that they are over."""

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from twilight.base.progress import Progress, part_of
-from twilight.engine import Solved
+from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG, SunTables
 from twilight.engine.table import first_columns, sudden_edges
 from twilight.sky.table import SkyTable
@@ -59,20 +59,20 @@ def between_edges(rises: list[np.ndarray], edges: list[float]) -> np.ndarray:
     return np.concatenate([low * (1.0 - rise) + high * rise for (low, high), rise in ends])
 
 
-def haze_top_km(solved: Solved) -> float:
+def haze_top_km(solved: Field) -> float:
     """The altitude at which extinction falls most suddenly upwards: the top of the haze."""
     level_km, fall = sudden_edges(solved.medium)
     return float(level_km[np.argmax(fall)]) if fall.size else solved.medium.bottom_km + USUAL_HAZE_TOP_KM
 
 
-def horizon_and_haze_deg(solved: Solved, altitude_km: float) -> tuple[float, float]:
+def horizon_and_haze_deg(solved: Field, altitude_km: float) -> tuple[float, float]:
     """Apparent elevations of the horizon and of the ray that grazes the top of the haze."""
     horizon = -horizon_dip_deg(solved.medium, altitude_km)
     haze = -horizon_dip_deg(solved.medium, altitude_km, haze_top_km(solved))
     return horizon, max(haze, horizon + LEAST_HAZE_DEG)
 
 
-def spectra_at(solved: Solved, altitude_km: float, nodes: PageNodes, progress: Progress) -> SkyTable:
+def spectra_at(solved: Field, altitude_km: float, nodes: PageNodes, progress: Progress) -> SkyTable:
     """The table of all suns of the page for an observer in the air, at the field's wavelengths."""
     rows = between_edges(nodes.rises(), [-90.0, *horizon_and_haze_deg(solved, altitude_km), 90.0])
     made = SunTables(solved, altitude_km, rows_deg=rows, columns_deg=nodes.columns_deg)

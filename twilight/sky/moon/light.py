@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twilight.base.errors import TwilightError
 from twilight.base.shipped_data import data_numbers
@@ -27,6 +28,8 @@ SPECTRAL_DEGREE = 3
 """Degree of the polynomial of ln(wavelength) through ln(reflectance) of the bands: residuals of single bands, which are
 of the observations (filters, calibration stars, water vapour at 940 nm), are 4 % in the mean square, and a higher
 degree does not lower them."""
+MIDDLE_NM = 600.0
+"""Wavelength [nm] about which the polynomial is written, which does not change it."""
 ALLEN_MAG = (0.026, 4e-9)
 """Magnitudes per degree and per degree^4 of phase angle (Allen 1976, Astrophysical Quantities; Krisciunas and Schaefer
 1991 eq. 20): the curve that continues the model beyond its range."""
@@ -76,9 +79,10 @@ class Moon:
         return disc_reflectance(wavelength_nm, self.phase_angle_deg, self.waxing)
 
     def irradiance_factor(self, wavelength_nm: np.ndarray) -> np.ndarray:
-        """Irradiance above the air over the sun's at 1 au, (W,): reflectance x solid angle / pi, by the distances."""
-        nearer = (MEAN_DISTANCE_KM / self.distance_km) ** 2 / self.sun_distance_au**2
-        return self.reflectance(wavelength_nm) * MEAN_SOLID_ANGLE_SR / np.pi * nearer
+        """Irradiance above the air over the sun's at 1 au, (W,)."""
+        return irradiance_factors(
+            wavelength_nm, self.phase_angle_deg, self.waxing, self.distance_km, self.sun_distance_au
+        )
 
 
 def moon_illuminance_lux(moon: Moon, solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM) -> float:
@@ -94,23 +98,28 @@ def _bands() -> np.ndarray:
     return table[table[:, 0] < LONGEST_BAND_NM]
 
 
-def band_reflectance(phase_angle_deg: float, waxing: bool | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Wavelengths [nm] and disc reflectance of the bands, (B,), for a phase angle within `PHASE_RANGE_DEG`.
+def band_reflectance(
+    phase_angle_deg: ArrayLike, waxing: bool | np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Wavelengths [nm] (B,) and disc reflectance of the bands, (..., B), for phase angles within `PHASE_RANGE_DEG`.
 
     Equation 10 of Kieffer and Stone 2005 without libration (at most 1 %).  waxing: the sun stands over the east of the
     moon's near side, else over its west (the waxing moon is brighter, 8 % at half moon); None: the mean of both.
     """
     table = _bands()
-    g = np.radians(phase_angle_deg)
-    sun = {None: 0.0, True: g, False: -g}[waxing]
+    degrees = np.asarray(phase_angle_deg, float)
+    g = np.radians(degrees)
+    sun = np.zeros(g.shape) if waxing is None else np.where(waxing, g, -g)
     (p1, p2), (p3, p4) = EXPONENTIAL_DEG, COSINE_DEG
-    smooth = np.array([1.0, g, g**2, g**3, sun, sun**3, sun**5])
-    surge = np.exp(-phase_angle_deg / p1), np.exp(-phase_angle_deg / p2), np.cos((phase_angle_deg - p3) / p4)
-    return table[:, 0], np.exp(table[:, 1:] @ np.concatenate([smooth, surge]))
+    smooth = [np.ones(g.shape), g, g**2, g**3, sun, sun**3, sun**5]
+    surge = [np.exp(-degrees / p1), np.exp(-degrees / p2), np.cos((degrees - p3) / p4)]
+    return table[:, 0], np.exp(np.stack([*smooth, *surge], axis=-1) @ table[:, 1:].T)
 
 
-def disc_reflectance(wavelength_nm: np.ndarray, phase_angle_deg: float, waxing: bool | None = None) -> np.ndarray:
-    """Disc-equivalent reflectance of the moon, (W,), from 300 to 1250 nm.
+def disc_reflectance(
+    wavelength_nm: np.ndarray, phase_angle_deg: ArrayLike, waxing: bool | np.ndarray | None = None
+) -> np.ndarray:
+    """Disc-equivalent reflectance of the moon, (..., W), from 300 to 1250 nm, at phase angles (...).
 
     A polynomial of ln(wavelength) through the bands of `band_reflectance` (`SPECTRAL_DEGREE`), for the moon's rocks
     have a smooth spectrum.  Nearer to full moon than 1.55 deg, where the Earth's shadow is, the reflectance of 1.55 deg
@@ -119,18 +128,34 @@ def disc_reflectance(wavelength_nm: np.ndarray, phase_angle_deg: float, waxing: 
     Accuracy: 5 to 10 % in the absolute and 1 % in phase (Kieffer and Stone 2005); the continuation is a guide.
     Errors: TwilightError for a phase angle outside 0 to 180 deg.
     """
-    if not 0.0 <= phase_angle_deg <= 180.0:
-        raise TwilightError(f"moon: the phase angle must be from 0 to 180 deg, not {phase_angle_deg:g}")
-    within = float(np.clip(phase_angle_deg, *PHASE_RANGE_DEG))
+    phase = np.asarray(phase_angle_deg, float)
+    wrong = ~((phase >= 0.0) & (phase <= 180.0))
+    if wrong.any():
+        raise TwilightError(f"moon: the phase angle must be from 0 to 180 deg, not {phase[wrong].flat[0]:g}")
+    within = np.clip(phase, *PHASE_RANGE_DEG)
     nm, bands = band_reflectance(within, waxing)
-    fit = np.polynomial.Polynomial.fit(np.log(nm), np.log(bands), SPECTRAL_DEGREE)
-    value = np.exp(fit(np.log(np.asarray(wavelength_nm, float))))
-    if phase_angle_deg > within > PHASE_RANGE_DEG[0]:
-        value = value * 10.0 ** (-0.4 * (allen_mag(phase_angle_deg) - allen_mag(within)))
-    return value
+    # least squares are linear in the logarithms
+    powers = np.polynomial.polynomial.polyvander(np.log(nm / MIDDLE_NM), SPECTRAL_DEGREE)
+    at = np.polynomial.polynomial.polyvander(np.log(np.asarray(wavelength_nm, float) / MIDDLE_NM), SPECTRAL_DEGREE)
+    value = np.exp(np.log(bands) @ (at @ np.linalg.pinv(powers)).T)
+    thinner = np.where(phase > within, allen_mag(phase) - allen_mag(within), 0.0)
+    return np.asarray(value * 10.0 ** (-0.4 * thinner)[..., None])
 
 
-def allen_mag(phase_angle_deg: float) -> float:
+def irradiance_factors(
+    wavelength_nm: np.ndarray,
+    phase_angle_deg: ArrayLike,
+    waxing: bool | np.ndarray | None,
+    distance_km: ArrayLike,
+    sun_distance_au: ArrayLike,
+) -> np.ndarray:
+    """Irradiance above the air over the sun's at 1 au, (..., W): reflectance x solid angle / pi, by the distances."""
+    nearer = (MEAN_DISTANCE_KM / np.asarray(distance_km, float)) ** 2 / np.asarray(sun_distance_au, float) ** 2
+    reflectance = disc_reflectance(wavelength_nm, phase_angle_deg, waxing)
+    return reflectance * (MEAN_SOLID_ANGLE_SR / np.pi) * nearer[..., None]
+
+
+def allen_mag(phase_angle_deg: np.ndarray) -> np.ndarray:
     """Magnitudes by which the moon is fainter than the full one, 0.026 g + 4e-9 g^4, without the surge."""
     linear, fourth = ALLEN_MAG
     return linear * phase_angle_deg + fourth * phase_angle_deg**4

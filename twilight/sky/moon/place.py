@@ -24,16 +24,19 @@ def moon_over(
     """
     site = Sites([moment], latitude_deg, longitude_deg, altitude_km)
     found, sun = site.moon(), site.sun()
-    # the evening moon waxes
-    east_of_sun = float(np.cross(sun.towards[0], found.towards[0]) @ ECLIPTIC_NORTH)
     return Moon(
         float(found.elevation_deg[0]),
         float((found.azimuth_deg[0] - sun_azimuth_deg) % 360.0),
         float(found.phase_angle_deg[0]),
         float(found.distance_au[0] * AU_KM),
         float(found.sun_distance_au[0]),
-        east_of_sun > 0.0,
+        bool(is_waxing(sun.towards, found.towards)[0]),
     )
+
+
+def is_waxing(sun: np.ndarray, moon: np.ndarray) -> np.ndarray:
+    """Whether a moon stands east of the sun, as the evening's, (T,); towards both: unit vectors (T, 3) of the ICRS."""
+    return np.cross(sun, moon) @ ECLIPTIC_NORTH > 0.0
 
 
 ECLIPTIC_NORTH = np.array([0.0, -np.sin(np.radians(23.4393)), np.cos(np.radians(23.4393))])

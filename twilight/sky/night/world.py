@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
 
@@ -86,12 +88,25 @@ def _ecliptic_pole() -> np.ndarray:
 
 def to_horizon(equatorial: np.ndarray, place: Place) -> np.ndarray:
     """North, east and up components (3, ...) of equatorial unit vectors (3, ...) of the equinox of date."""
-    turn, latitude = np.radians(sidereal_time_deg(place)), np.radians(place.latitude_deg)
+    return in_horizon(equatorial, np.radians(sidereal_time_deg(place)), np.radians(place.latitude_deg))
+
+
+def in_horizon(equatorial: np.ndarray, sidereal_rad: Any, latitude_rad: Any) -> np.ndarray:
+    """The same at sidereal times and latitudes, scalars or arrays that are broadcast with the vectors' components."""
+    turn, latitude = sidereal_rad, latitude_rad
     south = np.cos(turn) * equatorial[0] + np.sin(turn) * equatorial[1]  # towards the meridian in the equator
     east = -np.sin(turn) * equatorial[0] + np.cos(turn) * equatorial[1]
     north = np.cos(latitude) * equatorial[2] - np.sin(latitude) * south
     up = np.sin(latitude) * equatorial[2] + np.cos(latitude) * south
     return np.array([north, east, up])
+
+
+def poles_at(places: Sequence[Place]) -> tuple[np.ndarray, np.ndarray]:
+    """North, east and up components (N, 3) of the poles of the galaxy and of the ecliptic at N places and times."""
+    turn = np.radians([sidereal_time_deg(place) for place in places])
+    latitude = np.radians([place.latitude_deg for place in places])
+    galaxy, ecliptic = _equatorial(*GALACTIC_POLE_DEG), _ecliptic_pole()
+    return in_horizon(galaxy, turn, latitude).T, in_horizon(ecliptic, turn, latitude).T
 
 
 def _turned(vector: np.ndarray, azimuth_deg: float) -> np.ndarray:

@@ -17,7 +17,7 @@ from twilight.base.progress import PhasedProgress, Progress
 from twilight.base.whole_files import write_csv
 from twilight.config.scene import Config
 from twilight.config.sun import SunElevation
-from twilight.engine.solve import Problem, Solved
+from twilight.engine.solve import Field, solve
 from twilight.io.provenance import configuration_hash
 from twilight.scene import resolve
 from twilight.scene.record import resolved_configuration
@@ -161,14 +161,15 @@ class ReferenceSolver:
         )
         self.folder.mkdir(parents=True, exist_ok=True)
         found: dict[float, ReferenceSolution] = {}
-        solved: Solved | None = None
+        solved: Field | None = None
         meter = PhasedProgress(progress)
         for i, sun in enumerate(suns):
             file = self.folder / f"reference{sun:+g}-{self._key(sun, directions, repr(settings))}.csv"
             meter.phase(f"reference solution, sun {sun:g} deg:", i / len(suns), 1.0 / len(suns))
             if not file.exists():
                 if solved is None:
-                    solved = Problem(resolve(self.config, solver=(solver, settings))).solve(meter)
+                    scene = resolve(self.config, solver=(solver, settings))
+                    solved = solve(scene, progress=meter, cached=False)
                 write_references(file, {sun: _computed(solved, sun, directions, file)})
             found[sun] = read_references(file)[sun]
         return found
@@ -182,7 +183,7 @@ class ReferenceSolver:
         return configuration_hash(hashed)[:24]
 
 
-def _computed(solved: Solved, sun: float, directions: tuple[np.ndarray, np.ndarray], file: Path) -> ReferenceSolution:
+def _computed(solved: Field, sun: float, directions: tuple[np.ndarray, np.ndarray], file: Path) -> ReferenceSolution:
     """The reference of one sun; what is begun is cached in files beside `file` until it is done."""
     radiance, error = [], []
     for i, block in enumerate(solved.blocks):

@@ -22,9 +22,9 @@ from twilight.base.errors import TwilightError
 from twilight.base.peak_memory import peak_mib
 from twilight.base.progress import PhasedProgress
 from twilight.config.scene import Config
-from twilight.engine.solve import Problem, Solved
+from twilight.engine.solve import Field, solve
 from twilight.numerics.grids import half_of, texture_centres
-from twilight.scene import resolve
+from twilight.scene import Scene, resolve
 
 Send = Callable[[dict[str, Any]], None]
 
@@ -91,42 +91,44 @@ class _Execution:
         self.meter.phase("", 0.0, 0.5)
 
     def all_suns(self) -> None:
-        problem = self._problem(None)
+        scene = self._scene(None)
         clock = _CompilationClock()
         self.before_mib = peak_mib()
-        self._warm_up(problem)
+        self._warm_up(scene)
         if clock.seconds > 0.0:
             self.send({"compiled_s": clock.seconds})
             raise Compiled
         if self.timed:
-            self._timed_runs(problem, clock)
+            self._timed_runs(scene, clock)
         for wanted in dict.fromkeys(_named_wavelengths(d) for d in self.directions.values()):
             here = [s for s in self.suns if _named_wavelengths(self.directions[s]) == wanted]
             made = None
             for sun in (s for s in here if s not in self.failed | self.sent):
                 try:
-                    made = made or (problem if wanted is None else self._problem(np.array(wanted))).solve(self.meter)
+                    made = made or self._solve(scene if wanted is None else self._scene(np.array(wanted)))
                     self._send_radiance(made, sun)
                 except TwilightError as error:
                     self._fail(sun, error)
 
-    def _problem(self, wavelength_nm: np.ndarray | None) -> Problem:
+    def _scene(self, wavelength_nm: np.ndarray | None) -> Scene:
         """The scene at its own or at other wavelengths, with the solver and the settings that the job names."""
-        suns = self.message["all_suns"]
-        scene = resolve(self.config, wavelength_nm=wavelength_nm, solver=(self.solver, self.settings))
-        return Problem(scene, None if suns is None else tuple(suns))
+        return resolve(self.config, wavelength_nm=wavelength_nm, solver=(self.solver, self.settings))
 
-    def _warm_up(self, problem: Problem) -> None:
+    def _solve(self, scene: Scene) -> Field:
+        """The field of a scene, solved here."""
+        return solve(scene, self.message["all_suns"], self.meter, cached=False)
+
+    def _warm_up(self, scene: Scene) -> None:
         """Every kernel once, at one wavelength and in few directions, so that it is loaded before the clock starts."""
         grid = np.meshgrid([3.0, 60.0], [0.0, 90.0], indexing="ij")
         try:
-            made = self._problem(problem.scene.medium.wavelength_nm[:1].copy()).solve(self.meter)
+            made = self._solve(self._scene(scene.medium.wavelength_nm[:1].copy()))
             for sun in self.suns[:1]:
                 made.radiance(sun, *grid)
         except TwilightError:
             pass  # the run itself will say so
 
-    def _timed_runs(self, problem: Problem, clock: _CompilationClock) -> None:
+    def _timed_runs(self, scene: Scene, clock: _CompilationClock) -> None:
         begun = time.perf_counter()
         set_up = _Clocks()
         skies = {sun: _Clocks() for sun in self.timed}
@@ -137,7 +139,7 @@ class _Execution:
             compiled = clock.seconds
             try:
                 with set_up:
-                    made = problem.solve(self.meter)
+                    made = self._solve(scene)
             except TwilightError as error:
                 for sun in self.suns:
                     self._fail(sun, error)
@@ -190,7 +192,7 @@ class _Execution:
         }
         self.send({"sun": sun, "timing": timing})
 
-    def _send_radiance(self, made: Solved, sun: float) -> None:
+    def _send_radiance(self, made: Field, sun: float) -> None:
         d = self.directions[sun]
         radiance = made.radiance(sun, np.array(d["elevation_deg"]), np.array(d["azimuth_deg"]))
         if not (radiance >= 0).all():  # an estimate, by its noise

@@ -86,7 +86,7 @@ class PragueMaker:
     polarised: bool
 
     def make(self, field_of: Callable[[int, int, Progress], Any], progress: Progress) -> PragueFile:
-        """The file; field_of(visibility, albedo, progress): a `Solved` by the indices of its air and its ground."""
+        """The file; field_of(visibility, albedo, progress): a `Field` by the indices of its air and its ground."""
         axes, terms = self.axes, (len(GAMMA_DEG), len(ALPHA_DEG))
         sky = np.zeros(axes.shape, radiance_record(self.rank, *terms, len(EMPHASIS_DEG)))
         pol = np.zeros(axes.shape, polarisation_record(self.rank, *terms)) if self.polarised else None

@@ -32,7 +32,7 @@ ROOT_ERROR = 3e-4
 def transmittance_roots(field: Any, altitude_m: np.ndarray, nodes: ChannelNodes) -> np.ndarray:
     """Square roots of the transmittance (H, D, A, C) from altitudes (H,) to the places of the file.
 
-    field: a `Solved`, whose wavelengths are the nodes of the channels.
+    field: a `Field`, whose wavelengths are the nodes of the channels.
     """
     found = []
     for altitude in altitude_m:

@@ -13,7 +13,7 @@ from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.config.scene import Config
-from twilight.engine.solve import Problem
+from twilight.engine.solve import solve
 from twilight.numerics import spectrum
 from twilight.numerics.phase import PhaseFunction
 from twilight.scene import Scene
@@ -182,7 +182,7 @@ def compute_truth(
         tell(label, done / steps)
         medium = air_of_turbidity(config, turbidity, haze)
         scene = Scene(medium, None, solvers.load(name), settings, observer=config.observer, title=config.title)
-        solved = Problem(scene).solve()
+        solved = solve(scene, cached=False)
         done += 1
         for zenith in sun_zenith_deg:
             tell(f"{label}, sun {90 - zenith:g} deg", done / steps)

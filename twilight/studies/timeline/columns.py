@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from twilight.engine.light import LightField, Moments
+from twilight.engine.light import LightField
+from twilight.engine.moments import Moments
 from twilight.engine.surfaces import Surface
 from twilight.engine.towards import Direction, towards
 from twilight.sky.quantities.catalogue import Quantity, check_of, quantity, unit_of
@@ -39,12 +41,12 @@ class Column:
         """What it is, in one line."""
         return self.needs.about
 
-    def values(self, field: LightField, moments: Moments) -> np.ndarray:
-        """Its values at moments, (N,)."""
+    def values(self, field: LightField, moments: Moments, sources: Sequence[str] | None = None) -> np.ndarray:
+        """Its values at moments, (N,), of some sources, None: all."""
         if isinstance(self.target, Surface):
-            made = field.surfaces(moments, [self.target])
+            made = field.surfaces(moments, [self.target], sources)
         else:
-            made = field.directions(moments, *_angles(self.target, moments))
+            made = field.directions(moments, *_angles(self.target, moments), sources)
         return self.needs.value(field.spectra(made[:, 0]))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 SHADED = {"civil": -6.0, "nautical": -12.0, "astronomical": -18.0}
 """Twilights by the sun's lowest elevation [deg]."""
+LABEL_PLACES = [(x, y) for y in (4.0, 13.0, -8.0, 22.0, -17.0, 31.0, -26.0, 40.0) for x in (5.0, -41.0)]
+"""Where the clock of a crossing may stand beside its point [points], the first that is free."""
 SHADE_STEP_S = 20.0
 """Step of time at which the shades of a figure begin and end [s]."""
 
@@ -70,16 +73,15 @@ def draw(made: TimeSeries, path: Path, title: str) -> None:
         if one.unit.startswith("mag"):
             panel.invert_yaxis()
         panel.grid(alpha=0.3)
+        places: list[tuple[datetime, float]] = []
         for outcome in made.outcomes:
             if outcome.condition.column.text != one.text:
                 continue
             panel.axhline(outcome.condition.value, color="tab:red", linewidth=0.8, linestyle="--")
-            for crossing in outcome.crossings:
-                panel.plot([crossing.time], [outcome.condition.value], "o", color="tab:red", markersize=5)
-                panel.annotate(
-                    f"{crossing.time:%H:%M:%S}", (crossing.time, outcome.condition.value), (5, 4),  # type: ignore[arg-type]
-                    textcoords="offset points", color="tab:red", fontsize="x-small",
-                )  # fmt: skip
+            places += [(crossing.time, outcome.condition.value) for crossing in outcome.crossings]
+        if places:
+            panel.plot(*zip(*places, strict=True), "o", color="tab:red", markersize=5)
+            _label(panel, places)
     axes[0, 0].set_title(title, fontsize="small")
     locator = AutoDateLocator(tz=zone)
     axes[-1, 0].xaxis.set_major_locator(locator)
@@ -87,6 +89,24 @@ def draw(made: TimeSeries, path: Path, title: str) -> None:
     axes[-1, 0].set_xlim(made.times[0], made.times[-1])
     with whole_file(path) as temporary:
         figure.savefig(temporary, dpi=120)
+
+
+def _label(panel: Any, places: list[tuple[datetime, float]]) -> None:
+    """The clock at points of a panel, beside each where nothing stands yet, else above or below what stands there."""
+    panel.figure.draw_without_rendering()
+    taken: list[Any] = []
+    for time, value in sorted(places):
+        text = panel.annotate(
+            f"{time:%H:%M:%S}", (time, value), LABEL_PLACES[0], textcoords="offset points", color="tab:red",
+            fontsize="x-small",
+        )  # fmt: skip
+        for place in LABEL_PLACES:
+            text.set_position(place)
+            box = text.get_window_extent()
+            inside = panel.bbox.x0 <= box.x0 and box.x1 <= panel.bbox.x1
+            if inside and not any(box.overlaps(other) for other in taken):
+                break
+        taken.append(box)
 
 
 def shades(made: TimeSeries) -> list[tuple[datetime, datetime, int]]:
@@ -103,3 +123,11 @@ def shades(made: TimeSeries) -> list[tuple[datetime, datetime, int]]:
             first, last = (times[0] + timedelta(seconds=float(fine[k])) for k in (start, stop))
             found.append((first, last, int(depth[start])))
     return found
+
+
+WRITERS: dict[str, Callable[[TimeSeries, Path, str], None]] = {
+    ".csv": lambda made, path, about: write_table(made, path, f"twilight timeline: {about}"),
+    ".nc": lambda made, path, about: write_dataset(made, path, {"title": about}),
+    ".png": draw,
+}
+"""The files of a timeline by their suffix; about: what it is of, in a few words."""

@@ -12,7 +12,10 @@ from typing import Literal
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.engine.light import LightField, Moments, moments_at
+from twilight.base.progress import Progress, part_of, silent
+from twilight.engine.light import LightField
+from twilight.engine.light_sources import SOURCE_NAMES
+from twilight.engine.moments import Moments, moments_at
 from twilight.sky.twilight_times import TwilightTime, twilight_times
 from twilight.studies.timeline.columns import Column, column
 
@@ -51,18 +54,24 @@ class Crossing:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a condition: its crossings in their order, and whether it held at the first row."""
+    """What became of a condition: its crossings in their order, and whether it held at the first row.
+
+    moon_prevents: it is never reached, and would be without the moon.
+    """
 
     condition: Condition
     holds_at_first: bool
     crossings: tuple[Crossing, ...]
+    moon_prevents: bool = False
 
     @property
     def sentence(self) -> str:
         """Where there is no crossing: what holds instead; empty where there are some."""
         if self.crossings:
             return ""
-        return "all the time" if self.holds_at_first else "not reached"
+        if self.holds_at_first:
+            return "all the time"
+        return "not reached, for the moon shines" if self.moon_prevents else "not reached"
 
 
 @dataclass(frozen=True)
@@ -119,6 +128,7 @@ def timeline(
     columns: Sequence[Column],
     conditions: Sequence[Condition] = (),
     time_zone: str | None = None,
+    progress: Progress = silent,
 ) -> TimeSeries:
     """Values of columns at times, and the times at which conditions begin and end to hold.
 
@@ -134,6 +144,8 @@ def timeline(
         What is tabulated, and what is looked for.
     time_zone
         Of the marks; None: UTC.
+    progress
+        Called as progress(doing, fraction) now and then.
 
     Raises
     ------
@@ -150,16 +162,23 @@ def timeline(
 
     moments = moments_of(times)
     wanted = {one.text: one for one in (*columns, *(c.column for c in conditions))}
-    values = {text: one.values(light, moments) for text, one in wanted.items()}
+    light.prepare(moments, part_of(progress, 0.0, 0.8))
+    values = {}
+    for n, (text, which) in enumerate(wanted.items()):
+        progress(text, 0.8 + 0.1 * n / len(wanted))
+        values[text] = which.values(light, moments)
     outcomes = []
-    for one in conditions:
+    for n, one in enumerate(conditions):
+        progress(one.text, 0.9 + 0.1 * n / len(conditions))
         found = []
         over = _over(one, values[one.column.text])
         for i in np.flatnonzero(_passes(over)).tolist():
             when = _refined(one, times[i], times[i + 1], partial(evaluate, one.column))
             at = moments_at([latitude_deg], [longitude_deg], [when])
             found.append(Crossing(one, bool(over[i + 1] > 0), when, float(at.sun_elevation_deg[0])))
-        outcomes.append(Outcome(one, bool(over[0] > 0), tuple(found)))
+        held = bool(over[0] > 0)
+        prevented = not (found or held) and _moon_prevents(one, light, moments)
+        outcomes.append(Outcome(one, held, tuple(found), prevented))
     days = sorted({moment.date() for moment in times})
     place = latitude_deg, longitude_deg, time_zone, light.solved.scene.altitude_km
     all_marks = [mark for day in days for mark in twilight_times(day, *place)]
@@ -176,6 +195,15 @@ def timeline(
         marks,
         tuple(outcomes),
     )
+
+
+def _moon_prevents(one: Condition, light: LightField, moments: Moments) -> bool:
+    """Whether a condition that no moment fulfils is fulfilled at one when the moon is taken away."""
+    moonlit = np.flatnonzero(moments.moon.shines)
+    if not moonlit.size:
+        return False
+    without = [name for name in SOURCE_NAMES if name != "moon"]
+    return bool((_over(one, one.column.values(light, moments.part(moonlit), without)) > 0).any())
 
 
 def _over(one: Condition, values: np.ndarray) -> np.ndarray:

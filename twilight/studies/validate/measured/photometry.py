@@ -19,7 +19,7 @@ from twilight.base.progress import Progress, part_of, silent
 from twilight.config.scene import Config, Observer
 from twilight.engine.hemisphere import disc_irradiance, hemisphere
 from twilight.engine.night import levels_of
-from twilight.engine.solve import Problem
+from twilight.engine.solve import solve
 from twilight.engine.sunbeam import Sunbeam
 from twilight.numerics import spectrum
 from twilight.scene import resolve
@@ -126,7 +126,7 @@ class Photometer:
             )
         self.config = config
         self.medium = scene.medium
-        self.solved = Problem(scene).solve(progress)
+        self.solved = solve(scene, progress=progress, cached=False)
         self.beam = Sunbeam(self.medium)
         self._weight = (
             spectrum.LUMINOUS_EFFICACY_LM_PER_W

@@ -33,7 +33,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.config.scene import Config, Observer
 from twilight.engine.hemisphere import disc_irradiance, hemisphere
-from twilight.engine.solve import Problem
+from twilight.engine.solve import solve
 from twilight.engine.sunbeam import Sunbeam
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.scene import resolve
@@ -200,7 +200,7 @@ def bases(
     def light(screen: Screen | None, k: int) -> tuple[np.ndarray, np.ndarray]:
         part = part_of(progress, k / (len(ramps) + 1), 1.0 / (len(ramps) + 1))
         medium = replace(scene.medium, screen=screen)
-        solved = Problem(replace(scene, medium=medium)).solve(part)
+        solved = solve(replace(scene, medium=medium), progress=part, cached=False)
         beam = Sunbeam(medium).beam
         ground, zenith = [], []
         for sun in recorded.sun_deg:

@@ -29,7 +29,7 @@ from twilight.studies.validate.photographs.photo import OBSERVER, Cells
 WAVELENGTH_NM = np.array(PLACED_NM)
 """Wavelengths of the skies [nm]."""
 
-SUN_DEG = (-18.0, 90.0)
+SUN_DEG: tuple[float, float] = (-18.0, 90.0)
 """Suns that the solver knows [deg]."""
 
 COLOUR_ERROR = 0.1
@@ -145,10 +145,8 @@ class Airs:
             raise TwilightError(f"{base.title}: has clouds, and clear sky is estimated; name a climate without")
         self.base, self.design, self.progress = base, design, progress
         self._fields: dict[tuple, compact.Field] = {}
-
-    def count(self) -> int:
-        """Airs that were solved."""
-        return len(self._fields)
+        self._cells: Cells | None = None
+        self._skies: dict[tuple[compact.Field, float], np.ndarray] = {}
 
     def log_xyz(
         self, aerosol_type: str, values: Mapping[str, float], suns: Sequence[float], cells: Cells
@@ -158,9 +156,13 @@ class Airs:
         Errors: TwilightError for a sky that is black there.
         """
         field = self._field(aerosol_type, values)
-        factor = np.array(
-            [field.radiance(float(sun), np.clip(cells.elevation_deg, 0.0, 90.0), cells.azimuth_deg) for sun in suns]
-        )
+        if cells is not self._cells:
+            self._cells, self._skies = cells, {}
+        where = (np.clip(cells.elevation_deg, 0.0, 90.0), cells.azimuth_deg)
+        for sun in suns:
+            if (field, sun) not in self._skies:
+                self._skies[field, sun] = field.radiance(float(sun), *where)
+        factor = np.array([self._skies[field, sun] for sun in suns])
         xyz = colour.factor_to_xyz(factor, WAVELENGTH_NM, self.base.solar_spectrum, observer=OBSERVER)
         if not (xyz > 0.0).all():
             raise TwilightError("estimate: a computed sky is black where the photograph shows clear sky")
@@ -194,7 +196,8 @@ class Airs:
 
     def _errors(self) -> tuple[float, float]:
         """Relative error of the luminance and error in u', v' that the solver says of the skies asked for last."""
-        error = max(field.convergence.error for field in self._fields.values())
+        made = [field.convergence for field in self._fields.values()]
+        error = max(float(one.error) for one in made if one is not None and one.error is not None)
         return error, COLOUR_ERROR * error
 
 

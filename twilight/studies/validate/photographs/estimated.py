@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -30,7 +30,7 @@ from twilight.studies.validate.photographs.airs import (
     with_settings,
 )
 from twilight.studies.validate.photographs.estimate import AirEstimate, Estimated
-from twilight.studies.validate.photographs.find_air import EQUIVALENT, Options, find_air
+from twilight.studies.validate.photographs.find_air import EQUIVALENT, Options, Refine, find_air
 from twilight.studies.validate.photographs.photo import CHROMATICITY_SCALE, LOG_SCALE, OBSERVER, Cells, Comparison
 from twilight.studies.validate.photographs.photo import compare as compare_photo
 from twilight.studies.validate.photographs.photograph import MaskedSky, Photograph, place_sun
@@ -282,7 +282,13 @@ def estimate_air(
     own = None if climate.aerosol is None else climate.aerosol.type
     order = [name for name in types if name == own] + [name for name in types if name != own]
     airs = Airs(given, design, part_of(progress, 0.05, 0.75))
-    refined = (lambda *about: _by_the_scene(given, design, *about, low)) if refine else None
+    refined: Refine | None = None
+    if refine:
+        known_sun = low
+
+        def refined(aerosol_type: str, values: Mapping[str, float], cells: Cells) -> np.ndarray:
+            return _by_the_scene(given, design, aerosol_type, values, cells, known_sun)
+
     apparent = low if low == high else None
     for _ in range(2):
         cells = Cells.of(photograph.seen(azimuth, apparent).sky, MOST_CELLS)
@@ -309,7 +315,7 @@ def estimate_air(
 
 
 def _by_the_scene(
-    given: Config, design: Design, aerosol_type: str, values: dict[str, float], cells: Cells, sun: float
+    given: Config, design: Design, aerosol_type: str, values: Mapping[str, float], cells: Cells, sun: float
 ) -> np.ndarray:
     """ln(XYZ) (n, 3) in cells, by the scene's own solver and with all that the scene has."""
     settings = climate_settings(design, values, aerosol_type) | {"sun": {"elevation_deg": values.get(SUN, sun)}}

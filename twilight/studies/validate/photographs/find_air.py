@@ -27,7 +27,7 @@ WINDOW = 2
 MOST_WINDOWS = 4
 """Times that these are moved where the fit ends at one of them."""
 
-SECOND_BEST = 2.0
+SECOND_BEST = 1.5
 """Q over that of the best sun up to which another minimum of the search is fitted too."""
 
 SETTLED = 0.02
