@@ -11,7 +11,7 @@ from twilight import __version__
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
-from twilight.engine import Field
+from twilight.engine import Solved
 from twilight.engine.sun_tables import LOWEST_SUN_DEG as LOWEST_TABLE_DEG
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene import Scene
@@ -44,7 +44,7 @@ GRID_COLUMNS = 180
 
 
 def view_fields(
-    fields: Sequence[Field],
+    fields: Sequence[Solved],
     *,
     names: Sequence[str] | None = None,
     scenes: Sequence[str] | None = None,
@@ -127,7 +127,7 @@ def view_fields(
 def _add_field(
     pack: Pack,
     k: int,
-    solved: Field,
+    solved: Solved,
     channels: Channels,
     altitudes: tuple[float, ...],
     nodes: tables.PageNodes,
@@ -192,9 +192,9 @@ def _add_tables(pack: Pack, smooth: str, aureole: str, made: list[SkyTable]) -> 
     """S and A of tables at several altitudes, columns as `padded_columns` has them: (4, altitude, sun, row, column)."""
     _, column = padded_columns(made[0].azimuth_deg)
     for name, layers in ((smooth, [t.smooth for t in made]), (aureole, [t.aureole for t in made])):
-        held = [layer for layer in layers if layer is not None]
+        held = [layer[:, :, column] for layer in layers if layer is not None]
         if held:
-            pack.logarithm(name, np.moveaxis(np.stack(held)[:, :, :, column], -1, 0))
+            pack.logarithm(name, np.moveaxis(np.stack(held), -1, 0))
 
 
 def _add_spectrum(pack: Pack, name: str, logs: list[np.ndarray]) -> None:
@@ -306,7 +306,7 @@ def check_altitudes(scene: Scene, altitudes_km: Sequence[float] | None, name: st
     return altitudes
 
 
-def _check_suns(solved: Field, name: str) -> None:
+def _check_suns(solved: Solved, name: str) -> None:
     """Raise TwilightError for a field that was not solved for all suns."""
     low, high = getattr(solved.blocks[0].field, "sun_range_deg", (-90.0, 90.0))
     if low > LOWEST_TABLE_DEG or high < 90.0:
