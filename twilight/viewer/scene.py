@@ -11,7 +11,7 @@ from twilight import __version__
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
-from twilight.engine import Solved
+from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG as LOWEST_TABLE_DEG
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene import Scene
@@ -44,7 +44,7 @@ GRID_COLUMNS = 180
 
 
 def view_fields(
-    fields: Sequence[Solved],
+    fields: Sequence[Field],
     *,
     names: Sequence[str] | None = None,
     scenes: Sequence[str] | None = None,
@@ -127,7 +127,7 @@ def view_fields(
 def _add_field(
     pack: Pack,
     k: int,
-    solved: Solved,
+    solved: Field,
     channels: Channels,
     altitudes: tuple[float, ...],
     nodes: tables.PageNodes,
@@ -306,7 +306,7 @@ def check_altitudes(scene: Scene, altitudes_km: Sequence[float] | None, name: st
     return altitudes
 
 
-def _check_suns(solved: Solved, name: str) -> None:
+def _check_suns(solved: Field, name: str) -> None:
     """Raise TwilightError for a field that was not solved for all suns."""
     low, high = getattr(solved.blocks[0].field, "sun_range_deg", (-90.0, 90.0))
     if low > LOWEST_TABLE_DEG or high < 90.0:
