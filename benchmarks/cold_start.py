@@ -3,8 +3,10 @@
     python benchmarks/cold_start.py [--beside FOLDER]
 
 Runs the first command of README with folders of machine code and of fields that are empty, then again with the machine
-code, then with the field too, and the same sky by `--solver compact` with empty folders.  FOLDER is another checkout of
-the program, whose figures are measured in turn with these and written beside them.  Writes benchmarks/cold_start.csv.
+code, then with the field too, and the same sky by `--solver compact` with empty folders; and twice the timeline of a
+night at the default solver, by then compiled: the climate's skies are computed first and then read.  FOLDER is another
+checkout of the program, whose figures are measured in turn with these and written beside them.  Writes
+benchmarks/cold_start.csv.
 "preview" is the time until the preview of the first case is on disk: the picture that a user sees meanwhile.
 Processor seconds are of all processes of a command, wall seconds those of this machine as it was.
 """
@@ -26,6 +28,8 @@ import results
 ROOT = Path(__file__).resolve().parents[1]
 ZONES = ("render", "climates/continental-average.yaml", "--sun-elevation", "-4", "--overwrite")
 COMPACT = (*ZONES, "--solver", "compact")
+
+NIGHT = ("timeline", "continental-average", "--at", "2026-03-20", "--latitude", "28.3", "--longitude", "-16.5")
 
 
 def environment(root: Path, folder: Path) -> dict[str, str]:
@@ -67,7 +71,7 @@ def preview_seconds(root: Path, folder: Path) -> tuple[float, float] | None:
 
 
 def measure(root: Path) -> dict[str, tuple[float, float] | None]:
-    """The five cases of one checkout."""
+    """The cases of one checkout."""
     with tempfile.TemporaryDirectory() as made:
         folder, empty, first = Path(made), Path(made) / "empty", Path(made) / "first"
         empty.mkdir()
@@ -78,6 +82,8 @@ def measure(root: Path) -> dict[str, tuple[float, float] | None]:
             "zones, fresh machine": seconds(root, ZONES, folder, TWILIGHT_CACHE_GB="0"),
             "zones, compiled": seconds(root, ZONES, folder),
             "zones, compiled, field cached": seconds(root, ZONES, folder),
+            "timeline, skies not computed": seconds(root, NIGHT, empty),
+            "timeline, skies cached": seconds(root, NIGHT, empty),
         }
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 import results
 
 import twilight
+from twilight.studies.validate.photographs.estimate import Estimated
 from twilight.studies.validate.photographs.figure import write_figure
 from twilight.studies.validate.photographs.photo import compare
 
@@ -50,6 +51,12 @@ def main() -> None:
         results.write(given.output / f"{name}.csv", columns, rows)
 
 
+def words(p: Estimated) -> str:
+    """A parameter in a line of the picture."""
+    unit = "" if p.unit == "1" else f" {p.unit}"
+    return f"{p.name} {p.value:.3g}, {p.low:.3g} to {p.high:.3g}{unit}" if p.constrained else f"{p.name}: not told"
+
+
 def one(name: str, file: Path, output: Path) -> list[list]:
     """Estimate, compare and draw one panorama; rows of its table."""
     begin = time.process_time()
@@ -72,7 +79,11 @@ def one(name: str, file: Path, output: Path) -> list[list]:
         facts += [(f"{key}, {kind}", f"{compared.figures[key]:.4g}") for key in COLUMNS]
     facts += [(f"masked, {cause}", f"{part:.4g}") for cause, part in seen.mask.taken.items()]
     rows += [[name, what, value, *[""] * 5] for what, value in facts]
-    lines = (f"sun {found.sun_elevation_deg:+.2f} deg; {found.best.aerosol_type}", *found.sentences())
+    lines = (
+        f"sun {found.sun_elevation_deg:+.2f} deg; {found.best.aerosol_type}",
+        *found.remarks,
+        *map(words, found.best.parameters),
+    )
     write_figure(
         output / f"{name}.png", compared, seen.panorama, seen.mask, title=f"{name} (Poly Haven, CC0)", lines=lines
     )

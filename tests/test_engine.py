@@ -105,11 +105,12 @@ def test_half_a_texture_is_asked_for_and_mirrored():
     assert sky.apparent_sun_elevation_deg > 5.0 and (sky.direct_irradiance > 0).all()
 
 
-def test_radiance_that_cannot_be_is_an_error_for_every_caller():
-    solver = toy_solver()
-    solved = toy_problem(solver).solve()
+def test_radiance_that_cannot_be_is_an_error_for_every_caller(monkeypatch):
+    """A wrong solver would make black or shining pixels."""
+    solved = toy_problem(toy_solver()).solve()
+    monkeypatch.setattr(type(solved.blocks[0].field), "radiance", lambda *_, **__: np.full((1, 3), -1.0))
     with pytest.raises(TwilightError, match="negative or not a number"):
-        solved.radiance(-102.0, [0.0], [90.0])
+        solved.radiance(-2.0, [0.0], [90.0])
 
 
 def test_a_field_file_holds_one_block():

@@ -126,6 +126,53 @@ def test_files_hold_what_the_table_holds(tmp_path):
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
 
+def test_clocks_of_crossings_do_not_overlap(tmp_path):
+    """Thresholds so near to each other that their times would stand on one another."""
+    from matplotlib.figure import Figure
+
+    from twilight.studies.timeline.files import _label
+
+    panel = Figure(figsize=(8.0, 2.5)).subplots()
+    start = datetime(2026, 3, 20, 18, 0, tzinfo=UTC)
+    panel.set_xlim(start, start + timedelta(hours=16))
+    panel.set_ylim(0.0, 10.0)
+    _label(panel, [(start + timedelta(minutes=8 * i), 5.0 + 0.1 * i) for i in range(6)])
+    boxes = [text.get_window_extent() for text in panel.texts]
+    assert len(boxes) == 6
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+
+
+def test_the_moon_is_named_where_a_threshold_is_not_reached_for_it():
+    class Moonlit(Slope):
+        def directions(self, moments, elevation, azimuth, sources=None):
+            moon = 1.0 if sources is None or "moon" in sources else 0.0
+            return super().directions(moments, elevation, azimuth) + moon
+
+    start = datetime(2026, 3, 31, 20, 0, tzinfo=UTC)
+    times = work.rows(start, start + timedelta(hours=6), timedelta(minutes=30))
+    unit = float(column("luminance@zenith").values(Slope(), work.moments_at([28.3], [-16.5], times[:1]))[0])
+    unit /= float(np.exp(sun_position(times[0], *PLACE).elevation_deg))
+    wanted = [work.condition(f"luminance < {level * unit!r}") for level in (0.5, 1e-40)]
+    made = work.timeline(Moonlit(), *PLACE, times, [column("luminance")], wanted)
+    assert [one.sentence for one in made.outcomes] == ["not reached, for the moon shines", "not reached"]
+
+
+@pytest.mark.slow
+def test_tonight_into_one_file(tmp_path, monkeypatch):
+    """Without --at; --output x.csv is that file alone; the solver that was taken is said."""
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(
+        app, ["timeline", "continental-clean", "--latitude", "28.3", "--longitude", "-16.5", "--step", "1h",
+              "--quantity", "illuminance", "--output", "night.csv"]
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "solver: compact" in done.stderr and "wrote night.csv" in done.stdout
+    assert [path.name for path in tmp_path.iterdir()] == ["night.csv"]
+    rows = (tmp_path / "night.csv").read_text().splitlines()
+    assert len(rows) == 27 or len(rows) == 26  # noon to noon, 24 hours and some seconds
+    assert float(rows[2].split(",")[2]) > 1000.0 > float(rows[14].split(",")[2])
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [(["--at", "soon"], "--at: soon is not a date"), (["--for", "tea"], "--for: tea"), (["--step", "x"], "--step"),

@@ -22,7 +22,7 @@ from twilight.engine.memory import check_size
 from twilight.engine.moon import moon_light, warn_of_the_moon, with_moon
 from twilight.engine.night import NightLight, check_stars, levels_of, night_light, place_of, star_sky, without_points
 from twilight.engine.solve import Problem
-from twilight.engine.sunbeam import Direct
+from twilight.engine.sunbeam import Direct, join_direct
 from twilight.engine.view import (
     ViewRadiance,
     check_terrain,
@@ -223,7 +223,7 @@ def _nodes(table: SkyTable) -> dict[str, Any]:
 
 def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> Frame:
     config = scene.configuration
-    direct = Direct(np.concatenate([one.irradiance for one in found.direct]), found.direct[-1].bending_deg)
+    direct = join_direct(found.direct)
     disc = None
     if config.sun.disc:
         disc = make_disc(scene.medium, sun.elevation_deg, scene.altitude_km, sun.distance_au, scene.bands)

@@ -26,7 +26,7 @@ from twilight.engine.directions import check_question
 from twilight.engine.disc import make_disc
 from twilight.engine.field_light import FieldLight
 from twilight.engine.sun_tables import SunTables
-from twilight.engine.sunbeam import Direct
+from twilight.engine.sunbeam import Direct, join_direct
 from twilight.numerics.grids import texture_centres
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene.scene import Scene
@@ -247,8 +247,7 @@ class Field(FieldLight):
 
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         """The sun's direct light at an observer."""
-        found = [block.direct(sun_elevation_deg, observer_altitude_km) for block in self.blocks]
-        return Direct(np.concatenate([one.irradiance for one in found]), found[-1].bending_deg)
+        return join_direct([block.direct(sun_elevation_deg, observer_altitude_km) for block in self.blocks])
 
     def disc(
         self, sun_elevation_deg: float, observer_altitude_km: float | None = None, *, distance_au: float = 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -19,6 +20,11 @@ class Direct(NamedTuple):
 
     irradiance: np.ndarray
     bending_deg: float
+
+
+def join_direct(parts: Sequence[Direct]) -> Direct:
+    """The direct light at all wavelengths from that of each block."""
+    return Direct(np.concatenate([one.irradiance for one in parts]), parts[-1].bending_deg)
 
 
 class Sunbeam:

@@ -129,7 +129,7 @@ def view_radiance(
     at other wavelengths, whose rows and columns are taken to begin with.
     """
     pitch = pixel_pitch_deg(view)
-    rows, columns = _first_nodes(block, view, light_azimuth_deg)
+    rows, columns = _first_nodes(block, view, light_azimuth_deg, pitch)
     if like is not None:
         rows, columns = like.table.elevation_deg, like.table.azimuth_deg
     table = block.table(
@@ -143,11 +143,13 @@ def view_radiance(
     return ViewRadiance(view, table, pitch, sun_elevation_deg, light_azimuth_deg=light_azimuth_deg)
 
 
-def _first_nodes(block: Block, view: View, light_azimuth_deg: float) -> tuple[np.ndarray, np.ndarray]:
+def _first_nodes(block: Block, view: View, light_azimuth_deg: float, pitch_deg: float) -> tuple[np.ndarray, np.ndarray]:
     """The rows and columns that a view is computed on first."""
     (low, high), (left, right) = _extent(view)
-    if light_azimuth_deg:
-        left, right = 0.0, 180.0
+    if light_azimuth_deg or left < 2.0 * pitch_deg:
+        left = 0.0  # where the sky is its mirror image
+    if light_azimuth_deg or right > 180.0 - 2.0 * pitch_deg:
+        right = 180.0
     altitude = block.scene.altitude_km
     lowest, breaks = row_breaks(block.scene, altitude)
     if low < lowest:  # from the ground, where a sky ends at the horizontal

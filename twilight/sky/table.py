@@ -181,8 +181,10 @@ class SkyTable:
         if n == 1:
             return a, lambda values: values
         if self.mirrored:
-            index = np.concatenate([[1], np.arange(n), [n - 2]])
-            places = np.concatenate([[2 * a[0] - a[1]], a, [2 * a[-1] - a[-2]]])
+            # columns of a part of the sky have no neighbours beyond their ends
+            before, after = slice(0, int(a[0] == 0.0)), slice(0, int(a[-1] == 180.0))
+            index = np.concatenate([[1][before], np.arange(n), [n - 2][after]]).astype(int)
+            places = np.concatenate([[-a[1]][before], a, [360.0 - a[-2]][after]])
         else:
             index = np.concatenate([[n - 2, n - 1], np.arange(n), [0, 1]])
             places = np.concatenate([a[-2:] - 360.0, a, a[:2] + 360.0])

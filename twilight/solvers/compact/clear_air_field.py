@@ -80,11 +80,6 @@ class ClearAirField(BareField):
         self._seen_from(self.observer_above_km(None))
 
     @property
-    def sun_range_deg(self) -> tuple[float, float]:
-        """Lowest and highest sun elevation of the model [deg]."""
-        return float(SUN_DEG[0]), float(SUN_DEG[-1])
-
-    @property
     def polarised(self) -> bool:
         """Whether Q and U were asked for."""
         return self._polarised

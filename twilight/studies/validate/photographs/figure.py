@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ RATIO_LIMITS = (0.5, 1.0, 2.0)
 """Ranges of the ratio map, in factors of two; the first that holds 95 % of the cells is taken."""
 COMPUTED = "computed sky, with the photograph's own ground, trees and clouds before it"
 """Title of the computed picture, in which none of these is computed."""
+PANEL_COLUMNS = 58
+"""Characters in a line of the panel of numbers, which is not cut."""
 UV_LIMIT = 0.04
 """Largest distance in u'v' on the scale of its map."""
 
@@ -73,7 +76,8 @@ def write_figure(
     profiles.grid(alpha=0.3)
     panel = figure.add_subplot(grid[3, 1])
     panel.axis("off")
-    text = "\n".join([*lines, *summary(comparison.figures)])
+    sentences = (*lines, *summary(comparison.figures))
+    text = "\n".join(textwrap.fill(line, PANEL_COLUMNS, subsequent_indent="  ") for line in sentences)
     panel.text(0.05, 1.0, text, va="top", fontsize=8.5, family="monospace", in_layout=False)
     with whole_file(path) as temporary:
         figure.savefig(temporary, dpi=84)
