@@ -117,7 +117,7 @@ def page() -> str:
     parts = [
         "# Gallery",
         "",
-        "Made by `python benchmarks/gallery.py`; each picture by the command below it, at `draft`.",
+        "Each picture by the command below it (`python benchmarks/gallery.py`).",
         "",
     ]
     for name, title, arguments in SKIES:
