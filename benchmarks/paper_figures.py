@@ -3,7 +3,8 @@
     python benchmarks/paper_figures.py [NAME ...]      writes docs/paper-figures.jpg
 
 Each row is a configuration, each picture one of its cases by `twilight render`; of haber2005-fig7 a third picture is
-the difference of the two (each exposed by itself), gamma 3 as in the paper.  Haber's cells are S = 36 here (2 s a picture; 120 are his).
+the difference of the two (each exposed by itself), gamma 3 as in the paper.
+Haber's cells are S = 36 here (2 s a picture; 120 are his).
 """
 
 from __future__ import annotations
