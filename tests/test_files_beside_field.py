@@ -142,6 +142,33 @@ def _rgb_exr(path) -> np.ndarray:
         return np.stack([np.array(file.channels()[name].pixels) for name in "RGB"], axis=-1)
 
 
+@pytest.mark.parametrize("sun", [-4.0, pytest.param(30.0, marks=pytest.mark.slow)])
+def test_mitsuba_is_lit_by_the_field(fields, tmp_path, sun):
+    """A renderer would be lit by another sky, or by one that is turned."""
+    mitsuba = pytest.importorskip("mitsuba")
+    mitsuba.set_variant("scalar_rgb")
+    air = "continental-average"
+    sky = fields(air).sky(sun)
+    write_outputs(sky, tmp_path, files=("rgb",), width=MAP_WIDTH, renderer="mitsuba")
+    light = mitsuba.load_dict({"type": "envmap", "filename": str(tmp_path / "sky.rgb.exr")})
+    elevation, azimuth = directions(sun)
+    # a pixel is 0.18 deg high: between its centre and the ground's Mitsuba mixes both
+    wanted = asked(sky, elevation, azimuth) & (elevation > 2 * BESIDE_DEG)
+    away = np.degrees(scattering_angle_rad(sky.apparent_sun_elevation_deg, elevation, azimuth))
+    elevation, azimuth = (x[wanted & (away > 3.0)] for x in (elevation, azimuth))
+    e, a = np.radians(elevation), np.radians(azimuth)
+    found = []
+    for x, y, z in zip(-np.cos(e) * np.sin(a), np.sin(e), np.cos(e) * np.cos(a), strict=True):
+        point = mitsuba.SurfaceInteraction3f()
+        point.wi = mitsuba.Vector3f(-x, -y, -z)
+        found.append(np.array(light.eval(point)).ravel()[:3])
+    truth = fields(air).radiance(sun, elevation, azimuth)
+    xyz = colour.factor_to_xyz(truth, sky.wavelength_nm, sky.solar_spectrum, sky.distance_au, colour.DEFAULT_OBSERVER)
+    expected = colour.xyz_to_linear_rgb(xyz) / 683.0
+    scale = np.abs(expected).max(axis=1, keepdims=True)
+    hold(1.0 + (np.array(found) - expected) / scale, np.ones_like(expected), "Mitsuba's envmap")
+
+
 @pytest.mark.parametrize("sun", [10.0, pytest.param(28.0, marks=pytest.mark.slow), 30.0, 33.0])
 def test_the_aureole_is_round(fields, sun):
     """It stood upright, 1.6 times as high as wide, while rows were 3 deg apart."""

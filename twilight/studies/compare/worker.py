@@ -23,7 +23,6 @@ from twilight.base.peak_memory import peak_mib
 from twilight.base.progress import PhasedProgress
 from twilight.config.scene import Config
 from twilight.engine.solve import Field, solve
-from twilight.numerics.grids import half_of, texture_centres
 from twilight.scene import Scene, resolve
 
 Send = Callable[[dict[str, Any]], None]
@@ -120,11 +119,10 @@ class _Execution:
 
     def _warm_up(self, scene: Scene) -> None:
         """Every kernel once, at one wavelength and in few directions, so that it is loaded before the clock starts."""
-        grid = np.meshgrid([3.0, 60.0], [0.0, 90.0], indexing="ij")
         try:
             made = self._solve(self._scene(scene.medium.wavelength_nm[:1].copy()))
             for sun in self.suns[:1]:
-                made.radiance(sun, *grid)
+                self._light(made, sun, np.array([3.0, 60.0]), np.array([0.0, 90.0]))
         except TwilightError:
             pass  # the run itself will say so
 
@@ -148,33 +146,26 @@ class _Execution:
                 if sun in self.failed:
                     continue
                 self.meter.phase("", 0.5 + 0.5 * i / len(self.timed), 0.5 / len(self.timed))
-                directions = self._timed_directions(sun)
+                d = self.directions[sun]
                 try:
                     with skies[sun]:
-                        made.radiance(sun, *directions)
+                        light = self._light(made, sun, np.array(d["elevation_deg"]), np.array(d["azimuth_deg"]))
                 except TwilightError as error:
                     self._fail(sun, error)
                     continue
-                self._send_timing(sun, set_up, skies[sun], self._number_of_directions(directions))
-                if len(set_up.wall_s) == 1 and _named_wavelengths(self.directions[sun]) is None:
-                    self._send_radiance(made, sun)
+                self._send_timing(sun, set_up, skies[sun], light.shape[0])
+                if len(set_up.wall_s) == 1 and _named_wavelengths(d) is None:
+                    self._send(sun, light)
             if clock.seconds > compiled:  # the warm-up had missed a kernel: the run that made it does not count
                 self.send({"compiled_s": clock.seconds})
                 raise Compiled
 
-    def _timed_directions(self, sun: float) -> tuple[np.ndarray, np.ndarray]:
-        """A deterministic solver is asked for half the texture, as a render does; a stochastic one, whose time grows
-        with the directions, for those that are compared."""
+    def _light(self, made: Field, sun: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+        """Radiance (D, W) in directions (D,), as files hold it: read from the sky's table, or computed one by one by a
+        solver whose time grows with the directions."""
         if self.solver.CAPABILITIES.standard_error:
-            d = self.directions[sun]
-            return np.array(d["elevation_deg"]), np.array(d["azimuth_deg"])
-        elevation, azimuth = texture_centres(self.config.texture.shape)
-        e, a = np.meshgrid(elevation, azimuth[half_of(azimuth)[0]], indexing="ij")
-        return e, a
-
-    def _number_of_directions(self, directions: tuple[np.ndarray, np.ndarray]) -> int:
-        rows, columns = self.config.texture.shape
-        return directions[0].size if self.solver.CAPABILITIES.standard_error else rows * columns
+            return made.radiance(sun, elevation_deg, azimuth_deg)
+        return made.table(sun).light(elevation_deg, azimuth_deg)
 
     def _send_timing(self, sun: float, set_up: _Clocks, sky: _Clocks, directions: int) -> None:
         import numba  # start-up
@@ -194,7 +185,9 @@ class _Execution:
 
     def _send_radiance(self, made: Field, sun: float) -> None:
         d = self.directions[sun]
-        radiance = made.radiance(sun, np.array(d["elevation_deg"]), np.array(d["azimuth_deg"]))
+        self._send(sun, self._light(made, sun, np.array(d["elevation_deg"]), np.array(d["azimuth_deg"])))
+
+    def _send(self, sun: float, radiance: np.ndarray) -> None:
         if not (radiance >= 0).all():  # an estimate, by its noise
             self._fail(sun, TwilightError("gave radiance that is negative or not a number"))
             return
