@@ -1,7 +1,7 @@
 """Tables of a field for many suns: computed sun by sun when they are needed, cached, and read between them.
 
 All suns of a field and an observer share rows and columns, so that logarithms may be interpolated over the sun.  What
-shows or measures many suns takes one `SkyTable` of some of them (:meth:`SunTables.of`), or one of any sun
+shows or measures many suns takes one `SkyTable` of some of them (:meth:`SunTables.between`), or one of any sun
 (:meth:`SunTables.under`).
 """
 
