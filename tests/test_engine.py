@@ -170,7 +170,7 @@ def test_both_sides_of_a_comparison_see_what_the_plan_leaves():
     job = Job(thin, (5.0,), {5.0: SampleDirections((10.0,), (0.0,))})
     planned = resolve(thin)
     assert "ozone" in [item.part for item in planned.omissions]
-    side = _Execution(job.message((5.0,), ()), lambda answer: None)._problem(None)
-    np.testing.assert_array_equal(side.scene.medium.absorption_per_km, planned.medium.absorption_per_km)
+    side = _Execution(job.message((5.0,), ()), lambda answer: None)._scene(None)
+    np.testing.assert_array_equal(side.medium.absorption_per_km, planned.medium.absorption_per_km)
     whole = resolve(thin.model_copy(update={"omit_negligible": False}))
     assert (whole.medium.absorption_per_km > planned.medium.absorption_per_km).any()

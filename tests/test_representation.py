@@ -239,8 +239,9 @@ def test_skies_are_subtracted_and_divided(sky, drawing):
         ratio.plot(wavelength_nm=600)
     with pytest.raises(TwilightError, match=r"different wavelengths \(3 from 450 to 650 nm and 7 from 400 to 700 nm\)"):
         sky - glow_sky(step_deg=10.0)
-    with pytest.raises(TwilightError, match=r"sky / other: the skies have different directions; take other\.resample"):
-        sky / glow_sky(step_deg=15.0, wavelength_nm=(450.0, 550.0, 650.0))
+    other = glow_sky(step_deg=15.0, wavelength_nm=(450.0, 550.0, 650.0))
+    read = other.sample(sky.elevation_deg[:, None], sky.azimuth_deg) * other.solar_irradiance
+    assert np.allclose((sky / other).radiance, sky.radiance / read)
     with pytest.raises(TypeError):
         sky - 1.0
 

@@ -28,7 +28,7 @@ BELOW_DEG = 1e-7
 
 @njit(cache=True, nogil=True)
 def _stencil(nodes, x, at, weight):
-    """The four of nodes (N,) about x, `at` (4,), and their weights (4,): `hermite_weights` of one place."""
+    """The four of nodes (N,) about x, at (4,), and their weight (4,), both filled: `hermite_weights` of one place."""
     last = nodes.size - 1
     x = min(max(x, nodes[0]), nodes[last])
     low, high = 0, last

@@ -39,6 +39,9 @@ COLUMNS = (
     "run_time_s",
 )
 
+CLOSEST_DEG = 0.08
+"""Rows and columns of skies on one grid that are closer are one [deg], as in `twilight.sky.table.plain_grid`."""
+
 _PER_SKY = (
     "sun_normalised_radiance",
     "luminance",
@@ -99,18 +102,19 @@ def _cell(value: Any) -> str:
 def write_dataset(files: Mapping[str, Path], path: Path) -> str:
     """Write `series.nc`, whole or not at all: all skies along the dimension `scene`, from their sky.h5.
 
-    Returns why it is not written, empty where it is: skies on different grids, or more than the memory should hold.
+    Returns why it is not written, empty where it is: other wavelengths, or more skies than the memory should hold.
     """
     import xarray  # start-up
 
     total = sum(file.stat().st_size for file in files.values())
-    parts: list[xarray.Dataset] = []
+    skies: list[Sky] = []
     for file in files.values():
-        parts.append(_of_a_series(sky_to_dataset(read_sky(file))))
-        if _too_large(parts[0], len(files)):
+        skies.append(read_sky(file))
+        if len(skies) == 1 and _too_large(sky_to_dataset(skies[0]), len(files)):
             return f"the skies ({total / 1e9:.3g} GB compressed) are more than fits into the memory"
-        if not _same_grid(parts[0], parts[-1]):
-            return "the skies have different wavelengths or directions"
+        if not np.array_equal(skies[0].wavelength_nm, skies[-1].wavelength_nm):
+            return "the skies have different wavelengths"
+    parts = [_of_a_series(sky_to_dataset(sky)) for sky in on_one_grid(skies)]
     scene = xarray.DataArray(list(files), dims="scene", name="scene", attrs=attributes("scene"))
     _write_netcdf(_concatenated(parts, scene), path)
     return ""
@@ -153,15 +157,16 @@ def _write_netcdf(made: xarray.Dataset, path: Path) -> None:
 def series_to_dataset(skies: Iterable[Sky]) -> xarray.Dataset:
     """Skies as one dataset, along `time` (UTC) where all of them know theirs, else along `sun_elevation_deg`.
 
-    Errors: TwilightError for skies on different grids.
+    Errors: TwilightError for skies with different wavelengths.
     """
     import xarray  # start-up
 
-    parts = [_of_a_series(sky_to_dataset(sky)) for sky in skies]
-    if not parts:
+    every = list(skies)
+    if not every:
         raise TwilightError("to_xarray: the series holds no skies")
-    if not all(_same_grid(parts[0], part) for part in parts):
-        raise TwilightError("to_xarray: the skies of the series have different wavelengths or directions")
+    if not all(np.array_equal(every[0].wavelength_nm, sky.wavelength_nm) for sky in every):
+        raise TwilightError("to_xarray: the skies of the series have different wavelengths")
+    parts = [_of_a_series(sky_to_dataset(sky)) for sky in on_one_grid(every)]
     if all("time" in part for part in parts):
         along = xarray.concat([part["time"] for part in parts], "time")
         parts = [part.drop_vars("time") for part in parts]
@@ -195,8 +200,29 @@ def _concatenated(parts: Sequence[xarray.Dataset], along: xarray.DataArray) -> x
     return made
 
 
-def _same_grid(a: Any, b: Any) -> bool:
-    return all(np.array_equal(a[name], b[name]) for name in ("wavelength", "elevation", "azimuth"))
+def on_one_grid(skies: Sequence[Sky]) -> list[Sky]:
+    """Skies on one grid: as they are where they have one, else read at the rows and columns of all, close ones once."""
+    first = skies[0]
+    if all(
+        np.array_equal(first.elevation_deg, sky.elevation_deg) and np.array_equal(first.azimuth_deg, sky.azimuth_deg)
+        for sky in skies
+    ):
+        return list(skies)
+    rows = _thinned(np.concatenate([sky.elevation_deg for sky in skies]))
+    lowest = max(float(sky.elevation_edges_deg[0]) for sky in skies)
+    columns = _thinned(np.concatenate([sky.azimuth_deg for sky in skies]))
+    return [sky.resample(rows[rows >= lowest], columns) for sky in skies]
+
+
+def _thinned(angles_deg: np.ndarray) -> np.ndarray:
+    """Angles in their order, none closer than CLOSEST_DEG to the one before; the largest stays."""
+    kept: list[float] = []
+    for angle in np.unique(angles_deg).tolist():
+        if not kept or angle - kept[-1] >= CLOSEST_DEG:
+            kept.append(angle)
+    if kept[-1] < angles_deg.max():
+        kept[-1] = float(angles_deg.max())
+    return np.array(kept)
 
 
 def number_files(folders: Sequence[Path], target: Path, names: Sequence[str] = NUMBERED) -> int:

@@ -23,11 +23,12 @@ SIGNS = {"difference": "-", "ratio": "/"}
 
 @dataclass(frozen=True, eq=False)
 class SkyComparison:
-    """Difference `first - second` or ratio `first / second` of two skies on one grid of directions and wavelengths.
+    """Difference `first - second` or ratio `first / second` of two skies with the same wavelengths.
 
-    Both are of the radiance, sun and night together: skies under different suns, airs or observers may be compared.
+    Both are of the radiance, sun and night together: skies under different suns, airs or observers may be compared, in
+    the directions of the first, at which the second is read (`Sky.resample`).
 
-    Errors: TwilightError for skies with other directions or wavelengths.
+    Errors: TwilightError for skies with other wavelengths, and a second that does not reach as low as the first.
     """
 
     first: Sky
@@ -42,9 +43,7 @@ class SkyComparison:
             raise TwilightError(f"{sign}: the skies have different wavelengths ({both}); compute both with the same")
         same = a.elevation_deg.size == b.elevation_deg.size and a.azimuth_deg.size == b.azimuth_deg.size
         if not (same and np.allclose(a.elevation_deg, b.elevation_deg) and np.allclose(a.azimuth_deg, b.azimuth_deg)):
-            raise TwilightError(
-                f"{sign}: the skies have different directions; take other.resample(sky.elevation_deg, sky.azimuth_deg)"
-            )
+            object.__setattr__(self, "second", b.resample(a.elevation_deg, a.azimuth_deg))
 
     def of(self, first: ArrayLike, second: ArrayLike) -> np.ndarray:
         """Numbers of both skies compared as this does; a ratio is NaN where `second` is 0."""

@@ -171,7 +171,7 @@ def pair_capture(layers, extinction, rings, target, source, turn, depth, there, 
 
 @njit(cache=True, makes_arrays=False)
 def unfold(capture, out):
-    """Captures (H, W) by turns of half a circle, into out (W, 3 H - 2): by turns from -S/2 to S, of all pairs."""
+    """capture (H, W) by turns of half a circle, into out (W, 3 H - 2): by turns from -S/2 to S, of all pairs."""
     half = capture.shape[0] - 1
     for w in range(out.shape[0]):
         for i in range(out.shape[1]):
@@ -257,7 +257,10 @@ def add_forward(capture, ways, power, asymmetry, sun, cosine, sent, out):
 
 @njit(cache=True, nogil=True)
 def _exchange(layers, extinction, rings, power, forward, asymmetry, sun, out, begin, end):
-    """`exchange` for the parts begin..end of PARTS, out (PARTS, G, W, H); the other arguments are those there."""
+    """`exchange` for the parts begin..end of PARTS, out (PARTS, G, W, H).
+
+    layers, extinction, rings, power, forward, asymmetry, sun: as there.
+    """
     n_rings, n_wavelengths, n_half = power.shape
     directed = forward.shape[0] > 0
     there, back = np.empty((n_half, n_wavelengths)), np.empty((n_half, n_wavelengths))

@@ -21,7 +21,10 @@ from twilight.solvers.cells.refraction import find_sun
 
 @njit(cache=True, nogil=True)
 def _sunlit(layers, rings, sun, tolerance, air, aerosol, begin, end):
-    """Power over F0 [km^2] that the rings begin..end scatter, air and aerosol (G, W, H); the others as in `sunlit`."""
+    """Power over F0 [km^2] that the rings begin..end scatter: air, aerosol (G, W, H), filled.
+
+    layers, rings, sun, tolerance: as in `sunlit`.
+    """
     n_wavelengths, n_half = air.shape[1], air.shape[2]
     for ring in range(begin, end):
         k = rings.layer[ring]

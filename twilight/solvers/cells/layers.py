@@ -83,7 +83,8 @@ def layer_of(layers: Layers, altitude_km: np.ndarray) -> np.ndarray:
 def add_climb(square, extinction, layer, lowest, near, far, out):
     """Add the optical depth (W,) of a path that climbs from `near` to `far` [km] from its lowest point to out.
 
-    square (N + 1,): of `Layers`; extinction (N, W); layer: index where the climb begins; lowest [km^2]: a there.
+    square (N + 1,): of `Layers`; extinction (N, W); layer: index where the climb begins; lowest [km^2]: a there; out
+    (W,): added to.
     """
     k, at = layer, near
     while True:

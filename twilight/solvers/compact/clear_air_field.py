@@ -84,6 +84,11 @@ class ClearAirField(BareField):
         """Whether Q and U were asked for."""
         return self._polarised
 
+    @property
+    def sun_range_deg(self) -> tuple[float, float]:
+        """Lowest and highest sun elevation of the model [deg]."""
+        return float(SUN_DEG[0]), float(SUN_DEG[-1])
+
     def radiance(
         self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
     ) -> np.ndarray:

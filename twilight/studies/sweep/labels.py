@@ -44,6 +44,7 @@ TEXTS = {
     "night.starlight": "starlight over usual",
     "night.zodiacal_light": "zodiacal light over usual",
     "refraction.co2_ppm": "CO2",
+    "refraction.relative_humidity_percent": "humidity of Haber's refraction",
     "stratosphere.kind": "stratosphere",
     "stratosphere.levels.altitude_km": "altitude (stratospheric levels)",
     "sun.at": "time",
