@@ -153,7 +153,10 @@ class _Execution:
                 except TwilightError as error:
                     self._fail(sun, error)
                     continue
-                self._send_timing(sun, set_up, skies[sun], light.shape[0])
+                # a table is a whole sky
+                whole = int(np.prod(self.config.texture.shape))
+                estimated = self.solver.CAPABILITIES.standard_error
+                self._send_timing(sun, set_up, skies[sun], light.shape[0] if estimated else whole)
                 if len(set_up.wall_s) == 1 and _named_wavelengths(d) is None:
                     self._send(sun, light)
             if clock.seconds > compiled:  # the warm-up had missed a kernel: the run that made it does not count
