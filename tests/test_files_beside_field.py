@@ -166,7 +166,7 @@ def test_mitsuba_is_lit_by_the_field(fields, tmp_path, sun):
     air = "continental-average"
     sky = fields(air).sky(sun)
     write_outputs(sky, tmp_path, files=("rgb",), width=MAP_WIDTH, renderer="mitsuba")
-    light = mitsuba.load_dict({"type": "envmap", "filename": str(tmp_path / "sky.rgb.exr", most)})
+    light = mitsuba.load_dict({"type": "envmap", "filename": str(tmp_path / "sky.rgb.exr")})
     elevation, azimuth = directions(sun)
     # a pixel is 0.18 deg high: between its centre and the ground's Mitsuba mixes both
     wanted = asked(sky, elevation, azimuth) & (elevation > 2 * BESIDE_DEG)
