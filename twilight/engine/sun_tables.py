@@ -29,17 +29,26 @@ SUN_COUNT = 97
 LOWEST_SUN_DEG = -20.0
 """Lowest of these suns [deg]; below it stand others `DEEP_STEP_DEG` apart down to `DARK_SUN_DEG`."""
 
-CENTRE_DEG, WIDTH_DEG = -8.0, 8.0
-"""Where suns are closest, 0.37 deg apart, and the distance over which they stay close [deg]."""
+CENTRE_DEG = -8.0
+"""Where these suns are closest, 0.37 deg apart [deg]."""
+
+WIDTH_DEG = 8.0
+"""Distance from `CENTRE_DEG` over which they stay close [deg]."""
 
 SHADOW_DEG = (-3.2, 1.2)
 """Suns between which others stand half-way [deg]: the Earth's shadow rises with a sharp edge, in pure air above all."""
 
-DARK_SUN_DEG, DEEP_STEP_DEG = -40.0, 2.0
-"""Lowest sun of all, and the distance of those below `LOWEST_SUN_DEG` [deg]."""
+DARK_SUN_DEG = -40.0
+"""Lowest sun of all [deg]."""
 
-ROW_COUNT, COLUMN_COUNT = 45, 29
-"""Rows above the last break and columns of a table: 0.02 to 0.2 % at 95 % of the directions in clear air."""
+DEEP_STEP_DEG = 2.0
+"""Distance of the suns below `LOWEST_SUN_DEG` [deg]."""
+
+ROW_COUNT = 45
+"""Rows above the last break of a table: with COLUMN_COUNT 0.02 to 0.2 % at 95 % of the directions in clear air."""
+
+COLUMN_COUNT = 29
+"""Columns of a table, from the sun to its opposite."""
 
 
 def sun_nodes(lowest_deg: float = DARK_SUN_DEG, highest_deg: float = 90.0) -> np.ndarray:
