@@ -72,6 +72,7 @@ class Block:
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
         self._once: ScatteredOnce | None = None
+        self._widening: dict[float, np.ndarray] = {}
 
     @classmethod
     def solve(
@@ -240,21 +241,39 @@ class Block:
         *,
         rows_deg: np.ndarray | None = None,
         columns_deg: np.ndarray | None = None,
+        aureole_sun_deg: float | None = None,
         **limits: Any,
     ) -> SkyTable:
         """The sky of one sun on nodes that are as close as its light needs: `twilight.engine.table.fill`.
 
-        rows_deg, columns_deg: nodes to begin with, those of another table; None: the usual.  limits: as of `fill`.
+        rows_deg, columns_deg: nodes to begin with, those of another table; None: the usual.  aureole_sun_deg: the sun
+        whose aureole the phase function is of, which tables of several suns share; None: this one.  limits: as of
+        `fill`.
         """
         altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
         if self._once is None or self._once.altitude_km != altitude:
             self._once = ScatteredOnce(self.medium, self.bands, altitude, aerosol=self.capabilities.kind != "formula")
+            self._widening.clear()
         rows = first_rows(*row_breaks(self.scene, altitude)) if rows_deg is None else rows_deg
 
         def light(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> Answer:
             return self.texture(sun_elevation_deg, elevation_deg, azimuth_deg, altitude)
 
-        return fill(light, self._once, sun_elevation_deg, rows, columns_deg, **limits)
+        shared = sun_elevation_deg if aureole_sun_deg is None else aureole_sun_deg
+        widening = None
+        if self._once.log_phase is not None and not self.capabilities.standard_error:
+            widening = self._widened(self._once, sun_elevation_deg), self._widened(self._once, shared)
+        return fill(light, self._once, sun_elevation_deg, rows, columns_deg, widening=widening, **limits)
+
+    def _widened(self, once: ScatteredOnce, sun_elevation_deg: float) -> np.ndarray:
+        """`ScatteredOnce.widening` of a sun; held, of one observer."""
+        if sun_elevation_deg not in self._widening:
+
+            def light(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+                return self.answer(sun_elevation_deg, elevation_deg, azimuth_deg, once.altitude_km).radiance
+
+            self._widening[sun_elevation_deg] = once.widening(light, sun_elevation_deg)
+        return self._widening[sun_elevation_deg]
 
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         """The sun's direct light at an observer."""

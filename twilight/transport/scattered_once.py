@@ -1,16 +1,19 @@
 """Light that aerosol scattered once, about, by closed forms and numpy alone: what a `SkyTable` holds apart.
 
 It stands for no solver's light: a table's two layers always add up to that.  The nearer this is to what the solver has
-of light scattered once by aerosol, the smoother both layers are.
+of light scattered once by aerosol, the smoother both layers are.  Close to the sun several scatterings in the forward
+peak widen the glow: by how much is measured in the solver's light (:meth:`ScatteredOnce.widening`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twilight.numerics.orientation import PHASE_ANGLE_RAD, scattering_angle_rad
+from twilight.numerics.spectrum import hermite_matrix
 from twilight.transport.shells import ALTITUDE_KM, RefractedShells, sublayers
 
 if TYPE_CHECKING:
@@ -26,6 +29,15 @@ LOWEST_OBSERVER_KM = 1e-4
 
 ON_GROUND_KM = 0.1
 """Height up to which an observer sees no air between himself and the ground [km]."""
+
+WIDENED_DEG = 8.0
+"""Angle from the sun within which scattering in forward peaks changes the aureole on scales below those of nodes."""
+
+WIDENING_COUNT = 24
+"""Angles at which the widening is measured."""
+
+MOST_WIDENING = 1.5
+"""Largest change of the logarithm of the aureole by widening."""
 
 
 class ScatteredOnce:
@@ -83,6 +95,33 @@ class ScatteredOnce:
     def apparent_sun_deg(self, sun_elevation_deg: float) -> float:
         """Apparent elevation of a sun [deg]; of one below the horizon, as far above it as at the horizon."""
         return self._shells.apparent_elevation_deg(sun_elevation_deg)
+
+    def widening(self, light: Callable[[np.ndarray, np.ndarray], np.ndarray], sun_elevation_deg: float) -> np.ndarray:
+        """By what the logarithm of the aureole of a sun differs from that of light scattered once, (PHASE_COUNT, W).
+
+        light: the solver's, of directions (D,), (D, W).  Within `WIDENED_DEG` of the sun, level with it, what is not in
+        the aureole is taken as linear in the angle; beyond, and for a sun whose apparent place is below the horizon,
+        the difference is 0.
+        """
+        assert self.log_phase is not None
+        sun = self.apparent_sun_deg(sun_elevation_deg)
+        if sun <= 0.0:
+            return np.zeros_like(self.log_phase)
+        angle = 1.5 * WIDENED_DEG * np.linspace(0.0, 1.0, WIDENING_COUNT) ** 2
+        h, t = np.radians(sun), np.radians(angle)
+        elevation = np.degrees(np.arcsin(np.sin(h) * np.cos(t)))
+        azimuth = np.degrees(np.arctan2(np.sin(t), np.cos(h) * np.cos(t)))
+        found = light(elevation, azimuth).astype(float)
+        pairs = zip(elevation, azimuth, strict=True)
+        once = np.stack([self.light(sun_elevation_deg, e[None], a[None])[0, 0] for e, a in pairs])  # type: ignore[index]
+        edge = int(np.searchsorted(angle, WIDENED_DEG))
+        rest = found - once
+        rest = rest[edge] + (angle[:, None] - angle[edge]) * (rest[-1] - rest[edge]) / (angle[-1] - angle[edge])
+        change = np.log(np.maximum(found - rest, 1e-30) / np.maximum(once, 1e-30))
+        change = np.clip(change, -MOST_WIDENING, MOST_WIDENING)
+        change[edge:] = 0.0
+        between = hermite_matrix(np.sqrt(np.radians(angle)), np.sqrt(PHASE_ANGLE_RAD))
+        return (between @ change).astype(np.float32)
 
     def light(self, sun_elevation_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
         """Light / F0 on rows (E,) and columns (A,), (E, A, W); rows below the horizontal as the lowest above it.
