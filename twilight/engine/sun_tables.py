@@ -53,8 +53,8 @@ COLUMN_COUNT = 29
 
 
 AUREOLE_SUN_DEG = 30.0
-"""The sun whose widened aureole is in the phase function that tables share [deg]; desert is within 2.2 % of the field at suns
-of 1 to 60 deg, with 15 deg within 2.9 %."""
+"""The sun whose widened aureole is in the phase function that tables share [deg]: desert is then within 2.2 % of the
+field at suns of 1 to 60 deg, with 15 deg within 2.9 %."""
 
 
 def sun_nodes(lowest_deg: float = DARK_SUN_DEG, highest_deg: float = 90.0) -> np.ndarray:
