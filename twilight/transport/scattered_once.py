@@ -45,7 +45,7 @@ class ScatteredOnce:
 
     medium, bands: as of the engine's block of wavelengths; altitude_km: of the observer above sea level
     aerosol: whether its light is wanted, else the sun's apparent place alone
-    log_phase (PHASE_COUNT, W): ln of the phase function of the column's aerosol; None without aerosol or above the air
+    log_phase (PHASE_COUNT, W): ln of the phase function of the column's aerosol; None without aerosol
     """
 
     def __init__(self, medium: Medium, bands: GasBands | None, altitude_km: float, *, aerosol: bool = True):
@@ -56,9 +56,10 @@ class ScatteredOnce:
         self._phases = terms.phase_functions
         dip = np.degrees(np.sqrt(2.0 * height / terms.earth_radius_km))
         self._ground_deg = -float(dip) if height <= ON_GROUND_KM else -90.0
+        self._looks_down = height > ON_GROUND_KM
         boundary = ALTITUDE_KM
-        within = height <= ALTITUDE_KM[-1]
-        if within and np.abs(boundary - height).min() > LOWEST_OBSERVER_KM:
+        self._above_km = max(height - float(ALTITUDE_KM[-1]), 0.0)
+        if self._above_km == 0.0 and np.abs(boundary - height).min() > LOWEST_OBSERVER_KM:
             boundary = np.sort(np.append(boundary, height))
         fine = terms.refined()
         z = fine.altitude_km - fine.bottom_km
@@ -83,7 +84,7 @@ class ScatteredOnce:
         )
         column = np.einsum("klw,l->kw", scatters, np.diff(boundary))
         self.log_phase = None
-        if aerosol and self._phases and within and column.any():
+        if aerosol and self._phases and column.any():
             each = np.stack([p(np.cos(PHASE_ANGLE_RAD)).T for p in self._phases])
             total = column.sum(axis=0)
             weight = np.where(total > 0.0, column / np.where(total > 0.0, total, 1.0), 1.0 / len(column))
@@ -124,16 +125,25 @@ class ScatteredOnce:
         return (between @ change).astype(np.float32)
 
     def light(self, sun_elevation_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
-        """Light / F0 on rows (E,) and columns (A,), (E, A, W); rows below the horizontal as the lowest above it.
+        """Light / F0 on rows (E,) and columns (A,), (E, A, W).
 
-        The ground in front of an observer who stands on it has none.
+        The ground in front of an observer who stands on it has none, and lines between it and the horizontal that of
+        the horizontal.
         """
         if self.log_phase is None:
             return None
-        rows = np.maximum(elevation_deg, 0.0)
-        unique, back = np.unique(rows, return_inverse=True)
-        factors = self._shells.scattered_once(sun_elevation_deg, unique, azimuth_deg)[:, back]
+        up = np.full(elevation_deg.shape, self._above_km == 0.0) & ((elevation_deg >= 0.0) | (not self._looks_down))
+        shape = (len(self._phases), elevation_deg.size, azimuth_deg.size, self._shells.wavelengths)
+        factors = np.zeros(shape)
+        if up.any():
+            unique, back = np.unique(np.maximum(elevation_deg[up], 0.0), return_inverse=True)
+            factors[:, up] = self._shells.scattered_once(sun_elevation_deg, unique, azimuth_deg)[:, back]
         factors[:, elevation_deg < self._ground_deg] = 0.0
+        if not up.all():
+            invariant, before = self._shells.invariant_km(elevation_deg, self._above_km)
+            down = ~up & np.isfinite(invariant)
+            found = self._shells.scattered_once_below(sun_elevation_deg, invariant[down], before[down], azimuth_deg)
+            factors[:, down] = found
         apparent = self.apparent_sun_deg(sun_elevation_deg)
         cosine = np.cos(scattering_angle_rad(apparent, elevation_deg[:, None], azimuth_deg))
         out = sum(np.moveaxis(p(cosine), 0, -1) * part for p, part in zip(self._phases, factors, strict=True))

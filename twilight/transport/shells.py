@@ -117,6 +117,18 @@ class RefractedShells:
         self._boundary_x = self._x[::SUBLAYERS]
         self._sunbeam = [self._sunbeam_at(k) for k in range(boundary_km.size)]
 
+    def invariant_km(self, elevation_deg: np.ndarray, above_km: float) -> tuple[np.ndarray, np.ndarray]:
+        """n r sin(zenith angle) of lines of sight by their elevations at an observer so far above the boundary that is
+        his, and the angle at the Earth's centre from him to where they enter the layers [rad], (E,) each; nan where
+        they do not."""
+        e, entry = np.radians(elevation_deg), self._boundary_x[self.first]
+        if above_km <= 0.0:
+            return entry * np.cos(e), np.zeros(e.size)
+        b = (entry + above_km) * np.cos(e)
+        enters = (b < entry) & (e < 0.0)
+        b = np.where(enters, b, np.nan)
+        return b, np.arccos(b / (entry + above_km)) - np.arccos(b / entry)
+
     def _through_layers(self, invariant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Path [km] and angle at the Earth's centre [rad] of rays in each layer, (B, L), on one side of their lowest
         point.  invariant (B,): n r sin(zenith angle) of the rays [km]"""
@@ -192,17 +204,56 @@ class RefractedShells:
         weight = path[None, :, :, None] * self.scattering[:, None, self.first :]  # S E K W
         return np.einsum("sekw,eakw->seaw", weight, mean, optimize=True)
 
+    def scattered_once_below(
+        self, sun_elevation_deg: float, invariant_km: np.ndarray, before_rad: np.ndarray, azimuth_deg: np.ndarray
+    ) -> np.ndarray:
+        """The same of lines that go down from the observer, to the ground or past it through the limb, (S, E, A, W).
+
+        invariant_km (E,): n r sin(zenith angle) of the lines; before_rad (E,): angle at the Earth's centre from where
+        the sun's elevation counts to where they enter the layers, of an observer above these.
+        """
+        b, first = invariant_km[:, None], self.first
+        path, angle = self._through_layers(invariant_km)
+        limb = invariant_km > self._boundary_x[0]
+        # layers in the order of the line: down to the ground or the lowest point, and up again through all of them
+        order = np.concatenate([np.arange(first)[::-1], np.arange(self.layers)])
+        falling = np.arange(order.size) < first
+        passed = falling | limb[:, None]
+        path, angle = path[:, order] * passed, angle[:, order] * passed
+        depth = np.cumsum(path[:, :, None] * self.extinction[order], axis=1)
+        turned = before_rad[:, None] + np.cumsum(angle, axis=1)
+        depth = np.concatenate([np.zeros_like(depth[:, :1]), depth], axis=1)
+        turned = np.concatenate([before_rad[:, None], turned], axis=1)
+        boundary = np.concatenate([np.arange(first + 1)[::-1], np.arange(1, self.layers + 1)])
+        zenith = local_zenith(sun_elevation_deg, turned, azimuth_deg)
+        light, edge = self._light_at(boundary, zenith, depth)
+        out = np.zeros((self.scattering.shape[0], invariant_km.size, azimuth_deg.size, self.wavelengths))
+        for j, k in enumerate(order):
+            low, high = (j + 1, j) if falling[j] else (j, j + 1)
+            # of the layer with the lowest point, the part above that
+            part = np.clip((b - self._boundary_x[k]) / (self._boundary_x[k + 1] - self._boundary_x[k]), 0.0, 1.0)
+            lowest = light[:, :, low] + part[..., None] * (light[:, :, high] - light[:, :, low])
+            lit = lit_fraction(edge[:, :, low], edge[:, :, high])[..., None]
+            mean = log_mean(light[:, :, high], lowest) * lit
+            out += self.scattering[:, k][:, None, None] * path[None, :, j, None, None] * mean
+        return out
+
     def _light_in_layers(self, zenith: np.ndarray, depth: np.ndarray) -> np.ndarray:
         """Transmittance x sunbeam in layers (E, A, K, W), from true solar zenith angles (E, A, K + 1) [rad] at their
         boundaries and optical depths (E, K + 1, W) up to these."""
-        light, edge = np.empty((*zenith.shape, self.wavelengths)), np.empty(zenith.shape)
-        for j in range(zenith.shape[2]):
-            here, distance = self.log_sunbeam(self.first + j, zenith[:, :, j].ravel())
-            light[:, :, j] = here.reshape(*zenith.shape[:2], -1) - depth[:, None, j]
-            edge[:, :, j] = distance.reshape(zenith.shape[:2])
-        light = np.maximum(light, DARK_LOG)
+        light, edge = self._light_at(self.first + np.arange(zenith.shape[2]), zenith, depth)
         lit = lit_fraction(edge[:, :, :-1], edge[:, :, 1:])[..., None]
         return log_mean(light[:, :, :-1], light[:, :, 1:]) * lit
+
+    def _light_at(self, boundary: np.ndarray, zenith: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ln(transmittance x sunbeam) at boundaries (K,) along lines, (E, A, K, W), and how far from the shadow of the
+        ground they are, (E, A, K) [rad]; arguments as of `_light_in_layers`."""
+        light, edge = np.empty((*zenith.shape, self.wavelengths)), np.empty(zenith.shape)
+        for j, k in enumerate(boundary):
+            here, distance = self.log_sunbeam(int(k), zenith[:, :, j].ravel())
+            light[:, :, j] = here.reshape(*zenith.shape[:2], -1) - depth[:, None, j]
+            edge[:, :, j] = distance.reshape(zenith.shape[:2])
+        return np.maximum(light, DARK_LOG), edge
 
     def depth_in_peaks(
         self, sun_elevation_deg: float, elevation_deg: np.ndarray, fraction: np.ndarray
