@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from twilight.base.errors import TwilightError
 from twilight.config import load, load_climate
-from twilight.config.view import View
+from twilight.config.pictures import View
 from twilight.engine.frames import frames
 from twilight.engine.night import night_light, without_points
 from twilight.engine.view import ViewRadiance

@@ -9,9 +9,8 @@ from hazy_zones import QUICK
 
 from twilight.base.errors import TwilightError
 from twilight.config import load_climate
+from twilight.config.pictures import Terrain, View
 from twilight.config.scene import Observer
-from twilight.config.terrain import Terrain
-from twilight.config.view import View
 from twilight.engine.solve import Problem
 from twilight.engine.view import landscape, view_radiance
 from twilight.numerics.geometry import distance_to_sphere

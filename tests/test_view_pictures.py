@@ -9,8 +9,8 @@ from airs import problem_of_field, pure_air
 from toy_sky import glow_sky
 
 from twilight.base.errors import TwilightError
+from twilight.config.pictures import View
 from twilight.config.scene import Config, Observer
-from twilight.config.view import View
 from twilight.engine.night import NightLight
 from twilight.engine.sunbeam import Direct
 from twilight.engine.view import view_radiance, with_night, with_sun

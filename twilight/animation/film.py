@@ -26,8 +26,8 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.base.reading import stored_arrays
 from twilight.base.whole_files import check_file, check_folder, whole_file
+from twilight.config.pictures import View
 from twilight.config.scene import Config
-from twilight.config.view import View
 from twilight.engine import Problem
 from twilight.engine.night import check_stars
 from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT, SunTables, suns_between

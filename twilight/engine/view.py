@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.config.terrain import Terrain
-from twilight.config.view import View
+from twilight.config.pictures import Terrain, View
 from twilight.engine.block import Block
 from twilight.engine.moon import MoonLight, with_moon
 from twilight.engine.night import NightLight

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from twilight.config.moon import MoonSection
 from twilight.config.scene import Config
-from twilight.config.sun import SunAt
+from twilight.config.sun import MoonSection, SunAt
 from twilight.numerics.orientation import direction
 from twilight.scene.suns import SceneSun
 from twilight.sky.ephemeris import AU_KM
