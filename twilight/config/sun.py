@@ -1,5 +1,5 @@
-"""The sections `sun:`, in its five forms (elevation, several, a place at a time, at times, over an interval), and `moon:`,
-a second sun, from place and time or where it is put.
+"""The sections `sun:`, in its five forms (elevation, several, a place at a time, at times, over an interval), and
+`moon:`, a second sun, from place and time or where it is put.
 """
 
 from __future__ import annotations
