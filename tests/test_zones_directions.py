@@ -16,9 +16,8 @@ from twilight.solvers.zones.altitudes import altitude_nodes
 from twilight.solvers.zones.directions import RIM_POLAR, directions_needed, rims_km, with_degree
 from twilight.solvers.zones.grid import conserving_angles, even_harmonics, make_angles
 from twilight.solvers.zones.line_integrals import sun_lift
-from twilight.transport.lines import horizon_cosine, with_refraction
+from twilight.transport.lines import horizon_cosine, trace_rays, with_refraction
 from twilight.transport.profile import prepare_profile
-from twilight.transport.ray_bundle import trace_rays
 from twilight.transport.scaling import delta_scaled
 
 STANDARD = zones.QUALITIES["standard"]

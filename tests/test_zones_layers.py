@@ -21,9 +21,8 @@ from twilight.solvers.zones.altitudes import MAX_INTERVAL_RATIO, altitude_nodes,
 from twilight.solvers.zones.directions import near_edges
 from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.transport.beam import beam_at, prepare_beam
-from twilight.transport.lines import ALTITUDE
+from twilight.transport.lines import ALTITUDE, trace_rays
 from twilight.transport.profile import prepare_profile
-from twilight.transport.ray_bundle import trace_rays
 
 WAVELENGTH_NM = np.array([550.0])
 STANDARD = zones.QUALITIES["standard"]

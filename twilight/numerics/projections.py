@@ -1,6 +1,6 @@
 """Views: the direction of every pixel of a picture, by the name of its projection.
 
-A view has its own axes, right, forward and up, turned by where it points (`twilight.numerics.orientation.camera_axes`);
+A view has its own axes, right, forward and up, turned by where it points (`twilight.numerics.directions.camera_axes`);
 azimuths count clockwise from whatever the caller means by 0, for pictures of the sky from the sun.  A new projection
 is one function that gives directions in its own axes for an `ImagePlane`, and its line in `PROJECTIONS`, which the
 configuration, the command line and the pictures ask.
@@ -30,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.numerics.orientation import azimuth_elevation, camera_axes
+from twilight.numerics.directions import azimuth_elevation, camera_axes
 
 WHOLE = (-90.0, 90.0)
 """The band from the nadir to the zenith [deg]."""

@@ -7,7 +7,7 @@ import numpy as np
 from twilight.config.moon import MoonSection
 from twilight.config.scene import Config
 from twilight.config.sun import SunAt
-from twilight.numerics.orientation import direction
+from twilight.numerics.directions import direction
 from twilight.scene.suns import SceneSun
 from twilight.sky.bodies import AU_KM
 from twilight.sky.moon import Moon, moon_over

@@ -15,7 +15,7 @@ import numpy as np
 
 from twilight.base.conventions import YEARS
 from twilight.base.errors import TwilightError
-from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.directions import azimuth_elevation
 
 AU_KM = 1.495978707e8
 """Astronomical unit [km] (IAU 2012)."""

@@ -28,7 +28,7 @@ CHECKED = 1e-3
 FAINT = 1e-16
 """Radiance over F0 that does not count [sr^-1]."""
 
-DARK = -300.0
+LOG_OF_NO_LIGHT = -300.0
 """Logarithm that stands for no light."""
 
 
@@ -154,14 +154,14 @@ def _split(
 def _smooth_form(stokes: np.ndarray) -> np.ndarray:
     """Logarithm of I, Q/I and U/I (..., S, W)."""
     form = np.array(stokes, dtype=float)
-    intensity = np.where(form[..., :1, :] > 0.0, form[..., :1, :], np.exp(2.0 * DARK))
+    intensity = np.where(form[..., :1, :] > 0.0, form[..., :1, :], np.exp(2.0 * LOG_OF_NO_LIGHT))
     form[..., 1:, :] /= intensity
     form[..., :1, :] = np.log(intensity)
     return form
 
 
 def _from_smooth_form(form: np.ndarray) -> np.ndarray:
-    intensity = np.where(form[..., :1, :] > DARK, np.exp(form[..., :1, :]), 0.0)
+    intensity = np.where(form[..., :1, :] > LOG_OF_NO_LIGHT, np.exp(form[..., :1, :]), 0.0)
     return np.concatenate([intensity, form[..., 1:, :] * intensity], axis=-2)
 
 

@@ -28,8 +28,8 @@ import numpy as np
 from twilight.jit.kernels import njit
 from twilight.transport.beam import beam_at
 from twilight.transport.beam_lookup import AT_DISPERSION, Beam
-from twilight.transport.lines import ALTITUDE, ANGLE, COSINE, DISTANCE, GAUSS_HIGH, GAUSS_LOW
-from twilight.transport.ray_bundle import RayBundle
+from twilight.transport.lines import ALTITUDE, ANGLE, COSINE, DISTANCE, RayBundle
+from twilight.transport.steps import GAUSS_HIGH, GAUSS_LOW
 
 STEP_ERROR = 5e-5
 """Fraction of all light in a direction that a step which is not cut may be wrong by."""

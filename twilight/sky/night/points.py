@@ -8,11 +8,11 @@ from functools import lru_cache
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.directions import azimuth_elevation
 from twilight.sky.night.light import starlight_s10
 from twilight.sky.night.world import Place, to_horizon, years_from_j2000
 from twilight.sky.stars import bright_stars, colour_index
-from twilight.transport.apparent_rays import ApparentRays, horizon_dip_deg
+from twilight.transport.rays import ApparentRays, horizon_dip_deg
 
 VEGA_550NM = 3.631e-11
 """Irradiance of a star of V = 0 at 550 nm [W m^-2 nm^-1] (Bessell, Castelli and Plez 1998)."""

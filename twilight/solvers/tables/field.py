@@ -17,9 +17,8 @@ from twilight.solvers.tables.mapping import Mapping, grid
 from twilight.solvers.tables.passes import depths, read
 from twilight.solvers.tables.settings import QUALITIES, TablesSettings
 from twilight.solvers.tables.solve import rayleigh_at, solve, stored
-from twilight.transport.beam_screen import passing_at
 from twilight.transport.profile import prepare_profile
-from twilight.transport.ray_profile import ray_profile
+from twilight.transport.ray_profile import passing_at, ray_profile
 from twilight.transport.scaling import delta_scaled, species_phase
 
 LOWEST_JUDGED_SUN_DEG = -6.0

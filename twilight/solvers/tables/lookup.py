@@ -21,7 +21,7 @@ from twilight.solvers.tables.mapping import (
     transmittance_texels,
     view_texel,
 )
-from twilight.transport.beam_screen import at_wavelength, passing
+from twilight.transport.ray_profile import at_wavelength, passing
 
 DARK = np.float32(1e-30)
 """What a texel without light holds where logarithms are interpolated."""
@@ -60,7 +60,7 @@ def optical_depth_to_top(mapping, depth, height_km, mu, out):
 def sunlight(mapping, depth, screen, height_km, mu_s, out):
     """Transmittance (W,) to the sun; 0 in the shadow of the Earth.  Returns whether the sun is up.
 
-    screen: of `transport.beam_screen.screen_table`, for straight rays.
+    screen: of `transport.ray_profile.screen_table`, for straight rays.
     """
     if meets_ground(mapping, height_km, mu_s):
         out[:] = 0.0

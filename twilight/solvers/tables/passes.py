@@ -8,7 +8,7 @@ about the local vertical: with L_lm those of the light at a point and chi_l the 
 which is the integral of the phase function times the light for all directions at once.
 
 Arguments that the kernels share: profile: `transport.profile.Profile`; mapping: `Mapping`; depth (r, mu, W): -ln T as
-`fill_depth` makes it; screen: of `transport.beam_screen.screen_table`; height, height_km [km]: above the ground; mu,
+`fill_depth` makes it; screen: of `transport.ray_profile.screen_table`; height, height_km [km]: above the ground; mu,
 mu_s, nu: cosines of Algorithm 4.1, of the view's zenith angle, the sun's and the angle between them; ground: whether a
 view ends there; fineness: density of the steps along a ray; out: filled for the r begin..end.
 """
@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.jit.kernels import njit
-from twilight.numerics.geometry import distance_to_sphere
 from twilight.solvers.tables.lookup import irradiance, scattering, sunlight
 from twilight.solvers.tables.mapping import (
     distance_to_ground_km,
@@ -31,8 +30,8 @@ from twilight.solvers.tables.mapping import (
     texel_height_km,
     view_cosine,
 )
-from twilight.transport.chord import chord_depth
 from twilight.transport.lines import ALTITUDE, DISTANCE, new_line, per_scattering, trace_line, weight_by_species
+from twilight.transport.steps import chord_depth, distance_to_sphere
 
 CLEAR_KM = 1e-7
 """How far above or below the ground the lowest point of a ray along the horizon is put."""

@@ -25,9 +25,8 @@ from twilight.solvers.tables.passes import (
     fill_source,
 )
 from twilight.solvers.tables.settings import TablesSettings
-from twilight.transport.beam_screen import screen_table
 from twilight.transport.profile import Profile, prepare_profile
-from twilight.transport.ray_profile import ray_profile
+from twilight.transport.ray_profile import ray_profile, screen_table
 from twilight.transport.scaling import ScaledMedium, rayleigh_phase_array
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.solvers.zones.settings import ZonesSettings
+from twilight.transport.lines import species_fraction
 from twilight.transport.profile import Profile
-from twilight.transport.ray_bundle import species_fraction
 from twilight.transport.scaling import ScaledMedium
 
 EARLY_MOMENT = 0.03

@@ -23,9 +23,8 @@ from twilight.solvers.zones.storage import Stored, save
 from twilight.solvers.zones.zenith_range import LAST_ZENITH_DEG, visible_arc_deg
 from twilight.transport.azimuth_series import RayDirections, interpolate_azimuth, unique_directions
 from twilight.transport.beam import Beam
-from twilight.transport.lines import with_refraction
+from twilight.transport.lines import trace_rays, with_refraction
 from twilight.transport.profile import prepare_profile
-from twilight.transport.ray_bundle import trace_rays
 from twilight.transport.scaling import species_phase, species_polarising_phase
 from twilight.transport.sunlit import scattered_once
 from twilight.transport.sunlit_ray import Phases, SunlitAir

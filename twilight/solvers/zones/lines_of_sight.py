@@ -10,9 +10,8 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.solvers.zones.ray_points import RayPoints
-from twilight.transport.lines import ALTITUDE
+from twilight.transport.lines import ALTITUDE, RayBundle, species_fraction, trace_rays
 from twilight.transport.profile import Profile
-from twilight.transport.ray_bundle import RayBundle, species_fraction, trace_rays
 
 MAX_CACHE_BYTES = 64 << 20
 """Bytes that the cached lines of sight may take together."""

@@ -25,9 +25,8 @@ from twilight.solvers.zones.ray_points import (
 )
 from twilight.solvers.zones.spin2_harmonics import scattering_geometry
 from twilight.solvers.zones.sunlight import Sunlight
-from twilight.transport.lines import ALTITUDE
+from twilight.transport.lines import ALTITUDE, RayBundle, trace_rays
 from twilight.transport.profile import Profile, at_wavelengths
-from twilight.transport.ray_bundle import RayBundle, trace_rays
 from twilight.transport.scaling import species_polarising_phase
 
 TINY = 1e-30

@@ -19,9 +19,8 @@ from twilight.solvers.zones.solution import ScatteringOperator, Solution
 from twilight.solvers.zones.successive_orders import solve_orders
 from twilight.solvers.zones.sunlight import make_sunlight
 from twilight.transport.beam import Beam
-from twilight.transport.lines import ANGLE, horizon_cosine
+from twilight.transport.lines import ANGLE, horizon_cosine, trace_rays
 from twilight.transport.profile import Profile
-from twilight.transport.ray_bundle import trace_rays
 from twilight.transport.scaling import ScaledMedium
 
 POLAR_PER_DEGREE = 2

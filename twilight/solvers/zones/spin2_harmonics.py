@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twilight.transport.matrix_moments import wigner_d
+from twilight.transport.scaling import wigner_d
 
 
 def spin2_harmonics(cosine: np.ndarray, degree: int, highest: int) -> tuple[np.ndarray, np.ndarray]:
