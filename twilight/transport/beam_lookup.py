@@ -7,8 +7,8 @@ spends more time on passing them than on the look-up.  Interpolation is cubic, b
 Arguments that the kernels share: beam: `Beam`; pool, index: its arrays `pool` and `layout`; w: index of the wavelength;
 z, altitude_km [km]: of the point; c, cos_sun_zenith: cosine of the true sun's zenith angle there; ray: `SunRay` of the
 reference wavelength; p [km]: Bouguer's invariant n r sin i of a ray, u [km]: its n r cos i at the point, negative where
-it has passed its lowest point; at: place in the pool; along, across: weights of four nodes each, as of `weights`; value:
-ln(E/F0) of a wavelength so far.
+it has passed its lowest point; at: place in the pool; along, across: weights of four nodes each, as of `weights`;
+value: ln(E/F0) of a wavelength so far.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""The passes of Algorithm 4.1: T, single scattering, J, E and S, each over all texels.
+"""The assignments of Algorithm 4.1 (`algorithm`), one kernel each: T, DS, DJ, DE and DS, over all texels.
 
-A texel of S is a ray; its points are the same for every sun.  Sums over incident light go through spherical harmonics
-about the local vertical: with L_lm those of the light at a point and chi_l the moments of a phase function,
+Eq. 5, 7, 11 and 15 of Bruneton and Neyret 2008.  A texel of S is a ray; its points are the same for every sun.  Sums
+over incident light go through spherical harmonics about the local vertical: with L_lm those of the light at a point and
+chi_l the moments of a phase function,
 
     J(v) = sum_l sigma chi_l (2 l + 1)/(4 pi) sum_m (2 - delta_m0) P_lm(mu) cos(m phi) L_lm,
 
@@ -21,12 +22,14 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.jit.kernels import njit
-from twilight.solvers.tables.lookup import irradiance, scattering, sunlight
 from twilight.solvers.tables.mapping import (
     distance_to_ground_km,
     distance_to_top_km,
     horizon_km,
+    irradiance,
     possible_nu,
+    scattering,
+    sunlight,
     texel_height_km,
     view_cosine,
 )
@@ -113,7 +116,7 @@ def depths(profile, mapping, height_km, mu, ground, length_km, out):
 
 @njit(cache=True, nogil=True)
 def fill_depth(profile, mapping, depth, begin, end):
-    """-ln T (r, mu, W) at the texels of T, for those of r from begin to end."""
+    """T <- transmittance to the top (eq. 5): -ln T (r, mu, W) at the texels of T, for those of r from begin to end."""
     far = horizon_km(mapping, mapping.thickness_km)
     for i in range(begin, end):
         height = texel_height_km(mapping, i, mapping.n_t_r)
@@ -138,7 +141,8 @@ def trace_view(profile, mapping, height_km, mu, ground, fineness, line):
 
 @njit(cache=True, nogil=True)
 def fill_single(profile, mapping, depth, screen, texels, fineness, out, begin, end):
-    """Light scattered once (1 + K, r, mu_s, nu, mu, W), without its phase function, by air and by each aerosol.
+    """DS <- S[L0] (eq. 11): light scattered once (1 + K, r, mu_s, nu, mu, W), by air and by each aerosol, without phase
+    functions.
 
     texels: `Texels`.
     """
@@ -199,7 +203,7 @@ def incident(mapping, incoming, cosines, light, height, mu, mu_s, nu, ground, sc
 
 @njit(cache=True, nogil=True)
 def fill_source(profile, mapping, depth, screen, incoming, scatterers, lit_ground, texels, directions, out, begin, end):
-    """J (r, mu_s, nu, mu, W) from the last order: all species, and the ground lit by it.
+    """DJ <- J[T a/pi DE + DS] (eq. 7): J (r, mu_s, nu, mu, W) of the last order, with the ground that it lights.
 
     incoming: `Incoming`; scatterers: `Scatterers`; lit_ground: `LitGround`; texels: `Texels`; directions:
     `SphereQuadrature`.
@@ -279,7 +283,7 @@ def fill_source(profile, mapping, depth, screen, incoming, scatterers, lit_groun
 
 @njit(cache=True, nogil=True)
 def fill_irradiance(mapping, incoming, node_mu, node_weight, azimuth, out, begin, end):
-    """E (r, mu_s, W) of the last order of light from the sky.
+    """DE <- E[DS] (eq. 15): E (r, mu_s, W) of the last order of light from the sky.
 
     incoming: `Incoming`; node_mu, node_weight (Q,): over the upper hemisphere; azimuth (A,) [rad]: over half a turn.
     """
@@ -302,7 +306,7 @@ def fill_irradiance(mapping, incoming, node_mu, node_weight, azimuth, out, begin
 
 @njit(cache=True, nogil=True)
 def fill_scattering(profile, mapping, source, logarithmic, texels, fineness, out, begin, end):
-    """S (r, mu_s, nu, mu, W): the line integral of J, interpolated between its texels.
+    """DS <- integral of T DJ (eq. 11): S (r, mu_s, nu, mu, W), J interpolated between its texels.
 
     source (r, mu_s, nu, mu, W): J, or, where logarithmic, ln J; texels: `Texels`.
     """
