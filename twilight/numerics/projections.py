@@ -162,14 +162,14 @@ def cube_face(face: str, size: int, rows: tuple[int, int] | None = None) -> np.n
     back or down; the lower edge of `up` and the upper edge of `down` join `front`.  rows: as of
     `ImagePlane`."""
     x, y = ImagePlane(size, size, 90.0, WHOLE, rows).centres
-    one = np.ones_like(x)
+    unity = np.ones_like(x)
     ray = {
-        "front": (x, one, y),
-        "right": (one, -x, y),
-        "back": (-x, -one, y),
-        "left": (-one, x, y),
-        "up": (x, -y, one),
-        "down": (x, y, -one),
+        "front": (x, unity, y),
+        "right": (unity, -x, y),
+        "back": (-x, -unity, y),
+        "left": (-unity, x, y),
+        "up": (x, -y, unity),
+        "down": (x, y, -unity),
     }[face]
     own = np.stack(ray, axis=-1)
     return own / np.linalg.norm(own, axis=-1, keepdims=True)

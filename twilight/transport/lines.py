@@ -94,11 +94,11 @@ def with_refraction(profile: Profile, medium: Medium) -> Profile:
     if not medium.has_refraction:
         return profile
     nearest = int(np.argmin(np.abs(medium.wavelength_nm - BENDING_NM)))
-    here, there = ciddor_refractivity(np.array([medium.wavelength_nm[nearest], BENDING_NM]), 288.15, 1013.25)
+    own, at_bending = ciddor_refractivity(np.array([medium.wavelength_nm[nearest], BENDING_NM]), 288.15, 1013.25)
     at_sight = with_joined_refractivity(medium.select(slice(nearest, nearest + 1)))
     z = profile.altitude_km
     low, high = np.maximum(z - GRADIENT_KM, z[0]), np.minimum(z + GRADIENT_KM, z[-1])
-    refractivity = (there / here) * at_sight.at(np.stack([low, high])).refractivity[:, :, 0]
+    refractivity = (at_bending / own) * at_sight.at(np.stack([low, high])).refractivity[:, :, 0]
     return profile._replace(gradient_per_km=np.diff(np.log1p(refractivity), axis=0)[0] / (high - low))
 
 

@@ -383,5 +383,5 @@ def horizon_dip_deg(medium: Medium, altitude_km: float, level_km: float | None =
     w = medium.n_wavelengths // 2
     profile = ray_profile(medium)
     touching = refractive_radius(profile, w, bottom if level_km is None else level_km)
-    here = refractive_radius(profile, w, z)
-    return float(np.degrees(np.arccos(min(1.0, touching / here))))
+    at_observer = refractive_radius(profile, w, z)
+    return float(np.degrees(np.arccos(min(1.0, touching / at_observer))))

@@ -308,10 +308,10 @@ def harmonics(mu: np.ndarray, degree: int) -> np.ndarray:
     for m in range(degree + 1):
         if m:
             diagonal = diagonal * across * np.sqrt((2 * m - 1) / (2 * m))
-        before, here = np.zeros_like(mu), diagonal
+        before, current = np.zeros_like(mu), diagonal
         for n in range(m, degree + 1):
-            out.append(here)
+            out.append(current)
             a = (2 * n + 1) / np.sqrt((n + 1) ** 2 - m * m)
             b = np.sqrt(n * n - m * m) / np.sqrt((n + 1) ** 2 - m * m)
-            before, here = here, a * mu * here - b * before
+            before, current = current, a * mu * current - b * before
     return np.stack(out, axis=-1)

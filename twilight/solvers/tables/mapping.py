@@ -306,7 +306,7 @@ def scattering(mapping, table, logarithmic, height_km, mu, mu_s, nu, ground, out
     first = 0 if ground else half
     m = min(first + int(position - first), first + half - 2)
     t = np.float32(position - m)
-    one = np.float32(1.0)
+    unity = np.float32(1.0)
     out[:] = 0.0
     for corner in range(8):
         weight = np.float32(
@@ -315,7 +315,7 @@ def scattering(mapping, table, logarithmic, height_km, mu, mu_s, nu, ground, out
         if weight == np.float32(0.0):
             continue
         near = table[i + (corner >> 2), j + ((corner >> 1) & 1), k + (corner & 1)]
-        low, high = weight * (one - t), weight * t
+        low, high = weight * (unity - t), weight * t
         for w in range(out.size):
             out[w] += low * near[m, w] + high * near[m + 1, w]
     if logarithmic:

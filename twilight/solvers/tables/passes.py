@@ -251,11 +251,11 @@ def fill_source(profile, mapping, depth, screen, incoming, scatterers, lit_groun
                                 scratch[w] += sunlit[w] * mu_g
                         for w in range(n_w):
                             light[w] += math.exp(-tau[w]) * albedo[w] / math.pi * scratch[w]
-                    before, here = 1.0, c
+                    before, current = 1.0, c
                     for n in range(degree + 1):
                         for w in range(n_w):
                             amplitude[n, w] += before * light[w]
-                        before, here = here, 2.0 * c * here - before
+                        before, current = current, 2.0 * c * current - before
                 for e in range(n_coefficient):
                     factor = azimuth_weight * node_weight[i, q] * polar[i, q, e]
                     for w in range(n_w):
@@ -272,11 +272,11 @@ def fill_source(profile, mapping, depth, screen, incoming, scatterers, lit_groun
                     nu = possible_nu(mu, mu_s, nus[k])
                     c = min(1.0, max(-1.0, (nu - mu * mu_s) / across)) if across > 1e-12 else 1.0
                     light[:] = 0.0
-                    before, here = 1.0, c
+                    before, current = 1.0, c
                     for n in range(degree + 1):
                         for w in range(n_w):
                             light[w] += before * amplitude[n, w]
-                        before, here = here, 2.0 * c * here - before
+                        before, current = current, 2.0 * c * current - before
                     for w in range(n_w):
                         out[i, j, k, m, w] = max(0.0, light[w])
 
