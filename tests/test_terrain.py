@@ -13,7 +13,6 @@ from twilight.config.pictures import Terrain, View
 from twilight.config.scene import Observer
 from twilight.engine.solve import Problem
 from twilight.engine.view import landscape, view_radiance
-from twilight.numerics.geometry import distance_to_sphere
 from twilight.scene import Scene
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
@@ -23,6 +22,7 @@ from twilight.terrain.march import ShadowGrid, TerrainAir, first_hits, height_at
 from twilight.terrain.scene import Viewpoint, add_terrain
 from twilight.transport.beam import beam_at, prepare_beam
 from twilight.transport.scaling import species_phase
+from twilight.transport.steps import distance_to_sphere
 
 RADIUS = 6371.0
 

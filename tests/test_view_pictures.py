@@ -16,7 +16,7 @@ from twilight.engine.sunbeam import Direct
 from twilight.engine.view import view_radiance, with_night, with_sun
 from twilight.io.outputs import write_outputs
 from twilight.io.rendered import ViewPixels
-from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import view_rays
 from twilight.solvers.base import BareField
 

@@ -35,7 +35,7 @@ from twilight.engine.table import first_columns, first_rows, with_ground
 from twilight.io.eight_bit import to_bytes
 from twilight.io.journal import locked
 from twilight.io.provenance import configuration_hash
-from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import resolve
 from twilight.sky.moon import Moon

@@ -19,7 +19,7 @@ from twilight.engine.directions import check_question
 from twilight.engine.field_cache import field_key
 from twilight.engine.sunbeam import Direct, Sunbeam
 from twilight.engine.table import fill, first_rows, row_breaks
-from twilight.numerics.grids import half_of
+from twilight.numerics.directions import half_of
 from twilight.sky.table import SkyTable
 from twilight.solvers.base import Field, Interpolation
 from twilight.transport.scattered_once import ScatteredOnce

@@ -8,9 +8,9 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.engine.table import HIGH_FROM_KM
-from twilight.numerics.grids import texture_centres
+from twilight.numerics.directions import texture_centres
 from twilight.scene.scene import Scene
-from twilight.transport.apparent_rays import horizon_dip_deg
+from twilight.transport.rays import horizon_dip_deg
 
 _NEAR_HORIZON_DEG = np.array([0.04, 0.15, 0.4, 0.9, 1.8, 3.5, 7.0, 14.0, 28.0, 56.0])
 """Distances of rows from the horizon: there the light changes at once, and radiance is evaluated on both sides."""

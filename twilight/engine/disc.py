@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twilight.sky.disc import SOLAR_RADIUS_DEG, Disc
-from twilight.transport.apparent_rays import ApparentRays
-from twilight.transport.beam_screen import passing_at
-from twilight.transport.ray_profile import ray_profile, refractivity_at
+from twilight.transport.ray_profile import passing_at, ray_profile, refractivity_at
+from twilight.transport.rays import ApparentRays
 
 if TYPE_CHECKING:
     from twilight.atmosphere.bands import GasBands

@@ -46,7 +46,7 @@ from twilight.sky.sky import Sky
 from twilight.sky.table import SkyTable, plain_grid
 from twilight.sky.table import join as join_tables
 from twilight.terrain.heights import Standpoint
-from twilight.transport.apparent_rays import horizon_dip_deg
+from twilight.transport.rays import horizon_dip_deg
 
 DARK = 1e-12
 """Radiance over F0 [sr^-1] that counts as none: a thousandth of the darkest night, 1e-7 cd m^-2."""

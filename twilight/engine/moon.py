@@ -14,7 +14,7 @@ from twilight.config.scene import Config
 from twilight.engine.disc import make_disc
 from twilight.engine.sunbeam import Direct
 from twilight.io.rendered import ViewPixels
-from twilight.numerics.orientation import azimuth_elevation, direction
+from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.sky.moon import PHASE_RANGE_DEG, Moon, MoonDisc, MoonSeen
 

@@ -27,7 +27,7 @@ from twilight.engine.disc import make_disc
 from twilight.engine.field_light import FieldLight
 from twilight.engine.sun_tables import SunTables
 from twilight.engine.sunbeam import Direct, join_direct
-from twilight.numerics.grids import texture_centres
+from twilight.numerics.directions import texture_centres
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene.scene import Scene
 from twilight.sky.disc import Disc

@@ -20,7 +20,7 @@ from twilight.engine.night import NightLight
 from twilight.engine.sunbeam import Direct
 from twilight.engine.table import CLOSEST_ROWS_DEG, first_columns, first_rows, row_breaks
 from twilight.io.rendered import ViewPixels
-from twilight.numerics.orientation import azimuth_elevation, direction
+from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.sky.disc import SOLAR_RADIUS_DEG
 from twilight.sky.table import SkyTable
 from twilight.sky.table import join as join_tables
@@ -28,8 +28,8 @@ from twilight.solvers.base import Capabilities
 from twilight.terrain.aerial_perspective import DEGREE
 from twilight.terrain.heights import Standpoint, heights_of
 from twilight.terrain.scene import Viewpoint, add_terrain, check_above
-from twilight.transport.apparent_rays import horizon_dip_deg
 from twilight.transport.beam import prepare_beam
+from twilight.transport.rays import horizon_dip_deg
 from twilight.transport.scaling import delta_scaled
 
 FIRST_ROWS, FIRST_COLUMNS = 33, 25
