@@ -21,7 +21,7 @@ import numpy as np
 import results
 
 from twilight.config import load
-from twilight.engine.solve import Problem
+from twilight.engine.field import Problem
 from twilight.scene import resolve
 from twilight.solvers import zones
 

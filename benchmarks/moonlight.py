@@ -18,7 +18,7 @@ import numpy as np
 import results
 
 from twilight.config import load
-from twilight.engine.solve import Problem
+from twilight.engine.field import Problem
 from twilight.numerics import spectrum
 from twilight.scene.scene import resolve
 from twilight.sky.moon.light import Moon, moon_illuminance_lux

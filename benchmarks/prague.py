@@ -20,7 +20,7 @@ import numpy as np
 from results import write
 
 from twilight.base.progress import silent
-from twilight.engine.solve import Problem
+from twilight.engine.field import Problem
 from twilight.scene import resolve
 from twilight.studies.export.prague import SUN_DEG, PragueMaker
 from twilight.studies.export.prague_air import airs_of, channel_nodes

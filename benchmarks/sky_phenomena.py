@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.config.scene import Config
-from twilight.engine.solve import Problem
+from twilight.engine.field import Problem
 from twilight.numerics import spectrum
 from twilight.scene import resolve
 from twilight.sky import colour

@@ -14,7 +14,7 @@ import numpy as np
 from results import write
 
 from twilight.config import load_series
-from twilight.engine.solve import Problem
+from twilight.engine.field import Problem
 from twilight.engine.view import landscape, view_radiance
 from twilight.scene import Scene
 from twilight.scene.medium import climate_medium

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from airs import problem_of_field, turbid
 
-from twilight.engine.solve import Field
+from twilight.engine.field import Field
 from twilight.numerics.orientation import scattering_angle_rad
 from twilight.solvers.base import BareField
 from twilight.viewer.colours import Channels

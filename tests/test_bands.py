@@ -15,8 +15,7 @@ from twilight.atmosphere.profiles import PROFILES, load_profile
 from twilight.base.errors import TwilightError
 from twilight.config import load
 from twilight.engine import Problem
-from twilight.engine.disc import make_disc
-from twilight.engine.sunbeam import Sunbeam
+from twilight.engine.sunbeam import Sunbeam, make_disc
 from twilight.scene import resolve
 from twilight.scene.plan import _limb_optical_depth, make_plan
 from twilight.solvers.base import BareField, Capabilities

@@ -12,8 +12,8 @@ import pytest
 
 from twilight import solvers
 from twilight.config import load
-from twilight.engine.memory import full_cost
-from twilight.engine.solve import Problem
+from twilight.engine.field import Problem
+from twilight.engine.problem import full_cost
 from twilight.scene import resolve
 from twilight.solvers.base import Cost
 
@@ -44,7 +44,7 @@ def test_blocks_shrink_until_the_limit_holds(monkeypatch):
     )
     sizes = {}
     for limit in (4e9, 0.3e9, 1e6):
-        monkeypatch.setattr(sys.modules["twilight.engine.solve"], "FIELD_BYTES", limit)
+        monkeypatch.setattr(sys.modules["twilight.engine.field"], "FIELD_BYTES", limit)
         problem = Problem(resolve(config), (-4.0,))
         assert sum(part.stop - part.start for part in problem.slices) == 48
         sizes[limit] = max(part.stop - part.start for part in problem.slices)

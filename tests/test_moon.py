@@ -13,9 +13,9 @@ from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.shipped_data import data_numbers
 from twilight.config import load
 from twilight.engine import frames
-from twilight.engine.disc import make_disc
-from twilight.engine.moon import warn_of_the_moon
-from twilight.engine.solve import Problem
+from twilight.engine.field import Problem
+from twilight.engine.night import warn_of_the_moon
+from twilight.engine.sunbeam import make_disc
 from twilight.io.environment import environment_directions, ground_factor, pixel_solid_angle
 from twilight.io.exr import read_latlong_exr, write_rgb_exr
 from twilight.io.moon import moon_facts

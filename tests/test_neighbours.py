@@ -11,7 +11,7 @@ from stability_media import Air, medium_of
 from twilight.atmosphere.grid_medium import GridMedium
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.load import load_climate
-from twilight.engine.solve import Problem
+from twilight.engine.field import Problem
 from twilight.scene import Scene
 from twilight.scene.medium import climate_gas_bands, climate_medium
 from twilight.solvers import zones

@@ -9,8 +9,8 @@ import pytest
 
 from twilight.atmosphere.grid_medium import GridMedium
 from twilight.config import load
-from twilight.engine.memory import full_cost
-from twilight.engine.solve import Problem
+from twilight.engine.field import Problem
+from twilight.engine.problem import full_cost
 from twilight.scene import resolve
 from twilight.solvers import zones
 from twilight.solvers.zones import spectral_nodes

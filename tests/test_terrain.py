@@ -12,7 +12,7 @@ from twilight.config import load_climate
 from twilight.config.scene import Observer
 from twilight.config.terrain import Terrain
 from twilight.config.view import View
-from twilight.engine.solve import Problem
+from twilight.engine.field import Problem
 from twilight.engine.view import landscape, view_radiance
 from twilight.numerics.geometry import distance_to_sphere
 from twilight.scene import Scene
