@@ -27,8 +27,8 @@ from twilight.engine.light import LightField, check_sources, field_for
 from twilight.engine.light_sources import Moments, moments_at
 from twilight.engine.surfaces import Direction, Surface, towards
 from twilight.sky.ephemeris import parse_time
-from twilight.sky.quantities.catalogue import Of, Quantity, check_of, unit_of
-from twilight.sky.quantities.catalogue import quantity as quantity_of
+from twilight.sky.quantities.measure import Of, Quantity, check_of, unit_of
+from twilight.sky.quantities.measure import quantity as quantity_of
 from twilight.sky.twilight_times import time_of
 
 if TYPE_CHECKING:

@@ -29,8 +29,7 @@ from twilight.numerics.grids import hemisphere, texture_centres
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene.scene import Scene
 from twilight.sky.disc import Disc
-from twilight.sky.quantities.catalogue import Quantity, check_of, quantity
-from twilight.sky.quantities.measure import Spectra, check_covered
+from twilight.sky.quantities.measure import Quantity, Spectra, check_covered, check_of, quantity
 from twilight.sky.quantities.responses import ResponseLike
 from twilight.sky.sky import BrowserPage, Sky
 from twilight.sky.table import SkyTable, plain_grid

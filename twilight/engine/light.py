@@ -29,8 +29,7 @@ from twilight.engine.sun_tables import check_serves_every_sun
 from twilight.engine.surfaces import ManySuns, Surface
 from twilight.scene import resolve
 from twilight.sky.night import NightLevels
-from twilight.sky.quantities.catalogue import Quantity
-from twilight.sky.quantities.measure import Spectra, check_covered, samples_for
+from twilight.sky.quantities.measure import Quantity, Spectra, check_covered, samples_for
 
 TIMES_BRIGHTER = 1e4
 """A source of the night is left out where sunlight is so many times brighter at every wavelength in everything that is

@@ -14,14 +14,11 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.engine.surfaces import ManySuns, Surface
-from twilight.sky.bodies import AU_KM, Sites
-from twilight.sky.moon.light import LOWEST_DEG, irradiance_factors
-from twilight.sky.moon.place import is_waxing
+from twilight.sky.ephemeris import AU_KM, Sites
+from twilight.sky.moon import LOWEST_DEG, irradiance_factors, is_waxing
 from twilight.sky.night import NightLevels, Place, night_radiance
 from twilight.sky.night import light as night
-from twilight.sky.night.pollution import pollution_radiance
-from twilight.sky.night.veil import Veil, veil
-from twilight.sky.night.world import poles_at, unit_vector
+from twilight.sky.night.world import Veil, poles_at, pollution_radiance, unit_vector, veil
 
 HIGHEST_SITE_KM = 100.0
 """Observers above this are taken as this high for the parallax of sun and moon."""
@@ -256,7 +253,7 @@ class ArtificialSkyglow(SameAround):
 class FixedToStars(NightSource):
     """A source of one spectrum above the air, whose pattern turns with the sky.
 
-    Seen through the air: L = spectrum (pattern t + mean (1 - t) s), `twilight.sky.night.veil`.
+    Seen through the air: L = spectrum (pattern t + mean (1 - t) s), `twilight.sky.night.world`.
     """
 
     def spectrum(self) -> np.ndarray:

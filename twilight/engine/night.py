@@ -22,11 +22,10 @@ from twilight.numerics.orientation import azimuth_elevation, direction
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.scene.scene import Scene
 from twilight.scene.suns import SceneSun
-from twilight.sky.moon import Moon, MoonDisc, MoonSeen
-from twilight.sky.moon.light import PHASE_RANGE_DEG
+from twilight.sky.moon import PHASE_RANGE_DEG, Moon, MoonDisc, MoonSeen
 from twilight.sky.night import NightLevels, Place, night_radiance
 from twilight.sky.night.points import Raster, StarPoints, StarSky, resolved_starlight_fraction
-from twilight.sky.night.pollution import NATURAL_ZENITH_MAG, artificial_zenith_cd_per_m2
+from twilight.sky.night.world import NATURAL_ZENITH_MAG, artificial_zenith_cd_per_m2
 from twilight.transport.apparent_rays import horizon_dip_deg
 
 ROWS = 46

@@ -10,7 +10,7 @@ import numpy as np
 from twilight.engine.light import LightField
 from twilight.engine.light_sources import Moments
 from twilight.engine.surfaces import Direction, Surface, towards
-from twilight.sky.quantities.catalogue import Quantity, check_of, quantity, unit_of
+from twilight.sky.quantities.measure import Quantity, check_of, quantity, unit_of
 
 
 @dataclass(frozen=True)
