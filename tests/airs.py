@@ -9,7 +9,7 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Observer
-from twilight.numerics.grids import texture_grid
+from twilight.numerics.directions import texture_grid
 from twilight.numerics.phase import PhaseFunction
 from twilight.scene import Scene
 from twilight.sky.sky import Sky

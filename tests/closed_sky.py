@@ -11,7 +11,7 @@ import numpy as np
 from airs import scene_of_field, turbid
 
 from twilight.engine import Field, solve
-from twilight.numerics.orientation import scattering_angle_rad
+from twilight.numerics.directions import scattering_angle_rad
 from twilight.solvers.base import BareField
 from twilight.viewer.colours import Channels
 from twilight.viewer.tables import PageNodes

@@ -16,7 +16,7 @@ from twilight.cli.app import app
 from twilight.engine.light import TIMES_BRIGHTER, LightField
 from twilight.engine.light_sources import NightSource, moments_at
 from twilight.engine.surfaces import Direction, Surface, towards
-from twilight.numerics.grids import whole_hemisphere
+from twilight.numerics.directions import whole_hemisphere
 from twilight.sky.night import NightLevels, night_radiance
 
 PLACE = (28.3, -16.5)

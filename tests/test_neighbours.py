@@ -15,7 +15,7 @@ from twilight.engine import plan, solve
 from twilight.scene import Scene
 from twilight.scene.medium import climate_gas_bands, climate_medium
 from twilight.solvers import zones
-from twilight.solvers.zones.layout import lay_out
+from twilight.solvers.zones.grids import lay_out
 from twilight.transport.profile import expected_factors, prepare_profile
 from twilight.transport.scaling import delta_scaled
 

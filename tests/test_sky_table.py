@@ -7,7 +7,7 @@ import pytest
 
 from twilight.engine.block import Answer
 from twilight.engine.table import fill, first_columns, first_rows
-from twilight.numerics.orientation import PHASE_ANGLE_RAD, scattering_angle_rad
+from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
 from twilight.sky.table import SkyTable, join, plain_grid, split, stack
 

@@ -13,8 +13,7 @@ from twilight.engine import plan, solve
 from twilight.engine.problem import full_cost
 from twilight.scene import resolve
 from twilight.solvers import zones
-from twilight.solvers.zones import spectral_nodes
-from twilight.solvers.zones.spectral_field import STATED_ERROR, STATED_ERROR_IN_BANDS
+from twilight.solvers.zones.spectrum import MIN_COLUMNS, STATED_ERROR, STATED_ERROR_IN_BANDS, kriging_weights
 
 SMALL = {
     "degree": 4,
@@ -100,13 +99,13 @@ def test_weights_give_planes_exactly():
     """What is linear in the logarithms of the optical properties, as thin air's light is, would be bent."""
     draw = np.random.default_rng(3)
     nodes, at = draw.normal(size=(20, 3)), draw.normal(size=(50, 3))
-    weight = spectral_nodes.kriging_weights(nodes, at)
+    weight = kriging_weights(nodes, at)
     plane = np.array([0.3, -2.0, 1.0])
     np.testing.assert_allclose((nodes @ plane + 4.0) @ weight, at @ plane + 4.0, atol=1e-6)
 
 
 def test_few_wavelengths_and_off_are_solved_bit_for_bit_as_ever():
-    few = plan(scene_of("pure-air", np.linspace(400.0, 600.0, spectral_nodes.MIN_COLUMNS)))
+    few = plan(scene_of("pure-air", np.linspace(400.0, 600.0, MIN_COLUMNS)))
     off = plan(scene_of("pure-air", np.linspace(400.0, 580.0, 49), "off"))
     single = scene_of("pure-air", np.linspace(400.0, 580.0, 49))
     single = plan(replace(single, settings=replace(single.settings, max_orders=1)))

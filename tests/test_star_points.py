@@ -13,11 +13,11 @@ from scipy.spatial import cKDTree
 
 from twilight.base.errors import TwilightError
 from twilight.config import load, load_climate
-from twilight.config.view import View
+from twilight.config.pictures import View
 from twilight.engine.frames import frames
 from twilight.engine.night import night_light, without_points
 from twilight.engine.view import ViewRadiance
-from twilight.numerics.orientation import azimuth_elevation, direction
+from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium

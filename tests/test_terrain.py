@@ -9,12 +9,10 @@ from hazy_zones import QUICK
 
 from twilight.base.errors import TwilightError
 from twilight.config import load_climate
+from twilight.config.pictures import Terrain, View
 from twilight.config.scene import Observer
-from twilight.config.terrain import Terrain
-from twilight.config.view import View
 from twilight.engine import solve
 from twilight.engine.view import landscape, view_radiance
-from twilight.numerics.geometry import distance_to_sphere
 from twilight.scene import Scene
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
@@ -24,6 +22,7 @@ from twilight.terrain.march import ShadowGrid, TerrainAir, first_hits, height_at
 from twilight.terrain.scene import Viewpoint, add_terrain
 from twilight.transport.beam import beam_at, prepare_beam
 from twilight.transport.scaling import species_phase
+from twilight.transport.steps import distance_to_sphere
 
 RADIUS = 6371.0
 

@@ -9,15 +9,15 @@ from airs import pure_air, scene_of_field
 from toy_sky import glow_sky
 
 from twilight.base.errors import TwilightError
+from twilight.config.pictures import View
 from twilight.config.scene import Config, Observer
-from twilight.config.view import View
 from twilight.engine import solve
 from twilight.engine.night import NightLight
 from twilight.engine.sunbeam import Direct
 from twilight.engine.view import view_radiance, with_night, with_sun
 from twilight.io.outputs import write_outputs
 from twilight.io.rendered import ViewPixels
-from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import view_rays
 from twilight.solvers.base import BareField
 

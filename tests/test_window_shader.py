@@ -21,7 +21,7 @@ from twilight.engine import solve
 from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT, SunTables
 from twilight.engine.table import first_columns, first_rows
 from twilight.numerics import spectrum
-from twilight.numerics.orientation import PHASE_COUNT, direction
+from twilight.numerics.directions import PHASE_COUNT, direction
 from twilight.scene import resolve
 from twilight.sky.colour import REC709_LUMINANCE
 from twilight.studies.export.folder import write_folder

@@ -14,7 +14,7 @@ from scipy.special import erf
 import twilight
 from twilight.base.errors import TwilightError
 from twilight.engine import solve
-from twilight.numerics.orientation import azimuth_elevation, direction
+from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.numerics.projections import view_directions, view_rays
 from twilight.solvers.base import BareField
 from twilight.viewer import ground_to_orbit, view_fields

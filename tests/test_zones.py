@@ -14,8 +14,8 @@ from hazy_zones import SCALAR as SMALL
 from twilight.atmosphere.medium_table import medium_from_table
 from twilight.base.errors import TwilightError
 from twilight.solvers import cells, zones
-from twilight.solvers.zones.grid import cubic_refinement, even_harmonics, make_angles, zenith_nodes
-from twilight.solvers.zones.solution import normalised
+from twilight.solvers.zones.angles import cubic_refinement, even_harmonics, make_angles, zenith_nodes
+from twilight.solvers.zones.scattering import normalised
 from twilight.transport.beam import beam_at
 
 MIDDLE = replace(

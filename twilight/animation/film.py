@@ -26,8 +26,8 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.base.reading import stored_arrays
 from twilight.base.whole_files import check_file, check_folder, whole_file
+from twilight.config.pictures import View
 from twilight.config.scene import Config
-from twilight.config.view import View
 from twilight.engine import solve
 from twilight.engine.night import check_stars
 from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT, SunTables, suns_between
@@ -35,7 +35,7 @@ from twilight.engine.table import first_columns, first_rows, with_ground
 from twilight.io.eight_bit import to_bytes
 from twilight.io.journal import locked
 from twilight.io.provenance import configuration_hash
-from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import Scene, resolve
 from twilight.sky.moon import Moon

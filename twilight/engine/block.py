@@ -24,7 +24,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.engine.problem import VALUES_AT_ONCE, Problem
 from twilight.engine.sunbeam import Direct, Sunbeam
-from twilight.numerics.grids import half_of
+from twilight.numerics.directions import half_of
 from twilight.solvers.base import Field, Interpolation
 from twilight.transport.scattered_once import ScatteredOnce
 

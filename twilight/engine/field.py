@@ -25,7 +25,7 @@ from twilight.engine.one_sun import SunLight, warn_of_black
 from twilight.engine.problem import Problem, plan
 from twilight.engine.sun_tables import SunTables
 from twilight.engine.sunbeam import Direct, disc_strips, join_direct, make_disc
-from twilight.numerics.grids import hemisphere, texture_centres
+from twilight.numerics.directions import hemisphere, texture_centres
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene.scene import Scene
 from twilight.sky.disc import Disc

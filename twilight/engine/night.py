@@ -18,7 +18,7 @@ from twilight.config.scene import Config, Night
 from twilight.config.sun import SunAt, SunInterval, SunTimes
 from twilight.engine.sunbeam import Direct, make_disc
 from twilight.io.rendered import ViewPixels
-from twilight.numerics.orientation import azimuth_elevation, direction
+from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.scene.scene import Scene
 from twilight.scene.suns import SceneSun
@@ -26,7 +26,7 @@ from twilight.sky.moon import PHASE_RANGE_DEG, Moon, MoonDisc, MoonSeen
 from twilight.sky.night import NightLevels, Place, night_radiance
 from twilight.sky.night.points import Raster, StarPoints, StarSky, resolved_starlight_fraction
 from twilight.sky.night.world import NATURAL_ZENITH_MAG, artificial_zenith_cd_per_m2
-from twilight.transport.apparent_rays import horizon_dip_deg
+from twilight.transport.rays import horizon_dip_deg
 
 ROWS = 46
 """Elevations from the horizon to the zenith, closer towards the horizon."""

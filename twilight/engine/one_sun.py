@@ -13,12 +13,12 @@ from twilight.base.errors import TwilightWarning
 from twilight.engine.block import Answer, Block, join
 from twilight.engine.sunbeam import Direct
 from twilight.engine.table import HIGH_FROM_KM, fill, first_rows, row_breaks
-from twilight.numerics.grids import texture_centres
+from twilight.numerics.directions import texture_centres
 from twilight.scene.scene import Scene
 from twilight.sky.sky import Sky
 from twilight.sky.table import SkyTable
 from twilight.sky.table import join as join_tables
-from twilight.transport.apparent_rays import horizon_dip_deg
+from twilight.transport.rays import horizon_dip_deg
 
 DARK = 1e-12
 """Radiance over F0 [sr^-1] that counts as none: a thousandth of the darkest night, 1e-7 cd m^-2."""

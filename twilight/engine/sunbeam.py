@@ -12,11 +12,10 @@ from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.screen import Screen
 from twilight.sky.disc import SOLAR_RADIUS_DEG, Disc
-from twilight.transport.apparent_rays import ApparentRays
 from twilight.transport.beam import Beam, beam_at, prepare_beam
-from twilight.transport.beam_screen import passing_at
 from twilight.transport.ground_sun import GroundSun
-from twilight.transport.ray_profile import ray_profile, refractivity_at
+from twilight.transport.ray_profile import passing_at, ray_profile, refractivity_at
+from twilight.transport.rays import ApparentRays
 
 DISC_STRIPS = 12
 """Horizontal strips of the sun's disc."""

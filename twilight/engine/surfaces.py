@@ -23,7 +23,7 @@ from twilight.engine.field import Field
 from twilight.engine.sun_tables import SunTables
 from twilight.engine.sunbeam import disc_strips
 from twilight.numerics import spectrum
-from twilight.numerics.grids import HEMISPHERE_COLUMNS, whole_hemisphere
+from twilight.numerics.directions import HEMISPHERE_COLUMNS, whole_hemisphere
 from twilight.numerics.spectrum import hermite_weights
 from twilight.sky.disc import SOLAR_RADIUS_DEG
 from twilight.sky.night import NightLevels

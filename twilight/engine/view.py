@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.config.terrain import Terrain
-from twilight.config.view import View
+from twilight.config.pictures import Terrain, View
 from twilight.engine.field import Field
 from twilight.engine.night import MoonLight, NightLight, with_moon
 from twilight.engine.sunbeam import Direct
 from twilight.engine.table import CLOSEST_ROWS_DEG, first_columns, first_rows, row_breaks
 from twilight.io.rendered import ViewPixels
-from twilight.numerics.orientation import azimuth_elevation, direction
+from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.sky.disc import SOLAR_RADIUS_DEG
 from twilight.sky.table import SkyTable
 from twilight.sky.table import join as join_tables
@@ -28,8 +27,8 @@ from twilight.solvers.base import Capabilities
 from twilight.terrain.aerial_perspective import DEGREE
 from twilight.terrain.heights import Standpoint, heights_of
 from twilight.terrain.scene import Viewpoint, add_terrain, check_above
-from twilight.transport.apparent_rays import horizon_dip_deg
 from twilight.transport.beam import prepare_beam
+from twilight.transport.rays import horizon_dip_deg
 from twilight.transport.scaling import delta_scaled
 
 FIRST_ROWS, FIRST_COLUMNS = 33, 25

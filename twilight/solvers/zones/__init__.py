@@ -1,12 +1,11 @@
 """Zones: cells that are rings about the direction of the sun; one solve serves every sun and every observer."""
 
 from twilight.solvers.base import Capabilities
-from twilight.solvers.zones.cost import cost
 from twilight.solvers.zones.field import Field
-from twilight.solvers.zones.layout import spectral_groups
+from twilight.solvers.zones.grids import spectral_groups
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
-from twilight.solvers.zones.solver import load, prepare
-from twilight.solvers.zones.spectral_field import interpolation
+from twilight.solvers.zones.solver import cost, load, prepare
+from twilight.solvers.zones.spectrum import interpolation
 
 CAPABILITIES = Capabilities(
     finite_segments=True,

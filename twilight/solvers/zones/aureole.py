@@ -23,14 +23,12 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
-from twilight.numerics.geometry import distance_to_sphere
 from twilight.transport.azimuth_series import RayDirections
 from twilight.transport.beam import Beam, beam_at
-from twilight.transport.chord import chord_depth
-from twilight.transport.lines import ALTITUDE, ANGLE, DISTANCE
+from twilight.transport.lines import ALTITUDE, ANGLE, DISTANCE, RayBundle
 from twilight.transport.profile import Profile, locate
-from twilight.transport.ray_bundle import RayBundle
 from twilight.transport.scaling import ScaledMedium
+from twilight.transport.steps import chord_depth, distance_to_sphere
 
 HIGHEST_DEGREE = 400
 """Degree to which convolutions of the peak are followed; the peak itself is taken from its table."""

@@ -12,20 +12,24 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.base.threads import in_slices
 from twilight.solvers.base import BareField, Convergence, observer_at
+from twilight.solvers.zones.angles import scattering_geometry
 from twilight.solvers.zones.aureole import forward_peak, widen_peaks
-from twilight.solvers.zones.field_grids import FieldGrids
-from twilight.solvers.zones.line_integrals import lift_and_lowering, sun_lift, view_multiple
-from twilight.solvers.zones.lines_of_sight import LineCache, LinesOfSight, trace_lines_of_sight
+from twilight.solvers.zones.grids import LAST_ZENITH_DEG, FieldGrids, visible_arc_deg
+from twilight.solvers.zones.lines_of_sight import (
+    LineCache,
+    LinesOfSight,
+    lift_and_lowering,
+    sun_lift,
+    trace_lines_of_sight,
+    view_multiple,
+)
 from twilight.solvers.zones.ray_points import LANES, block_values, make_ray_points
-from twilight.solvers.zones.solution import Solution
-from twilight.solvers.zones.spin2_harmonics import scattering_geometry
+from twilight.solvers.zones.scattering import Solution
 from twilight.solvers.zones.storage import Stored, save
-from twilight.solvers.zones.zenith_range import LAST_ZENITH_DEG, visible_arc_deg
 from twilight.transport.azimuth_series import RayDirections, interpolate_azimuth, unique_directions
 from twilight.transport.beam import Beam
-from twilight.transport.lines import with_refraction
+from twilight.transport.lines import trace_rays, with_refraction
 from twilight.transport.profile import prepare_profile
-from twilight.transport.ray_bundle import trace_rays
 from twilight.transport.scaling import species_phase, species_polarising_phase
 from twilight.transport.sunlit import scattered_once
 from twilight.transport.sunlit_ray import Phases, SunlitAir

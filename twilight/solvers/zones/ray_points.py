@@ -12,12 +12,9 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.jit.simd import LANES
-from twilight.solvers.zones.grid import Truncation, even_harmonics
-from twilight.solvers.zones.spin2_harmonics import spin2_harmonics
-from twilight.transport.lines import ALTITUDE, ANGLE, COSINE
-from twilight.transport.matrix_moments import MatrixMoments, matrix_moments
-from twilight.transport.ray_bundle import RayBundle, species_fraction
-from twilight.transport.scaling import ScaledMedium
+from twilight.solvers.zones.angles import Truncation, even_harmonics, spin2_harmonics
+from twilight.transport.lines import ALTITUDE, ANGLE, COSINE, RayBundle, species_fraction
+from twilight.transport.scaling import MatrixMoments, ScaledMedium, matrix_moments
 
 POINTS_AT_ONCE = 8192
 """Points that are made at once: intermediate arrays take several times the memory of the result."""

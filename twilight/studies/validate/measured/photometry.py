@@ -21,7 +21,7 @@ from twilight.engine.field import solve
 from twilight.engine.night import levels_of
 from twilight.engine.sunbeam import Sunbeam, disc_irradiance
 from twilight.numerics import spectrum
-from twilight.numerics.grids import hemisphere
+from twilight.numerics.directions import hemisphere
 from twilight.scene import resolve
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.night import Place, night_radiance

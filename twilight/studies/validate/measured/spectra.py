@@ -34,7 +34,7 @@ from twilight.base.progress import Progress, part_of, silent
 from twilight.config.scene import Config, Observer
 from twilight.engine.field import solve
 from twilight.engine.sunbeam import Sunbeam, disc_irradiance
-from twilight.numerics.grids import hemisphere
+from twilight.numerics.directions import hemisphere
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.scene import resolve
 

@@ -1,10 +1,15 @@
-"""Grids of directions that whole skies are computed on."""
+"""Directions in the world: how a camera is turned, and the grids of directions that whole skies are computed on.
+
+World axes are east, north, up.  A camera's own axes are right, forward (the optical axis) and up (of the picture): the
+same as the world's for a level camera that looks north.
+"""
 
 from __future__ import annotations
 
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twilight.base.errors import TwilightError
 
@@ -16,6 +21,65 @@ LOWEST_NODE_DEG = 6.0
 """Least elevation of the sun [deg] that parts the hemisphere's nodes in two: for lower suns the nodes stand still."""
 HIGHEST_NODE_DEG = 84.0
 """Greatest elevation of the sun [deg] that parts them: for higher suns they stand still too."""
+
+
+def direction(azimuth_deg: np.ndarray | float, elevation_deg: np.ndarray | float) -> np.ndarray:
+    """Unit vectors (..., 3) east, north, up; azimuth clockwise from north."""
+    azimuth, elevation = np.radians(azimuth_deg), np.radians(elevation_deg)
+    flat = np.cos(elevation)
+    parts = (np.sin(azimuth) * flat, np.cos(azimuth) * flat, np.sin(elevation))
+    return np.stack(np.broadcast_arrays(*parts), axis=-1)
+
+
+def azimuth_elevation(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(azimuth_deg in [0, 360), elevation_deg) of vectors (..., 3) east, north, up of any length."""
+    east, north, up = np.moveaxis(np.asarray(directions, dtype=float), -1, 0)
+    azimuth = np.mod(np.degrees(np.arctan2(east, north)), 360.0)
+    return np.where(azimuth >= 360.0, 0.0, azimuth), np.degrees(np.arctan2(up, np.hypot(east, north)))
+
+
+def camera_axes(azimuth_deg: float, elevation_deg: float, roll_deg: float) -> np.ndarray:
+    """Rotation (3, 3) from the world to the camera: its rows are the camera's right, forward and up in the world.
+
+    azimuth_deg, elevation_deg: of the optical axis.  roll_deg: the camera is turned clockwise about its axis as its
+    photographer sees it, so that the horizon in the picture turns anticlockwise.  Towards the zenith (90 deg) with
+    roll 0 the bottom of the picture lies towards ``azimuth_deg``.
+    """
+    forward = direction(azimuth_deg, elevation_deg)
+    azimuth, roll = np.radians(azimuth_deg), np.radians(roll_deg)
+    level_right = np.array([np.cos(azimuth), -np.sin(azimuth), 0.0])
+    level_up = np.cross(level_right, forward)
+    right = np.cos(roll) * level_right - np.sin(roll) * level_up
+    up = np.sin(roll) * level_right + np.cos(roll) * level_up
+    return np.stack([right, forward, up])
+
+
+def orientation_angles(axes: np.ndarray) -> tuple[float, float, float]:
+    """(azimuth_deg in [0, 360), elevation_deg, roll_deg in -180..180) of `camera_axes`; a matrix (3, 3).
+
+    At the zenith and the nadir, where azimuth and roll cannot be told apart, roll is 0.
+    """
+    right, forward, up = np.asarray(axes, dtype=float)
+    elevation = np.degrees(np.arctan2(forward[2], np.hypot(forward[0], forward[1])))
+    if np.hypot(forward[0], forward[1]) < 1e-12:
+        return float(np.mod(np.degrees(np.arctan2(-right[1], right[0])), 360.0)), float(elevation), 0.0
+    azimuth = np.mod(np.degrees(np.arctan2(forward[0], forward[1])), 360.0)
+    roll = np.degrees(np.arctan2(-right[2], up[2]))
+    return float(azimuth % 360.0), float(elevation), float(roll)
+
+
+PHASE_COUNT = 1024
+"""Angles at which the phase function of a column is tabulated: pi u^2 with u = 0 to 1, closest at the sun."""
+
+PHASE_ANGLE_RAD = np.pi * np.linspace(0.0, 1.0, PHASE_COUNT) ** 2
+"""Scattering angles at which the phase function of a column is tabulated [rad]."""
+
+
+def scattering_angle_rad(sun_deg: ArrayLike, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> np.ndarray:
+    """Angle between directions and a sun in azimuth 0 [rad]; all broadcast.  Precise at small angles (haversine)."""
+    e, s, a = (np.radians(np.asarray(x, float)) for x in (elevation_deg, sun_deg, azimuth_deg))
+    chord = np.sin((e - s) / 2) ** 2 + np.cos(e) * np.cos(s) * np.sin(a / 2) ** 2
+    return 2.0 * np.arcsin(np.sqrt(np.clip(chord, 0.0, 1.0)))
 
 
 def texture_centres(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
