@@ -305,8 +305,8 @@ def open_dataset(path: str) -> xarray.Dataset:
         raise TwilightError(f"{path}: is neither a sky.h5, a series.nc nor a sweep ({first_line(error)})") from None
 
 
-SkyComparison.plot = plot_comparison  # type: ignore[method-assign]
-SkyComparison.to_xarray = comparison_to_xarray  # type: ignore[method-assign]
+SkyComparison.plot = plot_comparison  # type: ignore[method-assign, assignment]
+SkyComparison.to_xarray = comparison_to_xarray  # type: ignore[method-assign, assignment]
 Sky.plot = plot  # type: ignore[method-assign, assignment]
 Sky.view = view  # type: ignore[method-assign]
 Sky.to_xarray = to_xarray  # type: ignore[method-assign]
