@@ -56,7 +56,7 @@ def show(
 def _climates() -> None:
     """The climates that come with twilight, with their aerosol optical depth at 550 nm."""
     from twilight.config import load_climate
-    from twilight.config.library import shipped
+    from twilight.config.load import shipped
     from twilight.scene.medium import climate_medium
 
     rows = []
@@ -70,7 +70,7 @@ def _climates() -> None:
 def _configs() -> None:
     """The configurations that come with twilight."""
     from twilight.config import load_series
-    from twilight.config.library import shipped
+    from twilight.config.load import shipped
     from twilight.scene.suns import count_suns
 
     rows = []

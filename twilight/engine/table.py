@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twilight.engine.answer import Answer
+from twilight.engine.block import Answer
 from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky.table import SkyTable, split
 from twilight.transport.rays import horizon_dip_deg
