@@ -13,7 +13,8 @@ from twilight.engine import plan, solve
 from twilight.engine.problem import full_cost
 from twilight.scene import resolve
 from twilight.solvers import zones
-from twilight.solvers.zones.spectrum import MIN_COLUMNS, STATED_ERROR, STATED_ERROR_IN_BANDS, kriging_weights
+from twilight.solvers.zones.constants import MIN_COLUMNS
+from twilight.solvers.zones.spectrum import STATED_ERROR, STATED_ERROR_IN_BANDS, kriging_weights
 
 SMALL = {
     "degree": 4,

@@ -12,8 +12,9 @@ from twilight.atmosphere.build import build_medium
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.zones.air_needs import RIM_POLAR, altitude_nodes, directions_needed, rims_km, with_degree
+from twilight.solvers.zones.air_needs import altitude_nodes, directions_needed, rims_km, with_degree
 from twilight.solvers.zones.angles import conserving_angles, even_harmonics, make_angles
+from twilight.solvers.zones.constants import RIM_POLAR
 from twilight.solvers.zones.lines_of_sight import sun_lift
 from twilight.transport.lines import horizon_cosine, trace_rays, with_refraction
 from twilight.transport.profile import prepare_profile

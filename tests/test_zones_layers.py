@@ -17,7 +17,8 @@ from twilight.base.errors import TwilightWarning
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.zones.air_needs import MAX_INTERVAL_RATIO, altitude_nodes, near_edges, resolve_layers
+from twilight.solvers.zones.air_needs import altitude_nodes, near_edges, resolve_layers
+from twilight.solvers.zones.constants import MAX_INTERVAL_RATIO
 from twilight.solvers.zones.first_order import make_sunlight
 from twilight.transport.beam import beam_at, prepare_beam
 from twilight.transport.lines import ALTITUDE, trace_rays

@@ -108,6 +108,10 @@ def _solvers(name: str | None) -> None:
         rows = [[key, *(_as_text(preset[key]) for preset in presets.values()), why.get(key, "")] for key in keys]
         if rows:
             print_table([title, *presets, "what it is"], rows, right=tuple(range(1, 1 + len(presets))))
+    tuned = getattr(load(name), "tuned_numbers", None)
+    if tuned is not None:
+        columns = ["tuned number", "value", "unit", "for air", "test", "what it does"]
+        print_table(columns, [[row.name, str(row.value), *row[2:]] for row in tuned()], right=(1,))
 
 
 def _as_text(value: Any) -> str:

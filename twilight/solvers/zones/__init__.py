@@ -1,6 +1,7 @@
 """Zones: cells that are rings about the direction of the sun; one solve serves every sun and every observer."""
 
 from twilight.solvers.base import Capabilities
+from twilight.solvers.zones.constants import table as tuned_numbers
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.grids import spectral_groups
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
@@ -18,4 +19,4 @@ CAPABILITIES = Capabilities(
     cost=cost,
 )
 
-__all__ = ["CAPABILITIES", "QUALITIES", "Field", "ZonesSettings", "load", "prepare"]
+__all__ = ["CAPABILITIES", "QUALITIES", "Field", "ZonesSettings", "load", "prepare", "tuned_numbers"]

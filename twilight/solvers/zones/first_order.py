@@ -16,6 +16,7 @@ import numpy as np
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
 from twilight.jit.simd import LANES, broadcast, exp, load, store
+from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.next_order import ONE, ZERO
 from twilight.solvers.zones.ray_points import ZENITH
 from twilight.transport.beam import Beam, beam_at, beam_on_ground, lit_at
@@ -25,12 +26,6 @@ LEAST_LOG_LIGHT = np.float32(-690.0)
 N_ANGLE = 1280
 """Number of intervals of the angle to the shadow's edge: 0.01 deg where light that grazes a hazy layer changes by e
 within 0.05 deg."""
-MIN_SUNLIT_ROWS = 8
-"""Least altitudes of the table in an interval between the field's nodes."""
-MAX_SUNLIT_STEP_KM = 0.1
-"""Largest interval between altitudes of the table at the ground [km]."""
-SUNLIT_STEP_GROWTH = 0.02
-"""Growth of that largest interval with height above the ground."""
 BELOW_JUMP_KM = 1e-7
 """Distance [km] below a jump of the air at which the table has the jump's lower side."""
 
@@ -86,8 +81,8 @@ def table_altitudes(node_km: np.ndarray, jumps_km: np.ndarray) -> np.ndarray:
     """
     rows = []
     for a, b in pairwise(node_km):
-        longest = MAX_SUNLIT_STEP_KM + SUNLIT_STEP_GROWTH * (a - node_km[0])
-        rows.append(np.linspace(a, b, max(MIN_SUNLIT_ROWS, math.ceil((b - a) / longest)), endpoint=False))
+        longest = tuned.MAX_SUNLIT_STEP_KM + tuned.SUNLIT_STEP_GROWTH * (a - node_km[0])
+        rows.append(np.linspace(a, b, max(tuned.MIN_SUNLIT_ROWS, math.ceil((b - a) / longest)), endpoint=False))
     # a value on a jump is the one above it: stay just below
     return np.sort(np.concatenate([*rows, jumps_km - BELOW_JUMP_KM, node_km[-1:] - BELOW_JUMP_KM]))
 

@@ -16,6 +16,7 @@ import numpy as np
 from twilight.atmosphere.grid_medium import RANGES, range_of
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.refraction import ciddor_refractivity
+from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.air_needs import (
     FractionalTruncation,
     altitude_nodes,
@@ -37,33 +38,6 @@ from twilight.transport.lines import with_refraction
 from twilight.transport.profile import Profile, expected_factors, prepare_profile, with_steps_of
 from twilight.transport.scaling import ScaledMedium, delta_scaled
 
-LAST_ZENITH_DEG = 132.0
-"""Solar zenith angle beyond which the field is taken as it is here: it is then e^-60 of the day's."""
-MIN_OBSERVER_KM = 12.0
-"""Altitude [km] up to which a field for known suns serves all observers, however low the scene's own."""
-MARGIN_DEG = 2.0
-"""Range [deg] by which a field for known suns exceeds what its observers see."""
-BRIGHT_ZENITH_DEG = 85.0
-"""Air under a sun of this zenith angle or larger is always part of the field: in deep twilight its light comes far."""
-MAX_EXTINCTION_RATIO = 1.5
-"""Extinction over the largest of a range's fixed wavelengths up to which a grid made for those serves."""
-
-TERM_FACTORS = (2.0, 4.0)
-"""Multiples of the expected extinction (`expected_extinction`) that steps along rays follow where the wavelengths are
-terms of a gas's exponential sum, however strongly the darkest term absorbs."""
-ALTITUDE_NODES_PER_SCALE = 8.0
-"""Altitudes of the sunbeam's tables per factor e of the steepest coefficient, at beam_density 1."""
-LIMB_NODES_PER_SCALE = 12.0
-"""Tangent altitudes of the sunbeam's tables per factor e of the steepest coefficient, at beam_density 1."""
-COSINE_NODES = 40
-"""Intervals of the cosine of the zenith angle in the sunbeam's tables, at beam_density 1."""
-DISTANCE_NODES = 12
-"""Intervals of the distance from the limb in the sunbeam's tables, at beam_density 1."""
-MIN_DISTANCE_NODES = 8
-"""Least such intervals, at any beam_density."""
-GUESS_NODES = 48
-"""Intervals of the table from which the search for the refracted sun begins, at beam_density 1."""
-
 
 def visible_arc_deg(medium: Medium, observer_altitude_km: float) -> float:
     """Arc around the Earth from an observer [deg] within which the field is needed.
@@ -77,7 +51,7 @@ def visible_arc_deg(medium: Medium, observer_altitude_km: float) -> float:
     def dip_deg(altitude_km: float) -> float:
         return math.degrees(math.acos(ground / max(ground, medium.earth_radius_km + altitude_km)))
 
-    return dip_deg(medium.top_km) + dip_deg(max(observer_altitude_km, MIN_OBSERVER_KM)) + MARGIN_DEG
+    return dip_deg(medium.top_km) + dip_deg(max(observer_altitude_km, tuned.MIN_OBSERVER_KM)) + tuned.MARGIN_DEG
 
 
 def zenith_range(
@@ -85,16 +59,12 @@ def zenith_range(
 ) -> tuple[float, float]:
     """Solar zenith angles [deg] that a scene with these suns needs; all of them where None is given."""
     if sun_elevations_deg is None:
-        return 0.0, LAST_ZENITH_DEG
+        return 0.0, tuned.LAST_ZENITH_DEG
     around = visible_arc_deg(medium, observer_altitude_km)
     lowest, highest = float(np.min(sun_elevations_deg)), float(np.max(sun_elevations_deg))
-    return min(max(0.0, 90.0 - highest - around), BRIGHT_ZENITH_DEG), min(LAST_ZENITH_DEG, 90.0 - lowest + around)
-
-
-MAX_OVERSHOOT = 0.2
-"""Largest overshoot of an interpolated logarithm beyond the two nodes around it, over 1 + their difference."""
-FINE_PER_INTERVAL = 3
-"""Steps of the fine grids of altitudes and of solar zenith angles in every interval of the nodes."""
+    return min(max(0.0, 90.0 - highest - around), tuned.BRIGHT_ZENITH_DEG), min(
+        tuned.LAST_ZENITH_DEG, 90.0 - lowest + around
+    )
 
 
 @dataclass(frozen=True)
@@ -113,9 +83,9 @@ class FieldNodes:
     @staticmethod
     def of(altitude_km: np.ndarray, zenith_deg: np.ndarray, jumps_km: np.ndarray) -> FieldNodes:
         zenith = np.radians(zenith_deg)
-        fine, node, weight = cubic_refinement(zenith, FINE_PER_INTERVAL)
-        fine_km, node_km, weight_km = cubic_refinement(altitude_km, FINE_PER_INTERVAL, jumps_km)
-        grid = ZenithGrid(zenith, fine, node, weight.astype(np.float32), FINE_PER_INTERVAL)
+        fine, node, weight = cubic_refinement(zenith, tuned.FINE_PER_INTERVAL)
+        fine_km, node_km, weight_km = cubic_refinement(altitude_km, tuned.FINE_PER_INTERVAL, jumps_km)
+        grid = ZenithGrid(zenith, fine, node, weight.astype(np.float32), tuned.FINE_PER_INTERVAL)
         return FieldNodes(altitude_km, fine_km, (node_km, weight_km.astype(np.float32)), grid)
 
     def refine_zenith(self, values: np.ndarray) -> np.ndarray:
@@ -129,9 +99,9 @@ class FieldNodes:
         near its interval's ends.
         """
         log_fine = _interpolated(self.altitude_rule, log_mean)
-        interval = np.minimum(np.arange(log_fine.shape[0]) // FINE_PER_INTERVAL, log_mean.shape[0] - 2)
+        interval = np.minimum(np.arange(log_fine.shape[0]) // tuned.FINE_PER_INTERVAL, log_mean.shape[0] - 2)
         low, high = log_mean[interval], log_mean[interval + 1]
-        slack = np.float32(MAX_OVERSHOOT) * (np.float32(1.0) + np.abs(high - low))
+        slack = np.float32(tuned.MAX_OVERSHOOT) * (np.float32(1.0) + np.abs(high - low))
         np.clip(log_fine, np.minimum(low, high) - slack, np.maximum(low, high) + slack, out=log_fine)
         return log_fine, _interpolated(self.altitude_rule, ratio)
 
@@ -194,13 +164,13 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, of_te
         if clearest is not None:
             of_nodes = reference._replace(extinction=reference.extinction[:, clearest])
     elif of_terms or not _serves(fixed, medium).all():
-        profile = with_steps_of(prepare_profile(scaled.medium), reference, TERM_FACTORS)
+        profile = with_steps_of(prepare_profile(scaled.medium), reference, tuned.TERM_FACTORS)
     else:
         profile = prepare_profile(scaled.medium, like=air.medium)
         # the most refracted wavelength of a range is its first, which need not be a fixed one
         first = RANGES[range_of(fixed.wavelength_nm[0])][0]
-        there, here = ciddor_refractivity(np.array([first, fixed.wavelength_nm[0]]), 288.15, 1013.25)
-        beam = replace(air.medium, refractivity=air.medium.refractivity * (there / here))
+        at_first, at_fixed = ciddor_refractivity(np.array([first, fixed.wavelength_nm[0]]), 288.15, 1013.25)
+        beam = replace(air.medium, refractivity=air.medium.refractivity * (at_first / at_fixed))
     return Layout(
         near_edges(profile, reference),
         _field_altitudes(medium, of_nodes, settings.altitude_density),
@@ -227,9 +197,9 @@ def spectral_groups(medium: Medium, settings: ZonesSettings) -> list[bytes]:
 
 
 def _own_key(medium: Medium, settings: ZonesSettings, w: int) -> bytes:
-    one = medium.select(slice(w, w + 1))
-    scaled = delta_scaled(one, degree_needed(settings, one))
-    settings = with_degree(settings, one)
+    alone = medium.select(slice(w, w + 1))
+    scaled = delta_scaled(alone, degree_needed(settings, alone))
+    settings = with_degree(settings, alone)
     profile = prepare_profile(scaled.medium)
     nodes = _field_altitudes(medium, profile, settings.altitude_density)
     factors = expected_factors(profile.altitude_km, profile.extinction[:, 0])
@@ -290,7 +260,7 @@ def _serves(fixed: Medium, medium: Medium) -> np.ndarray:
     if not np.array_equal(fixed.altitude_km, medium.altitude_km):
         return np.zeros(medium.n_wavelengths, bool)
     return np.all(
-        medium.extinction_per_km <= MAX_EXTINCTION_RATIO * fixed.extinction_per_km.max(axis=1)[:, None], axis=0
+        medium.extinction_per_km <= tuned.MAX_EXTINCTION_RATIO * fixed.extinction_per_km.max(axis=1)[:, None], axis=0
     )
 
 
@@ -368,10 +338,10 @@ class FieldGrids:
         return prepare_beam(
             self.scaled.medium,
             refraction=self.settings.refraction,
-            altitude_nodes_per_scale=ALTITUDE_NODES_PER_SCALE * d,
-            limb_nodes_per_scale=LIMB_NODES_PER_SCALE * d,
-            cosine_nodes=round(COSINE_NODES * d),
-            distance_nodes=max(MIN_DISTANCE_NODES, round(DISTANCE_NODES * d)),
-            guess_nodes=round(GUESS_NODES * d),
+            altitude_nodes_per_scale=tuned.ALTITUDE_NODES_PER_SCALE * d,
+            limb_nodes_per_scale=tuned.LIMB_NODES_PER_SCALE * d,
+            cosine_nodes=round(tuned.COSINE_NODES * d),
+            distance_nodes=max(tuned.MIN_DISTANCE_NODES, round(tuned.DISTANCE_NODES * d)),
+            guess_nodes=round(tuned.GUESS_NODES * d),
             laid_out_for=self.layout.beam,
         )

@@ -15,6 +15,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.jit.kernels import njit
 from twilight.jit.simd import LANES, exp, load, maximum, store
+from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.next_order import (
     MIN_SOURCE,
     ONE,
@@ -31,10 +32,6 @@ from twilight.transport.profile import Profile
 
 MAX_CACHE_BYTES = 64 << 20
 """Bytes that the cached lines of sight may take together."""
-SINGLE_DENSITY_FACTOR = 1.5
-"""Density of steps on a line of sight for light scattered once, over that for light scattered more often."""
-MIN_SINGLE_DENSITY = 2.25
-"""Least density of steps on a line of sight for light scattered once."""
 MIN_REFRACTION_RAD = math.radians(0.01)
 """Least angle [rad] by which the sun is lifted and rays are lowered to evaluate phase functions a second time."""
 SUNSET_RAD = math.radians(1e-4)
@@ -104,7 +101,12 @@ def trace_lines_of_sight(
     start, cosine = np.full(ends.shape[1], altitude_km), np.sin(np.radians(ends[0]))
     rays = trace_rays(profile, start, cosine, density, pairs=pairs_for_all, far_km=ends[1])
     pairs = trace_rays(
-        profile, start, cosine, max(MIN_SINGLE_DENSITY, SINGLE_DENSITY_FACTOR * density), pairs=True, far_km=ends[1]
+        profile,
+        start,
+        cosine,
+        max(tuned.MIN_SINGLE_DENSITY, tuned.SINGLE_DENSITY_FACTOR * density),
+        pairs=True,
+        far_km=ends[1],
     )
     if not with_ground:
         rays, pairs = (r._replace(ground_weight=np.zeros_like(r.ground_weight)) for r in (rays, pairs))
@@ -153,7 +155,7 @@ def lift_and_lowering(rays, elevation: np.ndarray, lift: float) -> tuple[float, 
 
 
 @njit(inner=True, cache=True, inline=True)
-def seen_nodes(nodes_rad, zenith, psi):
+def nodes_around(nodes_rad, zenith, psi):
     """First and last of the nodes of solar zenith angle, nodes_rad (T,), around what points at the geocentric angle psi
     [rad] from the observer may have, in any azimuth; zenith [rad]: the observer's."""
     last = nodes_rad.size - 1
@@ -193,7 +195,7 @@ def view_multiple(rays, point, directions, light, grid, series, out, begin, end)
             continue
         for k in range(rays.first[r], rays.first[r + 1]):
             psi = rays.place[k, ANGLE]
-            low, high = seen_nodes(grid.nodes_rad, zenith, psi)
+            low, high = nodes_around(grid.nodes_rad, zenith, psi)
             fill_slab_source(point, k, light, grid, series, low, high, source)
             strength = load(point.weight, k)
             highest = point.highest[k]

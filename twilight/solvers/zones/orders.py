@@ -29,6 +29,7 @@ from twilight.base.progress import Progress
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
 from twilight.solvers.base import Convergence
+from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.first_order import Sunlight, make_sunlight
 from twilight.solvers.zones.grids import FieldGrids
 from twilight.solvers.zones.next_order import RadianceField
@@ -44,29 +45,6 @@ from twilight.solvers.zones.scattering import (
 from twilight.transport.beam import Beam
 from twilight.transport.profile import Profile
 from twilight.transport.scaling import ScaledMedium
-
-HISTORY = 5
-"""Number of steps that are mixed."""
-MIN_STEP = 0.2
-"""Least mean radiance after a step, over that which one scattering makes of the light before."""
-POLAR_PER_DEGREE = 2
-"""Polar angles a side for each degree of the light in thick air of conservative scattering: fewer let through 3 to 5 %
-too much of it."""
-SLOW_DEPTH = 2.0
-"""Vertical optical depth of scattering, reduced by 1 - g, beyond which all orders are solved at once."""
-FAINT = 1e-12
-"""Radiance over F0 [sr^-1] below which convergence does not matter: a thousandth of a moonless night's own light."""
-STIFF_DECAY = 0.72
-"""Fraction of an order's light left in the next beyond which light is solved for all orders at once."""
-FEW_ORDERS = 30
-"""Largest max_orders that is taken literally: so few orders are followed one by one, however thick the air."""
-SETTLED_ORDER = 5
-"""Order after which the decay from order to order tells how many will be needed."""
-MAX_EARLY_ORDERS = 20
-"""Most orders that are followed with the directions of the early orders before all others are solved at once."""
-STIFF_TOLERANCE = 1e-3
-"""Largest tolerance of the solution for all orders at once: each of its steps gains a digit, so that it costs
-little."""
 
 
 @njit(cache=True, nogil=True)
@@ -182,8 +160,8 @@ class ColumnOperator:
         )
         before = values.copy()
         in_slices(partial(_solve, self.factors, self.swaps, values), values.shape[0])
-        found = (values - before).transpose(1, 2, 0)
-        return np.stack([found[: self.n], found[self.n : -1]], axis=2), found[-1]
+        remaining = (values - before).transpose(1, 2, 0)
+        return np.stack([remaining[: self.n], remaining[self.n : -1]], axis=2), remaining[-1]
 
 
 class RemainingOrders(NamedTuple):
@@ -257,15 +235,15 @@ def all_orders_from(
             moved = light - last.light + change - last.change
             moved_ground = light_ground - last.ground + change_ground - last.ground_change
             history.append((moved, moved_ground, relative - last.relative))
-            del history[:-HISTORY]
+            del history[: -tuned.HISTORY]
         last = _Step(light, light_ground, change, change_ground, relative)
         factors = _mixture([changed for _, _, changed in history], relative)
         new, new_ground = light + change, light_ground + change_ground
         for factor, (moved, moved_ground, _) in zip(factors, history, strict=True):
             new -= factor * moved
             new_ground -= factor * moved_ground
-        new[:, :, 0] = np.maximum(new[:, :, 0], MIN_STEP * after[:, :, 0])
-        new_ground = np.maximum(new_ground, MIN_STEP * after_ground)
+        new[:, :, 0] = np.maximum(new[:, :, 0], tuned.MIN_STEP * after[:, :, 0])
+        new_ground = np.maximum(new_ground, tuned.MIN_STEP * after_ground)
         # a wavelength that is done stays as its last step left it
         light = np.where(unfinished, new, light)
         light_ground = np.where(unfinished, new_ground, light_ground)
@@ -322,7 +300,7 @@ def solve_orders(
     progress
         Called with the number of orders and the residual.
     """
-    all_at_once = max_orders > FEW_ORDERS
+    all_at_once = max_orders > tuned.FEW_ORDERS
 
     def solve_at_once(wavelengths: np.ndarray, progress: Callable[[int, float], None]):
         operators = early.conserving(), thick().conserving()
@@ -355,7 +333,7 @@ def solve_orders(
         # what is left behaves like a geometric series at every node; two such guesses in a row show how well
         guess = total[:, :, 0] + mean * (ratio / (1.0 - ratio))
         if previous is not None:
-            lit = guess > FAINT
+            lit = guess > tuned.FAINT
             moved = np.where(lit, np.abs(previous / np.where(lit, guess, 1.0) - 1.0), 0.0).max(axis=(0, 1))
             residual = np.where(unfinished, moved, residual)
         previous = guess
@@ -366,8 +344,8 @@ def solve_orders(
             total[:, :, retained] += order * rest[:, :, None]
             total_ground += ground * rest[0]
             unfinished &= ~done
-            if orders == SETTLED_ORDER and all_at_once:
-                stiff = unfinished & (slow | (_decay(mean, before) > STIFF_DECAY))
+            if orders == tuned.SETTLED_ORDER and all_at_once:
+                stiff = unfinished & (slow | (_decay(mean, before) > tuned.STIFF_DECAY))
                 unfinished &= ~stiff
     if stiff.any():
         some = np.flatnonzero(stiff)
@@ -395,7 +373,7 @@ def _stiff_wavelengths(early, late, early_orders, wavelengths, sunlight, max_ord
     mean, order, ground = early.analyse(early.first_order(sunlight))
     total, total_ground = order.copy(), ground.copy()
     steps = 0
-    while steps + 1 < min(early_orders, MAX_EARLY_ORDERS):
+    while steps + 1 < min(early_orders, tuned.MAX_EARLY_ORDERS):
         mean, order, ground = early.analyse(early.next_order(mean, order, ground))
         total += order
         total_ground += ground
@@ -403,20 +381,20 @@ def _stiff_wavelengths(early, late, early_orders, wavelengths, sunlight, max_ord
         progress(steps, 1.0)
     retained = early.angles.shared_with(late.angles)
     seed = np.ascontiguousarray(order[:, :, retained])
-    found = all_orders_from(
-        late, wavelengths, (seed, ground), total[:, :, 0] - mean, FAINT, min(tolerance, STIFF_TOLERANCE),
+    remaining = all_orders_from(
+        late, wavelengths, (seed, ground), total[:, :, 0] - mean, tuned.FAINT, min(tolerance, tuned.STIFF_TOLERANCE),
         max(1, max_orders - steps), lambda n, r: progress(steps + n, r),
     )  # fmt: skip
     total = total[..., wavelengths]
-    total[:, :, retained] += found.moments - seed[..., wavelengths]
-    total_ground = total_ground[..., wavelengths] + found.ground - ground[..., wavelengths]
-    return total, total_ground, steps + found.steps, found.residual
+    total[:, :, retained] += remaining.moments - seed[..., wavelengths]
+    total_ground = total_ground[..., wavelengths] + remaining.ground - ground[..., wavelengths]
+    return total, total_ground, steps + remaining.steps, remaining.residual
 
 
 def _decay(mean: np.ndarray, before: np.ndarray) -> np.ndarray:
     """Light of an order (Z, T, LANES) over that of the order before, over all nodes, (LANES,)."""
-    here, there = mean.sum(axis=(0, 1), dtype=float), before.sum(axis=(0, 1), dtype=float)
-    return here / np.where(there > 0.0, there, 1.0)
+    light, light_before = mean.sum(axis=(0, 1), dtype=float), before.sum(axis=(0, 1), dtype=float)
+    return light / np.where(light_before > 0.0, light_before, 1.0)
 
 
 def reduced_depth(scaled: ScaledMedium, profile: Profile) -> np.ndarray:
@@ -430,7 +408,7 @@ def solve(grids: FieldGrids, beam: Beam, progress: Progress) -> tuple[list[Solut
     s = grids.directions
     progress("rays", 0.05)
     early = early_operators(grids)
-    thick_polar = max(s.late_polar_directions, POLAR_PER_DEGREE * s.late_degree)
+    thick_polar = max(s.late_polar_directions, tuned.POLAR_PER_DEGREE * s.late_degree)
 
     # made where they are needed: with thick_polar in thick air of conservative scattering alone
     of_polar = cache(partial(late_operators, grids))
@@ -440,7 +418,7 @@ def solve(grids: FieldGrids, beam: Beam, progress: Progress) -> tuple[list[Solut
 
     sunlight = make_sunlight(beam, grids.nodes.altitude_km, grids.profile.break_km)
     n_blocks = -(-grids.medium.n_wavelengths // LANES)
-    slow = reduced_depth(grids.scaled, grids.profile) > SLOW_DEPTH
+    slow = reduced_depth(grids.scaled, grids.profile) > tuned.SLOW_DEPTH
     solutions: list[Solution] = []
     for block in range(n_blocks):
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.threads import in_slices
+from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.air_needs import taper
 from twilight.solvers.zones.angles import Angles, conserving_angles, make_angles, scattering_geometry
 from twilight.solvers.zones.first_order import BeamAtPoints, PhaseTables, Sunlight, scatter_sunlight
@@ -35,8 +36,6 @@ from twilight.transport.scaling import species_polarising_phase
 
 TINY = 1e-30
 """Least mean radiance over F0 [sr^-1] that counts as light."""
-PHASE_NODES = 2049
-"""Cosines of the scattering angle, from -1 to 1, at which phase functions of sunlight are tabulated."""
 SUNLIT_AT_ONCE = 8
 """Altitudes whose rays for sunlight are there at one time: there are several times as many points as of the others."""
 
@@ -132,7 +131,7 @@ class ScatteringOperator:
         a = self.angles
         chi = self.scattering.chi
         degree = np.arange(chi.shape[1])
-        nodes = np.linspace(-1.0, 1.0, PHASE_NODES)
+        nodes = np.linspace(-1.0, 1.0, tuned.PHASE_NODES)
         legendre = np.polynomial.legendre.legvander(nodes, degree.size - 1) * ((2 * degree + 1) / (4 * np.pi))
         p11 = block_values(np.einsum("nl,slw->nsw", legendre, chi), self.block)
         p12 = np.zeros((1, 1, LANES), np.float32)
@@ -147,7 +146,7 @@ class ScatteringOperator:
         if self.polarised:
             p12 = block_values(species_polarising_phase(self.medium, self.forward_fraction, nodes), self.block)
             rotation = np.stack([twice_cos, twice_sin], axis=-1).astype(np.float32)
-        return PhaseTables(p11, p12, ((cosine + 1.0) * (0.5 * (PHASE_NODES - 1))).astype(np.float32), rotation)
+        return PhaseTables(p11, p12, ((cosine + 1.0) * (0.5 * (tuned.PHASE_NODES - 1))).astype(np.float32), rotation)
 
     def next_order(self, mean: np.ndarray, moments: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Stokes parameters of the next order from the mean (Z, T, LANES), the moments and the ground, as of `analyse`,

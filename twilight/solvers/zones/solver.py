@@ -22,20 +22,12 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightWarning
 from twilight.base.progress import Progress, silent
 from twilight.solvers.base import Convergence, Cost, observer_at
-from twilight.solvers.zones.air_needs import ALOFT_KM, LEAST_ALOFT_DEPTH, degree_needed, thin_layers
+from twilight.solvers.zones import constants as tuned
+from twilight.solvers.zones.air_needs import degree_needed, thin_layers
 from twilight.solvers.zones.angles import Truncation, zenith_nodes
 from twilight.solvers.zones.field import Field
-from twilight.solvers.zones.grids import (
-    FINE_PER_INTERVAL,
-    LAST_ZENITH_DEG,
-    FieldGrids,
-    has_terms,
-    lay_out,
-    settings_for,
-    spectral_groups,
-    zenith_range,
-)
-from twilight.solvers.zones.orders import SLOW_DEPTH, reduced_depth, solve
+from twilight.solvers.zones.grids import FieldGrids, has_terms, lay_out, settings_for, spectral_groups, zenith_range
+from twilight.solvers.zones.orders import reduced_depth, solve
 from twilight.solvers.zones.ray_points import LANES
 from twilight.solvers.zones.scattering import Solution
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
@@ -103,13 +95,15 @@ def cost(
     medium: Medium, settings: ZonesSettings, sun_elevations_deg: Sequence[float] | None, observer_altitude_km: float
 ) -> Cost:
     """Cost of a field in the air of the medium's first wavelength, whose grids are about those of the others."""
-    one = medium.select(slice(0, 1))
+    monochromatic = medium.select(slice(0, 1))
     settings, _ = settings_to_solve(medium, settings, sun_elevations_deg)
-    settings, degree = settings_for(one, settings)
-    scaled = delta_scaled(one, degree)
-    grids = lay_out(one, scaled, settings)
+    settings, degree = settings_for(monochromatic, settings)
+    scaled = delta_scaled(monochromatic, degree)
+    grids = lay_out(monochromatic, scaled, settings)
     d, altitudes = grids.directions, grids.altitude_km.size
-    suns = zenith_nodes(*zenith_range(one, sun_elevations_deg, observer_altitude_km), settings.zenith_density).size
+    suns = zenith_nodes(
+        *zenith_range(monochromatic, sun_elevations_deg, observer_altitude_km), settings.zenith_density
+    ).size
     spin2_degree, late_spin2_degree = (
         (d.polarisation_degree, d.late_polarisation_degree) if settings.polarisation else (0, 0)
     )
@@ -117,12 +111,12 @@ def cost(
     late = _OrderSizes(d.late_polar_directions, d.late_azimuth_directions, d.late_degree, late_spin2_degree)
     each = 4 * LANES
     radiance = altitudes * suns * early.radiances * each
-    light = (FINE_PER_INTERVAL * (altitudes - 1) + 1) * suns * early.moments * each
+    light = (tuned.FINE_PER_INTERVAL * (altitudes - 1) + 1) * suns * early.moments * each
     of_a_ray = POINTS_PER_RAY * settings.step_density * altitudes
     points = of_a_ray * (early.polar * early.point_bytes + late.polar * late.point_bytes)
     rays = of_a_ray * (early.polar + late.polar) * RAY_BYTES
     seconds = BLOCK_S + ROOT_S * math.sqrt(altitudes * suns * early.radiances * early.moments)
-    if reduced_depth(scaled, grids.profile).max() > SLOW_DEPTH:
+    if reduced_depth(scaled, grids.profile).max() > tuned.SLOW_DEPTH:
         seconds += THICK_S * altitudes * (suns + THICK_ZENITHS) * late.radiances
     return Cost(
         fixed_bytes=points + WORKING_COPIES * (radiance + light),
@@ -175,8 +169,8 @@ def kind_of(medium: Medium) -> str:
     medium = medium.at_grid_wavelengths or medium
     scattering = medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
     z = medium.altitude_km
-    high = np.where(z[:, None] >= ALOFT_KM, scattering, 0.0)
-    if np.trapezoid(high, z, axis=0).max() > LEAST_ALOFT_DEPTH:
+    high = np.where(z[:, None] >= tuned.ALOFT_KM, scattering, 0.0)
+    if np.trapezoid(high, z, axis=0).max() > tuned.LEAST_ALOFT_DEPTH:
         return "aloft"
     standard = QUALITIES["standard"]
     return "coarse" if degree_needed(standard, medium) > standard.degree else "fine"
@@ -200,8 +194,8 @@ def quality_for(
     settings: ZonesSettings, medium: Medium, sun_elevations_deg: Sequence[float] | None
 ) -> tuple[str, float]:
     """The cheapest quality that has the target error, and the error expected of it; the best where none has."""
-    found = [(name, expected_error(name, medium, sun_elevations_deg)) for name in MEASURED_ERRORS]
-    return next((row for row in found if row[1] <= settings.target_error), found[-1])
+    errors = [(name, expected_error(name, medium, sun_elevations_deg)) for name in MEASURED_ERRORS]
+    return next((row for row in errors if row[1] <= settings.target_error), errors[-1])
 
 
 def at_quality(settings: ZonesSettings, name: str) -> ZonesSettings:
@@ -266,7 +260,7 @@ def prepare(
     needed = zenith_range(medium, sun_elevations_deg, observer_altitude_km)
     if settings.field_file:
         stored = stored_hash(settings.field_file)
-        for extent in (needed, (0.0, LAST_ZENITH_DEG)):
+        for extent in (needed, (0.0, tuned.LAST_ZENITH_DEG)):
             if stored is not None and stored == field_hash(medium, settings, extent):
                 field = load(settings.field_file, observer_altitude_km=observer_altitude_km)
                 _warn(field, settings)
@@ -368,12 +362,12 @@ def _doubts(field: Field, settings: ZonesSettings) -> Iterator[str]:
 def _sharpest_peak(medium: Medium) -> tuple[float, float]:
     """(the largest asymmetry parameter of the kinds of aerosol that there is more of than PEAKED_DEPTH, and the largest
     vertical optical depth of that kind); zeros where there is none."""
-    found = [(0.0, 0.0)]
+    peaks = [(0.0, 0.0)]
     for phase, fraction in zip(medium.phase_functions, medium.aerosol_phase_fraction, strict=True):
         depth = np.trapezoid(medium.aerosol_extinction_per_km * fraction, medium.altitude_km, axis=0).max()
         if depth > PEAKED_DEPTH:
-            found.append((float(phase.legendre_moments(1)[:, 1].max()), float(depth)))
-    return max(found)
+            peaks.append((float(phase.legendre_moments(1)[:, 1].max()), float(depth)))
+    return max(peaks)
 
 
 def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:

@@ -21,6 +21,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of
 from twilight.solvers.base import Convergence
+from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.grids import FieldGrids, FieldNodes, serves_range
 from twilight.solvers.zones.next_order import RadianceField
 from twilight.solvers.zones.orders import solve
@@ -28,31 +29,6 @@ from twilight.solvers.zones.ray_points import LANES, block_values
 from twilight.solvers.zones.scattering import TINY, Solution
 from twilight.solvers.zones.settings import ZonesSettings
 
-MIN_COLUMNS = 24
-"""Wavelengths, or terms of exponential sums, of one spectral group beyond which light is interpolated."""
-RANGES_KM = (0.0, 3.0, 10.0, 30.0)
-"""Altitudes [km] above the ground at which ranges begin whose absorption is a coordinate: water vapour is in the first
-two, oxygen in three, ozone in the last two."""
-WEAK_DEPTH = 0.05
-"""Vertical optical depth of absorption up to which its coordinate grows in proportion, beyond like its logarithm."""
-SCALES = {"wavelength": 2.0, "scattering": 6.0, "absorption": 3.0, "albedo": 0.5}
-"""Change of a coordinate over which the interpolated light changes in another way, by `benchmarks/hyperspectral.py`."""
-CURVATURE = 1.0
-"""Standard deviation of ln of the light about a plane through the coordinates, over one such change."""
-PLANE_VARIANCE = 100.0
-"""Variance of the plane's parameters while nodes are chosen: nearly unknown."""
-NUGGET = 1e-8
-"""Variance of a node's own value, which keeps weights small where two nodes are nearly the same."""
-SPECTRAL_TOLERANCE = 4e-4
-"""Standard deviation of ln of the light at which no more nodes are taken."""
-SPECTRAL_TOLERANCE_IN_BANDS = 1e-3
-"""The same for terms of bands of gases."""
-MASSES = (1.0, 6.0, 30.0)
-"""Relative air masses at which a term's fraction of its wavelength's light is evaluated; the largest counts."""
-MIN_FRACTION = 0.02
-"""Least such fraction that a term counts with."""
-MOST_FRACTION = 0.75
-"""Nodes over wavelengths, or terms, beyond which nothing is interpolated: it would hardly save time."""
 STATED_ERROR = 2e-3
 """Error that interpolation adds between bands, at 95 % of directions (`benchmarks/hyperspectral.py`)."""
 STATED_ERROR_IN_BANDS = 5e-3
@@ -64,7 +40,7 @@ NODES_AT_ONCE = 2 * LANES
 def optical_coordinates(medium: Medium, bands: GasBands | None = None) -> np.ndarray:
     """Coordinates (N, F) of a medium's wavelengths, or of the terms of its bands, scaled to SCALES."""
     z = medium.altitude_km
-    edges = medium.bottom_km + np.array([*RANGES_KM, np.inf])
+    edges = medium.bottom_km + np.array([*tuned.ABSORPTION_RANGES_KM, np.inf])
     inside = [(z >= low) & (z <= high) for low, high in pairwise(edges)]
 
     def depths(per_km: np.ndarray, where: list[np.ndarray]) -> np.ndarray:
@@ -79,31 +55,31 @@ def optical_coordinates(medium: Medium, bands: GasBands | None = None) -> np.nda
     if bands is not None:
         absorption = absorption[index] + depths(bands.absorption_per_km, inside)
     columns = [
-        np.log(medium.wavelength_nm[index])[:, None] / SCALES["wavelength"],
-        np.log(scattering[index] + 1e-6) / SCALES["scattering"],
-        np.log1p(absorption / WEAK_DEPTH) / SCALES["absorption"],
-        medium.ground_albedo[index][:, None] / SCALES["albedo"],
+        np.log(medium.wavelength_nm[index])[:, None] / tuned.WAVELENGTH_SCALE,
+        np.log(scattering[index] + 1e-6) / tuned.SCATTERING_SCALE,
+        np.log1p(absorption / tuned.WEAK_DEPTH) / tuned.ABSORPTION_SCALE,
+        medium.ground_albedo[index][:, None] / tuned.ALBEDO_SCALE,
     ]
     return np.concatenate(columns, axis=1)
 
 
 def largest_fractions(medium: Medium, bands: GasBands | None) -> np.ndarray:
-    """Largest fraction (N,) of a term in its wavelength's light, at least MIN_FRACTION; 1 without terms."""
+    """Largest fraction (N,) of a term in its wavelength's light, at least MIN_TERM_FRACTION; 1 without terms."""
     if bands is None:
         return np.ones(medium.n_wavelengths)
     depth = np.trapezoid(bands.absorption_per_km, medium.altitude_km, axis=0)
-    found = np.full(bands.weight.size, MIN_FRACTION)
-    for mass in MASSES:
+    largest = np.full(bands.weight.size, tuned.MIN_TERM_FRACTION)
+    for mass in tuned.AIR_MASSES:
         light = bands.weight * np.exp(-mass * depth)
-        found = np.maximum(found, light / np.bincount(bands.wavelength_index, light)[bands.wavelength_index])
-    return found
+        largest = np.maximum(largest, light / np.bincount(bands.wavelength_index, light)[bands.wavelength_index])
+    return largest
 
 
 def covariance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Covariance (N, M) of ln of the light about the plane, of coordinates (N, F) and (M, F)."""
     squared = ((one[:, None] - other[None]) ** 2).sum(axis=2)
     r = np.sqrt(7.0 * squared)  # Matern's covariance of smoothness 7/2
-    return CURVATURE**2 * (1.0 + r + 0.4 * r**2 + r**3 / 15.0) * np.exp(-r)
+    return tuned.CURVATURE**2 * (1.0 + r + 0.4 * r**2 + r**3 / 15.0) * np.exp(-r)
 
 
 def choose_nodes(coordinates: np.ndarray, fraction: np.ndarray, tolerance: float) -> np.ndarray:
@@ -113,7 +89,7 @@ def choose_nodes(coordinates: np.ndarray, fraction: np.ndarray, tolerance: float
     """
     count = coordinates.shape[0]
     plane = np.concatenate([np.ones((count, 1)), coordinates - coordinates.mean(axis=0)], axis=1)
-    left = CURVATURE**2 + PLANE_VARIANCE * (plane**2).sum(axis=1)
+    left = tuned.CURVATURE**2 + tuned.PLANE_VARIANCE * (plane**2).sum(axis=1)
     factors = np.zeros((count, 0))
     chosen: list[int] = []
     while len(chosen) < count:
@@ -122,8 +98,10 @@ def choose_nodes(coordinates: np.ndarray, fraction: np.ndarray, tolerance: float
         worst = int(np.argmax(deviation))
         if deviation[worst] < tolerance and len(chosen) % LANES == 0:
             break
-        column = covariance(coordinates, coordinates[worst : worst + 1])[:, 0] + PLANE_VARIANCE * plane @ plane[worst]
-        column = (column - factors @ factors[worst]) / np.sqrt(max(left[worst], NUGGET))
+        column = (
+            covariance(coordinates, coordinates[worst : worst + 1])[:, 0] + tuned.PLANE_VARIANCE * plane @ plane[worst]
+        )
+        column = (column - factors @ factors[worst]) / np.sqrt(max(left[worst], tuned.NUGGET))
         factors = np.concatenate([factors, column[:, None]], axis=1)
         left = left - column**2
         chosen.append(worst)
@@ -141,7 +119,7 @@ def kriging_weights(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
     plane_at = np.concatenate([np.ones((at.shape[0], 1)), (at - centre)[:, spread]], axis=1)
     n, p = plane.shape
     matrix = np.zeros((n + p, n + p))
-    matrix[:n, :n] = covariance(nodes, nodes) + NUGGET * np.eye(n)
+    matrix[:n, :n] = covariance(nodes, nodes) + tuned.NUGGET * np.eye(n)
     matrix[:n, n:], matrix[n:, :n] = plane, plane.T
     right = np.concatenate([covariance(nodes, at), plane_at.T])
     return np.linalg.lstsq(matrix, right, rcond=1e-13)[0][:n]
@@ -202,8 +180,8 @@ class SpectralInterpolation:
         key = grids.zenith_range_deg
         if key not in self._solved:
             self._solved[key] = self._solve(key, progress)
-        made = self._solved[key]
-        if not _same(made.nodes, grids.nodes):
+        at_nodes = self._solved[key]
+        if not _same(at_nodes.nodes, grids.nodes):
             raise TwilightError(
                 "solver.expert.spectral_interpolation: the field and its nodes in the spectrum differ in grids; "
                 "allowed is off"
@@ -211,15 +189,15 @@ class SpectralInterpolation:
         weight = kriging_weights(self.coordinates, optical_coordinates(grids.medium))
         albedo = grids.medium.ground_albedo
         blocks = -(-grids.medium.n_wavelengths // LANES)
-        found = []
+        solutions = []
         for block in range(blocks):
             of_block = block_values(weight, block)
-            log_mean, ratio, log_ground = (_mixed(array, of_block) for array in made.light)
+            log_mean, ratio, log_ground = (_mixed(array, of_block) for array in at_nodes.light)
             log_ground = log_ground + _log_albedo(block_values(albedo, block))
             lowest = np.float32(np.log(TINY))
             light = RadianceField(np.maximum(log_mean, lowest), ratio, np.maximum(log_ground, lowest))
-            found.append(Solution(light, made.convergence.orders, made.convergence.residual))
-        return found, made.convergence
+            solutions.append(Solution(light, at_nodes.convergence.orders, at_nodes.convergence.residual))
+        return solutions, at_nodes.convergence
 
     def _solve(self, zenith_range_deg: tuple[float, float], progress: Progress) -> _LightAtNodes:
         starts = range(0, self.n_nodes, NODES_AT_ONCE)
@@ -268,12 +246,12 @@ def interpolation(
     terms = None if bands is None else bands.select(wavelengths)
     in_band = terms is not None and bool((terms.term_counts > 1).any())
     columns = wavelengths.size if terms is None else terms.weight.size
-    if columns <= MIN_COLUMNS or not serves_range(some).all():
+    if columns <= tuned.MIN_COLUMNS or not serves_range(some).all():
         return None
     place = optical_coordinates(some, terms)
-    tolerance = SPECTRAL_TOLERANCE_IN_BANDS if in_band else SPECTRAL_TOLERANCE
+    tolerance = tuned.SPECTRAL_TOLERANCE_IN_BANDS if in_band else tuned.SPECTRAL_TOLERANCE
     chosen = choose_nodes(place, largest_fractions(some, terms), tolerance)
-    if chosen.size > MOST_FRACTION * columns:
+    if chosen.size > tuned.MOST_FRACTION * columns:
         return None
     nodes = some.select(chosen) if terms is None else terms.expand(some, chosen)
     return SpectralInterpolation(nodes, place[chosen], settings, in_band)
