@@ -24,7 +24,7 @@ from twilight.engine.block import Answer, Block, check_question, join
 from twilight.engine.one_sun import SunLight, warn_of_black
 from twilight.engine.problem import Problem, plan
 from twilight.engine.sun_tables import SunTables
-from twilight.engine.sunbeam import Direct, disc_strips, join_direct, make_disc
+from twilight.engine.sunbeam import Direct, join_direct, make_disc
 from twilight.numerics.directions import hemisphere, texture_centres
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene.scene import Scene
@@ -164,6 +164,12 @@ class Field:
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         """The sun's direct light at an observer."""
         return join_direct([block.direct(sun_elevation_deg, observer_altitude_km) for block in self.blocks])
+
+    def of_terms(self, value: Callable[[Medium], np.ndarray]) -> np.ndarray:
+        """What a function finds for a medium at the terms of the wavelengths' exponential sums, (..., T), summed to
+        wavelengths (..., W)."""
+        found = [(value(block.term_medium), block.bands) for block in self.blocks]
+        return np.concatenate([v if bands is None else bands.sum_terms(v) for v, bands in found], axis=-1)
 
     def disc(
         self, sun_elevation_deg: float, observer_altitude_km: float | None = None, *, distance_au: float = 1.0
@@ -403,17 +409,9 @@ class Field:
 
     def disc_irradiance(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> np.ndarray:
         """Irradiance of level ground by the sun's disc over F0, (W,)."""
-        altitude_km = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
-        _, fractions = disc_strips()
-        elevation, beams = np.zeros(0), []
-        for block in self.blocks:
-            found = block.sunbeam.strips(sun_elevation_deg, max(altitude_km, self.medium.bottom_km))
-            if found is None:
-                return np.zeros(self.medium.n_wavelengths)
-            elevation, out = found
-            beams.append(out if block.bands is None else block.bands.sum_terms(out))
-        across = fractions[:, None] * np.concatenate(beams, axis=1)
-        return np.maximum(np.sin(np.radians(elevation)), 0.0) @ across
+        altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
+        each = [block.disc_irradiance(sun_elevation_deg, altitude) for block in self.blocks]
+        return np.concatenate(each)
 
     if TYPE_CHECKING:  # the viewer stands above this room: `twilight.api.calls` attaches it
 
