@@ -185,7 +185,6 @@ def search_in(medium, what: str) -> Iterator[Row]:
     tau = 100.0 * np.abs(depth[lit, 3] / np.array(depths)[lit] - 1.0)
     yield f"{what}: optical depth of that path, off", f"{np.median(tau):.2g}, at most {tau.max():.2g} %"
     yield (
-        "Haber",
         f"{what}: steps",
         f"{steps[lit].min():.0f} to {steps[lit].max():.0f}, median {np.median(steps[lit]):.0f}",
     )
