@@ -292,8 +292,8 @@ def main() -> None:
         print(f"{name}: {spent:.0f} processor seconds", flush=True)
         (FOUND / f"{name}.json").write_text(json.dumps({"version": version, "rows": rows}), encoding="utf-8")
         known[name] = rows
-        lines = [[CLAIMS[n][0], n, *row] for n in CLAIMS if n in known for row in known[n]]
-        results.write(results.ROOT / "benchmarks" / "three_papers.csv", ["paper", "claim", "what", "measured"], lines)
+    lines = [[CLAIMS[n][0], n, *row] for n in CLAIMS if n in known for row in known[n]]
+    results.write(results.ROOT / "benchmarks" / "three_papers.csv", ["paper", "claim", "what", "measured"], lines)
 
 
 if __name__ == "__main__":

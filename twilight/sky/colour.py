@@ -295,7 +295,7 @@ _CURVES = {"photographic": photographic, "filmic": filmic}
 
 
 PIXELS_AT_ONCE = 65536
-"""Pixels that `tone_map` works on at the same time: 1.5 MB in double precision, which stays in the processor's cache."""
+"""Pixels that `tone_map` works on at the same time: 1.5 MB in double precision, which a processor caches."""
 
 
 def tone_map(rgb: np.ndarray, ev100: float, tone_mapping: str = DEFAULT_TONE_MAPPING) -> np.ndarray:

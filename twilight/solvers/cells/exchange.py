@@ -257,7 +257,7 @@ def add_forward(capture, ways, power, asymmetry, sun, cosine, sent, out):
 
 
 def rounds_of_blocks(n: int) -> list[np.ndarray]:
-    """All pairs of n blocks (an even number), (P, 2) each: first those of equal ones, then n - 1 rounds of a tournament.
+    """All pairs of n blocks (an even number), (P, 2) each: those of equal ones, then n - 1 rounds of a tournament.
 
     Within a round no block comes twice but with itself.
     """
