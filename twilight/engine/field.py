@@ -21,8 +21,8 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.block import Answer, Block, check_question, join
-from twilight.engine.one_sun import SunLight
-from twilight.engine.problem import Problem
+from twilight.engine.one_sun import SunLight, warn_of_black
+from twilight.engine.problem import Problem, plan
 from twilight.engine.sun_tables import SunTables
 from twilight.engine.sunbeam import Direct, disc_strips, join_direct, make_disc
 from twilight.numerics.directions import hemisphere, texture_centres
@@ -257,6 +257,11 @@ class Field:
         ------
         TwilightError
             For what the solver cannot do.
+
+        Warns
+        -----
+        TwilightWarning
+            For a black sky: of a sun too low, or an observer above the air.
         """
         unknown = [name for name in facts if name not in SKY_FACTS]
         if unknown:
@@ -270,7 +275,10 @@ class Field:
             grid = rows if elevation_deg is None else elevation_deg, columns if azimuth_deg is None else azimuth_deg
             light = self.gather(sun_elevation_deg, altitude, grid)
         direct = self.direct(sun_elevation_deg, altitude)
-        return light.sky(self.medium, grid, direct, sun_elevation_deg, altitude, **facts)
+        made = light.sky(self.medium, grid, direct, sun_elevation_deg, altitude, **facts)
+        without_night = "a field has no light of the night: render with night.airglow=1 has, or give night_radiance"
+        warn_of_black(self.scene, made, "" if made.night_radiance is not None else without_night, stacklevel=2)
+        return made
 
     def inscatter(
         self,
@@ -410,18 +418,6 @@ class Field:
     if TYPE_CHECKING:  # the viewer stands above this room: `twilight.api.calls` attaches it
 
         def view(self, **options: Any) -> BrowserPage: ...
-
-
-def plan(
-    scene: Scene,
-    sun_elevations_deg: Sequence[float] | None = None,
-    *,
-    cached: bool = False,
-    numpy_only_sun: bool = False,
-) -> Problem:
-    """How a scene is going to be solved: its blocks of wavelengths and their cost; arguments as of `solve`."""
-    known = None if sun_elevations_deg is None else tuple(float(sun) for sun in sun_elevations_deg)
-    return Problem(scene, known, cached, numpy_only_sun)
 
 
 def solve(
