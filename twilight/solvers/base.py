@@ -88,9 +88,9 @@ class Interpolation(Protocol):
 class Capabilities:
     """What a solver can do beyond the least that is asked of one, which the defaults describe.
 
-    kind: `transport`, light in the medium's coefficients; `fitted`, a model fitted to that, without a compiled kernel:
-        the engine then takes the sun's light at the ground from numpy alone; `formula`, light of a formula, to which
-        bands of gases mean nothing, for a sun above the horizon
+    kind: `transport`, light in the medium's coefficients; `fitted`, a model fitted to that; `formula`, light of a
+        formula, to which bands of gases mean nothing, for a sun above the horizon; neither of these two has a compiled
+        kernel, and the engine takes the sun's light at the ground from numpy alone
     takes_suns: `prepare` also takes `sun_elevations_deg`, all the suns that will be asked for (None: any), and computes
         only what they need
     every_sun: one field gives the sky of every sun, day to night, at a small part of the cost of the field
