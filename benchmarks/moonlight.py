@@ -21,7 +21,7 @@ from twilight.config import load
 from twilight.engine.solve import Problem
 from twilight.numerics import spectrum
 from twilight.scene.scene import resolve
-from twilight.sky.moon.light import Moon, moon_illuminance_lux
+from twilight.sky.moon import Moon, moon_illuminance_lux
 from twilight.sky.quantities.measure import Spectra
 
 HERE = Path(__file__).parent

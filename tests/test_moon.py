@@ -24,10 +24,18 @@ from twilight.numerics import spectrum
 from twilight.scene.moons import moon_of
 from twilight.scene.scene import resolve
 from twilight.sky import colour
-from twilight.sky.bodies import Sites
-from twilight.sky.moon import Moon, MoonDisc, moon_over
-from twilight.sky.moon.disc import disc_integral, surface
-from twilight.sky.moon.light import allen_mag, band_reflectance, disc_reflectance, moon_illuminance_lux
+from twilight.sky.ephemeris import Sites
+from twilight.sky.moon import (
+    Moon,
+    MoonDisc,
+    allen_mag,
+    band_reflectance,
+    disc_integral,
+    disc_reflectance,
+    moon_illuminance_lux,
+    moon_over,
+    surface,
+)
 
 SMALL = {
     "wavelengths.list_nm": [430.0, 490.0, 550.0, 610.0, 670.0],

@@ -25,13 +25,13 @@ from twilight.sky.night import NightLevels
 from twilight.sky.night.points import (
     Raster,
     StarSky,
+    bright_stars,
     irradiance_above_air,
     precession,
     resolved_starlight_fraction,
     temperature_k,
 )
 from twilight.sky.night.world import Place
-from twilight.sky.stars import bright_stars
 from twilight.sky.table import SkyTable
 
 NM = np.array([440.0, 550.0, 680.0])

@@ -40,8 +40,7 @@ from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import resolve
 from twilight.sky.moon import Moon
 from twilight.sky.table import SkyTable
-from twilight.sky.tone import Shot, Tone, tone_of
-from twilight.sky.tone.eye import adapt
+from twilight.sky.tone import Shot, Tone, adapt, tone_of
 from twilight.viewer import check_altitudes, lines
 from twilight.viewer.colours import Channels
 from twilight.viewer.moonlight import MoonColours

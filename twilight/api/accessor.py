@@ -23,7 +23,7 @@ from twilight.base.errors import TwilightError
 from twilight.io.facts import fields_from
 from twilight.io.labels import attributes
 from twilight.io.provenance import provenance_from_fields
-from twilight.sky.quantities.catalogue import quantity, unit_of
+from twilight.sky.quantities.measure import quantity, unit_of
 from twilight.sky.quantities.responses import ResponseLike, response
 from twilight.sky.table import SkyTable
 

@@ -29,8 +29,8 @@ from twilight.engine.moments import Moments, moments_at
 from twilight.engine.surfaces import Surface
 from twilight.engine.towards import Direction, towards
 from twilight.sky.ephemeris import parse_time
-from twilight.sky.quantities.catalogue import Of, Quantity, check_of, unit_of
-from twilight.sky.quantities.catalogue import quantity as quantity_of
+from twilight.sky.quantities.measure import Of, Quantity, check_of, unit_of
+from twilight.sky.quantities.measure import quantity as quantity_of
 from twilight.sky.twilight_times import time_of
 
 if TYPE_CHECKING:

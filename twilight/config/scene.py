@@ -148,7 +148,7 @@ class LightPollutionSection(Section):
     @property
     def zenith_mag(self) -> float:
         """Brightness of the zenith [V mag arcsec^-2]."""
-        from twilight.sky.night.pollution import bortle_zenith_mag  # start-up
+        from twilight.sky.night.world import bortle_zenith_mag  # start-up
 
         if self.zenith_mag_per_arcsec2 is not None:
             return self.zenith_mag_per_arcsec2

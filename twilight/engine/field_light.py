@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twilight.engine.hemisphere import disc_beams, hemisphere
-from twilight.sky.quantities.catalogue import Quantity, check_of, quantity
-from twilight.sky.quantities.measure import Spectra, check_covered
+from twilight.sky.quantities.measure import Quantity, Spectra, check_covered, check_of, quantity
 
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium

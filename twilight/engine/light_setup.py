@@ -16,8 +16,7 @@ from twilight.engine.solve import solve
 from twilight.engine.sun_tables import check_serves_every_sun
 from twilight.scene import resolve
 from twilight.sky.night import NightLevels
-from twilight.sky.quantities.catalogue import Quantity
-from twilight.sky.quantities.measure import check_covered, samples_for
+from twilight.sky.quantities.measure import Quantity, check_covered, samples_for
 
 MOST_FIELDS = 4
 """Fields that are held in memory for further questions."""

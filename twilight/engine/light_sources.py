@@ -15,9 +15,7 @@ from twilight.engine.moments import Moments
 from twilight.engine.surfaces import Surface
 from twilight.sky.night import NightLevels, night_radiance
 from twilight.sky.night import light as night
-from twilight.sky.night.pollution import pollution_radiance
-from twilight.sky.night.veil import Veil, veil
-from twilight.sky.night.world import poles_at, unit_vector
+from twilight.sky.night.world import Veil, poles_at, pollution_radiance, unit_vector, veil
 
 if TYPE_CHECKING:
     from twilight.engine.light import LightField
@@ -184,7 +182,7 @@ class ArtificialSkyglow(SameAround):
 class FixedToStars(NightSource):
     """A source of one spectrum above the air, whose pattern turns with the sky.
 
-    Seen through the air: L = spectrum (pattern t + mean (1 - t) s), `twilight.sky.night.veil`.
+    Seen through the air: L = spectrum (pattern t + mean (1 - t) s), `twilight.sky.night.world`.
     """
 
     def spectrum(self) -> np.ndarray:

@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.sky.bodies import AU_KM, Sites
-from twilight.sky.moon.light import LOWEST_DEG, irradiance_factors
-from twilight.sky.moon.place import is_waxing
+from twilight.sky.ephemeris import AU_KM, Sites
+from twilight.sky.moon import LOWEST_DEG, irradiance_factors, is_waxing
 from twilight.sky.night import Place
 
 HIGHEST_SITE_KM = 100.0

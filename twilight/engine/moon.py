@@ -16,8 +16,7 @@ from twilight.engine.sunbeam import Direct
 from twilight.io.rendered import ViewPixels
 from twilight.numerics.orientation import azimuth_elevation, direction
 from twilight.numerics.spectrum import solar_irradiance
-from twilight.sky.moon import Moon, MoonDisc, MoonSeen
-from twilight.sky.moon.light import PHASE_RANGE_DEG
+from twilight.sky.moon import PHASE_RANGE_DEG, Moon, MoonDisc, MoonSeen
 
 if TYPE_CHECKING:
     from twilight.scene.scene import Scene

@@ -15,7 +15,7 @@ from twilight.numerics.orientation import azimuth_elevation, direction
 from twilight.scene.suns import SceneSun
 from twilight.sky.night import NightLevels, Place, night_radiance
 from twilight.sky.night.points import Raster, StarPoints, StarSky, resolved_starlight_fraction
-from twilight.sky.night.pollution import NATURAL_ZENITH_MAG, artificial_zenith_cd_per_m2
+from twilight.sky.night.world import NATURAL_ZENITH_MAG, artificial_zenith_cd_per_m2
 from twilight.transport.apparent_rays import horizon_dip_deg
 
 ROWS = 46

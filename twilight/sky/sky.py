@@ -14,7 +14,7 @@ from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
 from twilight.sky.comparison import SkyComparison
 from twilight.sky.disc import Disc
-from twilight.sky.moon.disc import MoonSeen
+from twilight.sky.moon import MoonSeen
 from twilight.sky.quantities.sky_light import SkyLight
 from twilight.sky.table import SkyTable
 

@@ -15,8 +15,8 @@ from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG as LOWEST_TABLE_DEG
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene import Scene
+from twilight.sky.night.points import bright_stars
 from twilight.sky.sky import Sky
-from twilight.sky.stars import bright_stars
 from twilight.sky.table import DARKEST, SkyTable
 from twilight.viewer import lines, space, tables, tones
 from twilight.viewer.colours import Channels

@@ -11,7 +11,7 @@ from twilight.engine.light import LightField
 from twilight.engine.moments import Moments
 from twilight.engine.surfaces import Surface
 from twilight.engine.towards import Direction, towards
-from twilight.sky.quantities.catalogue import Quantity, check_of, quantity, unit_of
+from twilight.sky.quantities.measure import Quantity, check_of, quantity, unit_of
 
 
 @dataclass(frozen=True)
