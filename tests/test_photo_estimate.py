@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from photographs import eight_bit, fisheye, latlong, perspective, picture, preetham, take
+from twilight.studies.validate.photographs.find_air import Options, find_air
 from typer.testing import CliRunner
 
 import twilight
@@ -24,7 +25,6 @@ from twilight.studies.camera import CameraModel, write_camera
 from twilight.studies.camera.image import write_exr
 from twilight.studies.validate.photographs.airs import OTHERS, SUN, Airs, Design, with_settings
 from twilight.studies.validate.photographs.estimated import sun_range
-from twilight.studies.validate.photographs.find_air import Options, find_air
 from twilight.studies.validate.photographs.photo import OBSERVER, Cells
 from twilight.studies.validate.photographs.photograph import Photograph, read_photograph
 
