@@ -12,8 +12,8 @@ import pytest
 
 from twilight import solvers
 from twilight.config import load
-from twilight.engine.memory import full_cost
-from twilight.engine.solve import Problem
+from twilight.engine import plan
+from twilight.engine.problem import full_cost
 from twilight.scene import resolve
 from twilight.solvers.base import Cost
 
@@ -44,8 +44,8 @@ def test_blocks_shrink_until_the_limit_holds(monkeypatch):
     )
     sizes = {}
     for limit in (4e9, 0.3e9, 1e6):
-        monkeypatch.setattr(sys.modules["twilight.engine.solve"], "FIELD_BYTES", limit)
-        problem = Problem(resolve(config), (-4.0,))
+        monkeypatch.setattr(sys.modules["twilight.engine.problem"], "FIELD_BYTES", limit)
+        problem = plan(resolve(config), (-4.0,))
         assert sum(part.stop - part.start for part in problem.slices) == 48
         sizes[limit] = max(part.stop - part.start for part in problem.slices)
         assert sizes[limit] == problem.cost.block_size or problem.cost.n_bytes(sizes[limit]) <= limit

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from twilight.base.errors import TwilightError
 from twilight.config import load
 from twilight.io.netcdf import read_sky, write_sky
-from twilight.numerics.grids import texture_grid
+from twilight.numerics.directions import texture_grid
 from twilight.scene import resolve
 from twilight.sky.night import NightLevels, Place, light, night_radiance, world
 from twilight.sky.night.world import veil

@@ -17,7 +17,7 @@ from twilight.cli.app import app
 from twilight.config import load
 from twilight.engine import run
 from twilight.numerics import spectrum
-from twilight.numerics.grids import texture_grid
+from twilight.numerics.directions import texture_grid
 from twilight.scene import resolve
 from twilight.sky import colour
 from twilight.sky.sky import Sky

@@ -17,7 +17,7 @@ from rendering import call
 from twilight.base.errors import TwilightError
 from twilight.base.progress import silent
 from twilight.config import load_climate
-from twilight.engine.answer import Answer
+from twilight.engine.block import Answer
 from twilight.engine.table import fill
 from twilight.numerics.spectrum import solar_at
 from twilight.scene.medium import climate_medium

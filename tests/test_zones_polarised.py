@@ -14,9 +14,14 @@ from twilight.atmosphere.medium_table import medium_from_table
 from twilight.base.errors import TwilightError
 from twilight.numerics.phase import rayleigh_matrix
 from twilight.solvers import zones
-from twilight.solvers.zones.grid import even_harmonics, make_angles
-from twilight.solvers.zones.spin2_harmonics import scattering_geometry, spin2_degrees_and_orders, spin2_harmonics
-from twilight.transport.matrix_moments import wigner_d
+from twilight.solvers.zones.angles import (
+    even_harmonics,
+    make_angles,
+    scattering_geometry,
+    spin2_degrees_and_orders,
+    spin2_harmonics,
+)
+from twilight.transport.scaling import wigner_d
 
 STRAIGHT = replace(zones.QUALITIES["standard"], refraction=False, bent_lines_of_sight=False, bent_paths=False)
 

@@ -46,7 +46,7 @@ def light(
     """
     from twilight.api.light import light as light_of
     from twilight.engine.surfaces import Surface
-    from twilight.engine.towards import towards as read
+    from twilight.engine.surfaces import towards as read
     from twilight.sky.quantities.measure import quantity as known
 
     options.check_range(latitude, "--latitude", -90.0, 90.0)

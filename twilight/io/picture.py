@@ -16,7 +16,7 @@ from twilight.io.environment import ground_factor
 from twilight.io.provenance import provenance_fields
 from twilight.io.rendered import Options, Rendered
 from twilight.numerics import projections
-from twilight.numerics.orientation import direction
+from twilight.numerics.directions import direction
 from twilight.numerics.projections import PERSPECTIVE_UP_DEG, PROJECTIONS, usual_width
 from twilight.sky import colour
 from twilight.sky.sky import Sky

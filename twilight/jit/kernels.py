@@ -44,9 +44,9 @@ COMPILED = not numba.config.DISABLE_JIT  # type: ignore[attr-defined]
 
 def check_numba(version: str) -> None:
     """TwilightError for a version of numba that kernels were not tested with; it names the command that helps."""
-    found = re.match(r"(\d+)\.(\d+)", version)
-    if found is None or not OLDEST_NUMBA <= (int(found[1]), int(found[2])) < UNTESTED_NUMBA:
-        oldest, untested = (".".join(map(str, one)) for one in (OLDEST_NUMBA, UNTESTED_NUMBA))
+    numbers = re.match(r"(\d+)\.(\d+)", version)
+    if numbers is None or not OLDEST_NUMBA <= (int(numbers[1]), int(numbers[2])) < UNTESTED_NUMBA:
+        oldest, untested = (".".join(map(str, bound)) for bound in (OLDEST_NUMBA, UNTESTED_NUMBA))
         raise TwilightError(
             f"numba {version} is installed, and twilight is tested with {oldest} to below {untested}; this installs "
             f'one that works: python -m pip install "numba>={oldest},<{untested}"'

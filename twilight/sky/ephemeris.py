@@ -16,7 +16,7 @@ import numpy as np
 
 from twilight.base.conventions import YEARS
 from twilight.base.errors import TwilightError
-from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.directions import azimuth_elevation
 
 
 class SunPosition(NamedTuple):

@@ -9,6 +9,8 @@ has what `Solver` lists:
   an option of one of these names has one meaning: `polarisation` (true: the field is a `PolarisedField`), `field_file`
   (where the field of one block of wavelengths is stored), `target_error` (the relative systematic error that it is to
   have) and `target_stderr` (a relative standard error that samples are added for);
+- `tuned_numbers()`, where a solver has them: rows of name, value, unit, air, test and meaning of what tunes its
+  algorithm, which `twilight show solvers NAME` prints;
 - `recorded(settings)`, where settings may name files: the same with what is in them in place of their paths;
 - `prepare(medium, settings, *, observer_altitude_km, progress)`, which computes what depends on neither sun nor
   direction and returns a `Field`, or raises TwilightError.

@@ -22,7 +22,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.threads import in_slices
-from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.directions import azimuth_elevation
 from twilight.terrain.aerial_perspective import AerialPerspective, sunlit_air
 from twilight.terrain.heights import Heights
 from twilight.terrain.march import ShadowGrid, first_hits, height_at, lit_ground, shadow_field, sunlight_on_lines

@@ -308,7 +308,7 @@ def check_altitudes(scene: Scene, altitudes_km: Sequence[float] | None, name: st
 
 def _check_suns(solved: Field, name: str) -> None:
     """Raise TwilightError for a field that was not solved for all suns."""
-    low, high = getattr(solved.blocks[0].field, "sun_range_deg", (-90.0, 90.0))
+    low, high = solved.sun_range_deg
     if low > LOWEST_TABLE_DEG or high < 90.0:
         raise TwilightError(f"{name}: its field was solved for suns from {low:g} to {high:g} deg, not for all")
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.shipped_data import data_file, data_rows
-from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.directions import azimuth_elevation
 from twilight.sky.night.light import starlight_s10
 from twilight.sky.night.world import Place, to_horizon, years_from_j2000
-from twilight.transport.apparent_rays import ApparentRays, horizon_dip_deg
+from twilight.transport.rays import ApparentRays, horizon_dip_deg
 
 EPOCH = 1991.25
 """Julian year of the catalogue's positions."""

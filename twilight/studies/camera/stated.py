@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.numerics.primaries import from_xyz, to_rec709
+from twilight.numerics.spectrum import from_xyz, to_rec709
 
 ADOBE_RGB = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)
 """x, y of red, green, blue and white of Adobe RGB (1998); its samples are light to the power 1 / 2.19921875."""

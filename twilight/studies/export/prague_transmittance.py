@@ -15,8 +15,8 @@ from twilight.atmosphere.medium import ON_LEVELS
 from twilight.studies.export.prague_air import ChannelNodes
 from twilight.studies.export.prague_file import PragueTransmittance
 from twilight.studies.export.prague_sky import RADIUS_M, SAFETY_M, altitude_nodes_m, distance_nodes_m
-from twilight.transport.chord import chord_depth
 from twilight.transport.profile import prepare_profile
+from twilight.transport.steps import chord_depth
 
 DISTANCES = 128
 """Places along the ground."""

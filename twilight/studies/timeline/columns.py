@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from twilight.engine.light import LightField
-from twilight.engine.moments import Moments
-from twilight.engine.surfaces import Surface
-from twilight.engine.towards import Direction, towards
+from twilight.engine.light_sources import Moments
+from twilight.engine.surfaces import Direction, Surface, towards
 from twilight.sky.quantities.measure import Quantity, check_of, quantity, unit_of
 
 

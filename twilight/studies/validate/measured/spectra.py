@@ -35,9 +35,9 @@ from twilight.atmosphere.screen import Screen
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.config.scene import Config, Observer
-from twilight.engine.hemisphere import disc_irradiance, hemisphere
-from twilight.engine.solve import solve
-from twilight.engine.sunbeam import Sunbeam
+from twilight.engine.field import solve
+from twilight.engine.sunbeam import Sunbeam, disc_irradiance
+from twilight.numerics.directions import hemisphere
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.scene import resolve
 

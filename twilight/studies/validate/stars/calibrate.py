@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import pdtrc
 
 from twilight.base.errors import TwilightError
-from twilight.numerics.orientation import orientation_angles
+from twilight.numerics.directions import orientation_angles
 from twilight.sky.night.points import Stars, blended
 from twilight.studies.camera.model import CameraModel
 from twilight.studies.validate.stars.coordinates import StarSite, equatorial, horizontal

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -10,9 +12,12 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.threads import in_slices
-from twilight.solvers.zones.first_order import BeamAtPoints, PhaseTables, scatter_sunlight
-from twilight.solvers.zones.grid import Angles, conserving_angles, cubic_refinement
-from twilight.solvers.zones.next_order import RadianceField, ZenithGrid, moments_of, scatter
+from twilight.solvers.zones import constants as tuned
+from twilight.solvers.zones.air_needs import taper
+from twilight.solvers.zones.angles import Angles, conserving_angles, make_angles, scattering_geometry
+from twilight.solvers.zones.first_order import BeamAtPoints, PhaseTables, Sunlight, scatter_sunlight
+from twilight.solvers.zones.grids import FieldGrids, FieldNodes
+from twilight.solvers.zones.next_order import RadianceField, moments_of, scatter
 from twilight.solvers.zones.ray_points import (
     LANES,
     NodeRays,
@@ -21,73 +26,18 @@ from twilight.solvers.zones.ray_points import (
     SpeciesMoments,
     SunlitRayPoints,
     block_values,
+    make_ray_geometry,
+    make_ray_points,
     make_sunlit_points,
 )
-from twilight.solvers.zones.spin2_harmonics import scattering_geometry
-from twilight.solvers.zones.sunlight import Sunlight
-from twilight.transport.lines import ALTITUDE
+from twilight.transport.lines import ALTITUDE, ANGLE, RayBundle, horizon_cosine, trace_rays
 from twilight.transport.profile import Profile, at_wavelengths
-from twilight.transport.ray_bundle import RayBundle, trace_rays
 from twilight.transport.scaling import species_polarising_phase
 
 TINY = 1e-30
 """Least mean radiance over F0 [sr^-1] that counts as light."""
-PHASE_NODES = 2049
-"""Cosines of the scattering angle, from -1 to 1, at which phase functions of sunlight are tabulated."""
-MAX_OVERSHOOT = 0.2
-"""Largest overshoot of an interpolated logarithm beyond the two nodes around it, over 1 + their difference."""
 SUNLIT_AT_ONCE = 8
 """Altitudes whose rays for sunlight are there at one time: there are several times as many points as of the others."""
-FINE_PER_INTERVAL = 3
-"""Steps of the fine grids of altitudes and of solar zenith angles in every interval of the nodes."""
-
-
-@dataclass(frozen=True)
-class FieldNodes:
-    """Where the field is solved: altitude_km (Z,) and solar zenith angles, with finer grids to which it is interpolated
-    by cubics and between which it is linear, fine_altitude_km (Z',) and that of `zenith`.
-
-    altitude_rule: node, weight (Z', 4) of those cubics in altitude, as in `ZenithGrid`
-    """
-
-    altitude_km: np.ndarray
-    fine_altitude_km: np.ndarray
-    altitude_rule: tuple[np.ndarray, np.ndarray]
-    zenith: ZenithGrid
-
-    @staticmethod
-    def of(altitude_km: np.ndarray, zenith_deg: np.ndarray, jumps_km: np.ndarray) -> FieldNodes:
-        zenith = np.radians(zenith_deg)
-        fine, node, weight = cubic_refinement(zenith, FINE_PER_INTERVAL)
-        fine_km, node_km, weight_km = cubic_refinement(altitude_km, FINE_PER_INTERVAL, jumps_km)
-        grid = ZenithGrid(zenith, fine, node, weight.astype(np.float32), FINE_PER_INTERVAL)
-        return FieldNodes(altitude_km, fine_km, (node_km, weight_km.astype(np.float32)), grid)
-
-    def refine_zenith(self, values: np.ndarray) -> np.ndarray:
-        """Values (T, ...) on the fine grid of solar zenith angles."""
-        return _interpolated((self.zenith.node, self.zenith.weight), values)
-
-    def refine_altitude(self, log_mean: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Logarithms (Z, T, LANES) and relative moments (Z, T, C, LANES) on the fine grid of altitudes.
-
-        A cubic through logarithms that differ by tens, in air that is black, would swing from order to order: it stays
-        near its interval's ends.
-        """
-        log_fine = _interpolated(self.altitude_rule, log_mean)
-        interval = np.minimum(np.arange(log_fine.shape[0]) // FINE_PER_INTERVAL, log_mean.shape[0] - 2)
-        low, high = log_mean[interval], log_mean[interval + 1]
-        slack = np.float32(MAX_OVERSHOOT) * (np.float32(1.0) + np.abs(high - low))
-        np.clip(log_fine, np.minimum(low, high) - slack, np.maximum(low, high) + slack, out=log_fine)
-        return log_fine, _interpolated(self.altitude_rule, ratio)
-
-
-def _interpolated(rule: tuple[np.ndarray, np.ndarray], values: np.ndarray) -> np.ndarray:
-    node, weight = rule
-    flat = np.asarray(values, np.float32).reshape(values.shape[0], -1)
-    out = np.zeros((node.shape[0], flat.shape[1]), np.float32)
-    for j in range(4):
-        out += weight[:, j, None] * flat[node[:, j]]
-    return out.reshape(-1, *values.shape[1:])
 
 
 class Solution(NamedTuple):
@@ -181,7 +131,7 @@ class ScatteringOperator:
         a = self.angles
         chi = self.scattering.chi
         degree = np.arange(chi.shape[1])
-        nodes = np.linspace(-1.0, 1.0, PHASE_NODES)
+        nodes = np.linspace(-1.0, 1.0, tuned.PHASE_NODES)
         legendre = np.polynomial.legendre.legvander(nodes, degree.size - 1) * ((2 * degree + 1) / (4 * np.pi))
         p11 = block_values(np.einsum("nl,slw->nsw", legendre, chi), self.block)
         p12 = np.zeros((1, 1, LANES), np.float32)
@@ -196,7 +146,7 @@ class ScatteringOperator:
         if self.polarised:
             p12 = block_values(species_polarising_phase(self.medium, self.forward_fraction, nodes), self.block)
             rotation = np.stack([twice_cos, twice_sin], axis=-1).astype(np.float32)
-        return PhaseTables(p11, p12, ((cosine + 1.0) * (0.5 * (PHASE_NODES - 1))).astype(np.float32), rotation)
+        return PhaseTables(p11, p12, ((cosine + 1.0) * (0.5 * (tuned.PHASE_NODES - 1))).astype(np.float32), rotation)
 
     def next_order(self, mean: np.ndarray, moments: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """Stokes parameters of the next order from the mean (Z, T, LANES), the moments and the ground, as of `analyse`,
@@ -241,3 +191,54 @@ def normalised(mean: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.nd
     ratio[:, :, 0] = 1.0
     log_mean = np.log(np.where(lit, safe, TINY))
     return np.ascontiguousarray(log_mean, np.float32), np.ascontiguousarray(ratio, np.float32)
+
+
+def _rim_cosine(grids: FieldGrids) -> np.ndarray:
+    """Cosines (Z,) of the zenith angles under which nodes see the rim of haze that is next below them, NaN without."""
+    z, rims = grids.nodes.altitude_km, grids.layout.rims_km
+    rim = np.append(np.nan, rims)[np.searchsorted(rims, z, side="right")]
+    return horizon_cosine(grids.path_profile, z, rim)
+
+
+def scattering_operators(
+    grids: FieldGrids, polar: int, azimuthal_orders: float, degree: float, spin2_degree: int
+) -> Callable[[int], ScatteringOperator]:
+    """Operators by block of wavelengths.
+
+    polar: polar angles a side; azimuthal_orders: with as many azimuths over half a turn; degree, spin2_degree: of the
+    harmonics of I and of Q and U; azimuthal_orders and degree as in `FractionalTruncation`
+    """
+    n, medium, settings = grids.nodes, grids.medium, grids.settings
+    horizon = horizon_cosine(grids.path_profile, n.altitude_km)
+    highest = math.ceil(degree)
+    angles = make_angles(horizon, polar, math.ceil(azimuthal_orders), highest, spin2_degree, _rim_cosine(grids))
+    weight = taper(angles.order, azimuthal_orders) * taper(angles.degree, degree + 1)
+    angles = replace(angles, taper=weight)
+    start = np.repeat(n.altitude_km, angles.cosine.shape[1])
+    rays = trace_rays(grids.path_profile, start, angles.cosine.ravel(), settings.step_density)
+    # air with nothing in it has no points along its rays
+    longest = float(max(rays.place[:, ANGLE].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
+    geometry = make_ray_geometry(n.zenith.nodes_rad, angles.azimuth, n.zenith.fine_rad, longest)
+    scattering = grids.scattering._replace(chi=grids.scattering.chi[:, : highest + 1])
+
+    def of(block: int) -> ScatteringOperator:
+        points = make_ray_points(rays, scattering, n.fine_altitude_km, geometry.step_rad, angles.series, block)
+        return ScatteringOperator(
+            n, angles, rays, points, geometry, medium, scattering, grids.scaled.forward_fraction, block,
+            grids.path_profile, settings.first_order_step_density,
+        )  # fmt: skip
+
+    return of
+
+
+def early_operators(grids: FieldGrids) -> Callable[[int], ScatteringOperator]:
+    """Operators of the early orders of scattering, by block of wavelengths."""
+    s, series = grids.directions, grids.layout.truncation
+    return scattering_operators(grids, s.polar_directions, series.azimuthal_orders, s.degree, grids.spin2_degree)
+
+
+def late_operators(grids: FieldGrids, polar: int) -> Callable[[int], ScatteringOperator]:
+    """Operators of the later orders, by block of wavelengths; polar: polar angles a side."""
+    s, series = grids.directions, grids.layout.truncation
+    spin2_degree = s.late_polarisation_degree if s.polarisation else 0
+    return scattering_operators(grids, polar, series.late_azimuthal_orders, series.late_degree, spin2_degree)

@@ -1,8 +1,11 @@
-"""Conservative scattering in thick air: all orders at once, in tens of steps where single orders would take thousands.
+"""Orders of scattering of one block of wavelengths: one by one, or all at once in thick air of conservative scattering.
 
-All light from order n on solves U = K U + s, with s the order n itself and K the scattering operator.  In a cloud of
-optical depth 100 a scattering loses one part in a thousand of the light, and successive orders U <- K U + s need
-thousands of steps.  Two things cut that down:
+With U_n the light of order n, and K the scattering operator, U_1 is sunlight scattered once and U_(n+1) = K U_n.  Once
+U_(n+1) / U_n has settled to r at every node the rest is the geometric series U_n r / (1 - r).
+
+All light from order n on solves U = K U + s, with s the order n itself.  In a cloud of optical depth 100 a scattering
+loses one part in a thousand of the light, and successive orders U <- K U + s need thousands of steps.  Two things cut
+that down to tens:
 
 * A column operator: K for light that is the same all around, between node altitudes of one vertical, as the first two
   moments m = (mean, vertical flux) and the ground's radiance.  It is summed from the very rays of K, so the two agree
@@ -10,10 +13,8 @@ thousands of steps.  Two things cut that down:
   step is U <- U + r + C (1 - C)^-1 r.
 * Anderson mixing of the last few steps, for what the columns do not know: light that travels along the terminator.
 
-Each wavelength has its own columns and its own mixture, and stops by itself.
-
-Both are solved by loops of their own: LAPACK's blocked LU and BLAS sums differ in the last bits with the number of
-threads, and a field must not.
+Each wavelength has its own columns and its own mixture, and stops by itself.  Both are solved by loops of their own:
+LAPACK's blocked LU and BLAS sums differ in the last bits with the number of threads, and a field must not.
 """
 
 from __future__ import annotations
@@ -24,15 +25,27 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twilight.base import cache
+from twilight.base.progress import Progress
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
+from twilight.solvers.base import Convergence
+from twilight.solvers.zones import constants as tuned
+from twilight.solvers.zones.first_order import Sunlight, make_sunlight
+from twilight.solvers.zones.grids import FieldGrids
+from twilight.solvers.zones.next_order import RadianceField
 from twilight.solvers.zones.ray_points import LANES, block_values
-from twilight.solvers.zones.solution import ScatteringOperator
-
-HISTORY = 5
-"""Number of steps that are mixed."""
-MIN_STEP = 0.2
-"""Least mean radiance after a step, over that which one scattering makes of the light before."""
+from twilight.solvers.zones.scattering import (
+    TINY,
+    ScatteringOperator,
+    Solution,
+    early_operators,
+    late_operators,
+    normalised,
+)
+from twilight.transport.beam import Beam
+from twilight.transport.profile import Profile
+from twilight.transport.scaling import ScaledMedium
 
 
 @njit(cache=True, nogil=True)
@@ -148,8 +161,8 @@ class ColumnOperator:
         )
         before = values.copy()
         in_slices(partial(_solve, self.factors, self.swaps, values), values.shape[0])
-        found = (values - before).transpose(1, 2, 0)
-        return np.stack([found[: self.n], found[self.n : -1]], axis=2), found[-1]
+        remaining = (values - before).transpose(1, 2, 0)
+        return np.stack([remaining[: self.n], remaining[self.n : -1]], axis=2), remaining[-1]
 
 
 class RemainingOrders(NamedTuple):
@@ -223,15 +236,15 @@ def all_orders_from(
             moved = light - last.light + change - last.change
             moved_ground = light_ground - last.ground + change_ground - last.ground_change
             history.append((moved, moved_ground, relative - last.relative))
-            del history[:-HISTORY]
+            del history[: -tuned.HISTORY]
         last = _Step(light, light_ground, change, change_ground, relative)
         factors = _mixture([changed for _, _, changed in history], relative)
         new, new_ground = light + change, light_ground + change_ground
         for factor, (moved, moved_ground, _) in zip(factors, history, strict=True):
             new -= factor * moved
             new_ground -= factor * moved_ground
-        new[:, :, 0] = np.maximum(new[:, :, 0], MIN_STEP * after[:, :, 0])
-        new_ground = np.maximum(new_ground, MIN_STEP * after_ground)
+        new[:, :, 0] = np.maximum(new[:, :, 0], tuned.MIN_STEP * after[:, :, 0])
+        new_ground = np.maximum(new_ground, tuned.MIN_STEP * after_ground)
         # a wavelength that is done stays as its last step left it
         light = np.where(unfinished, new, light)
         light_ground = np.where(unfinished, new_ground, light_ground)
@@ -255,3 +268,170 @@ def _mixture(steps: list[np.ndarray], change: np.ndarray) -> np.ndarray:
         if scale > 0.0:
             out[:, w] = np.linalg.solve(gram + 1e-9 * scale * np.eye(n), side)
     return out
+
+
+def solve_orders(
+    early: ScatteringOperator,
+    late: Callable[[], ScatteringOperator],
+    thick: Callable[[], ScatteringOperator],
+    slow: np.ndarray,
+    early_orders: int,
+    sunlight: Sunlight,
+    max_orders: int,
+    tolerance: float,
+    progress: Callable[[int, float], None],
+) -> Solution:
+    """Follow orders until the missing rest is known to `tolerance`, and add it as a geometric series.
+
+    Every wavelength stops by itself.  Where the light decays slowly, or the air is thick, all orders are solved at
+    once, unless max_orders or a tolerance of 0 says how many orders are wanted.
+
+    Parameters
+    ----------
+    early
+        Operator of the first `early_orders` orders.
+    late
+        Gives the operator of later orders, whose light is smooth: fewer directions and harmonics do.
+    thick
+        Gives the operator of light that decays slowly.
+    slow
+        (LANES,) wavelengths at which the air is thick.
+    tolerance
+        Relative; 0 follows max_orders and adds no rest.
+    progress
+        Called with the number of orders and the residual.
+    """
+    all_at_once = max_orders > tuned.FEW_ORDERS
+
+    def solve_at_once(wavelengths: np.ndarray, progress: Callable[[int, float], None]):
+        operators = early.conserving(), thick().conserving()
+        return _stiff_wavelengths(*operators, early_orders, wavelengths, sunlight, max_orders, tolerance, progress)
+
+    if all_at_once and tolerance > 0.0 and slow.all():
+        # what single orders do here is known beforehand
+        total, total_ground, steps, missing = solve_at_once(np.arange(LANES), progress)
+        return _solution(early, total, total_ground, steps + 1, missing)
+    mean, order, ground = early.analyse(early.first_order(sunlight))
+    total, total_ground = order.copy(), ground.copy()
+    retained = np.arange(order.shape[2])
+    orders, residual = 1, np.ones(LANES)
+    unfinished, stiff = np.ones(LANES, bool), np.zeros(LANES, bool)
+    slow = slow & all_at_once
+    previous = None
+    while orders + 1 < max_orders and unfinished.any():
+        operator = early if orders < early_orders else late()
+        if operator is not early and orders == max(early_orders, 1):
+            retained = early.angles.shared_with(operator.angles)
+            order = np.ascontiguousarray(order[:, :, retained])
+        before = mean
+        mean, order, ground = operator.analyse(operator.next_order(mean, order, ground))
+        counts = unfinished.astype(np.float32)
+        total[:, :, retained] += order * counts
+        total_ground += ground * counts
+        orders += 1
+        # written so that nothing overflows where there was no light before
+        ratio = np.clip(mean, 0.0, 0.97 * np.maximum(before, 0.0)) / np.maximum(before, TINY)
+        # what is left behaves like a geometric series at every node; two such guesses in a row show how well
+        guess = total[:, :, 0] + mean * (ratio / (1.0 - ratio))
+        if previous is not None:
+            lit = guess > tuned.FAINT
+            moved = np.where(lit, np.abs(previous / np.where(lit, guess, 1.0) - 1.0), 0.0).max(axis=(0, 1))
+            residual = np.where(unfinished, moved, residual)
+        previous = guess
+        progress(orders, float(residual[unfinished].max()))
+        if tolerance > 0.0:
+            done = unfinished & ~slow & (residual < tolerance)
+            rest = ratio / (1.0 - ratio) * done
+            total[:, :, retained] += order * rest[:, :, None]
+            total_ground += ground * rest[0]
+            unfinished &= ~done
+            if orders == tuned.SETTLED_ORDER and all_at_once:
+                stiff = unfinished & (slow | (_decay(mean, before) > tuned.STIFF_DECAY))
+                unfinished &= ~stiff
+    if stiff.any():
+        some = np.flatnonzero(stiff)
+        total[..., some], total_ground[..., some], steps, residual[some] = solve_at_once(
+            some, lambda n, r: progress(orders + n, r)
+        )
+        orders += steps
+    return _solution(early, total, total_ground, orders + 1, residual)
+
+
+def _solution(
+    early: ScatteringOperator, total: np.ndarray, ground: np.ndarray, orders: int, residual: np.ndarray
+) -> Solution:
+    """The solution from the moments (Z, T, C, LANES) of all light and the radiance of the ground (T, LANES)."""
+    log_mean, relative = early.nodes.refine_altitude(*normalised(total[:, :, 0], total))
+    light = RadianceField(log_mean, relative, early.log_ground(ground))
+    return Solution(light, orders, float(residual.max()))
+
+
+def _stiff_wavelengths(early, late, early_orders, wavelengths, sunlight, max_orders, tolerance, progress):
+    """All orders at some wavelengths (L,) of the block: the early ones one by one, all later ones at once.
+
+    Returns (moments (Z, T, C, L), radiance of the ground (T, L), steps, largest fraction that may be missing (L,)).
+    """
+    mean, order, ground = early.analyse(early.first_order(sunlight))
+    total, total_ground = order.copy(), ground.copy()
+    steps = 0
+    while steps + 1 < min(early_orders, tuned.MAX_EARLY_ORDERS):
+        mean, order, ground = early.analyse(early.next_order(mean, order, ground))
+        total += order
+        total_ground += ground
+        steps += 1
+        progress(steps, 1.0)
+    retained = early.angles.shared_with(late.angles)
+    seed = np.ascontiguousarray(order[:, :, retained])
+    remaining = all_orders_from(
+        late, wavelengths, (seed, ground), total[:, :, 0] - mean, tuned.FAINT, min(tolerance, tuned.STIFF_TOLERANCE),
+        max(1, max_orders - steps), lambda n, r: progress(steps + n, r),
+    )  # fmt: skip
+    total = total[..., wavelengths]
+    total[:, :, retained] += remaining.moments - seed[..., wavelengths]
+    total_ground = total_ground[..., wavelengths] + remaining.ground - ground[..., wavelengths]
+    return total, total_ground, steps + remaining.steps, remaining.residual
+
+
+def _decay(mean: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Light of an order (Z, T, LANES) over that of the order before, over all nodes, (LANES,)."""
+    light, light_before = mean.sum(axis=(0, 1), dtype=float), before.sum(axis=(0, 1), dtype=float)
+    return light / np.where(light_before > 0.0, light_before, 1.0)
+
+
+def reduced_depth(scaled: ScaledMedium, profile: Profile) -> np.ndarray:
+    """Vertical optical depth of scattering (W,), that of each species times 1 - g; profile: of the scaled air."""
+    reduced = profile.species_scattering * (1.0 - scaled.moments[:, 1])[:, None]
+    return np.trapezoid(reduced.sum(axis=0), profile.altitude_km, axis=0)
+
+
+def solve(grids: FieldGrids, beam: Beam, progress: Progress) -> tuple[list[Solution], Convergence]:
+    """Solutions for each block of LANES wavelengths, and how well the worst of them converged."""
+    s = grids.directions
+    progress("rays", 0.05)
+    early = early_operators(grids)
+    thick_polar = max(s.late_polar_directions, tuned.POLAR_PER_DEGREE * s.late_degree)
+
+    # made where they are needed: with thick_polar in thick air of conservative scattering alone
+    of_polar = cache(partial(late_operators, grids))
+
+    def late_operator(polar: int, block: int) -> ScatteringOperator:
+        return of_polar(polar)(block)
+
+    sunlight = make_sunlight(beam, grids.nodes.altitude_km, grids.profile.break_km)
+    n_blocks = -(-grids.medium.n_wavelengths // LANES)
+    slow = reduced_depth(grids.scaled, grids.profile) > tuned.SLOW_DEPTH
+    solutions: list[Solution] = []
+    for block in range(n_blocks):
+
+        def report(order: int, residual: float, block: int = block) -> None:
+            progress(f"order of scattering {order}", 0.1 + 0.9 * (block + min(0.95, order / 12)) / n_blocks)
+
+        # dropped with its block
+        late = cache(partial(late_operator, s.late_polar_directions, block))
+        solutions.append(
+            solve_orders(
+                early(block), late, partial(late_operator, thick_polar, block), block_values(slow, block) > 0.0,
+                s.early_orders, sunlight, s.max_orders, s.tolerance, report,
+            )
+        )  # fmt: skip
+    return solutions, Convergence(max(x.orders for x in solutions), max(x.residual for x in solutions))

@@ -1,4 +1,4 @@
-"""Steps along a ray that is straight or bent by refraction: how long they may be, and what they end on.
+"""Steps along a ray that is straight or bent by refraction, and the optical depth of a straight piece of air.
 
 A ray is followed by fourth-order Runge-Kutta steps in altitude z, geocentric angle psi and the elevation a of the ray
 above the local horizontal,
@@ -9,13 +9,18 @@ A step is never longer than about 0.7 optical depths.  It ends where the ray tur
 goes one way within it, and at every one of the profile's `stop_km`, between which the air changes smoothly: a step
 whose end lies beyond a stop is shortened to end on it.  So no layer, however thin, is stepped over.
 
-Arguments that the kernels share: profile: `Profile`; z [km]: altitude of the point; psi [rad]: geocentric angle from
-the start of the ray; a [rad]: elevation of the ray at the point; h [km]: length of the step.
+The altitude along a straight line is known in closed form.  Where its optical depth alone is asked (`chord_depth`) no
+ray is followed, and without light to collect a step may be as long as the air allows.
+
+Arguments that the kernels share: profile: `Profile`; z, altitude_km [km]: altitude of the point; psi [rad]: geocentric
+angle from the start of the ray; a [rad]: elevation of the ray at the point; h [km]: length of the step.
 """
 
 from __future__ import annotations
 
 import math
+
+import numpy as np
 
 from twilight.jit.kernels import njit
 from twilight.transport.profile import SMOOTH_STEP_GROWTH, SMOOTH_STEP_KM, locate
@@ -29,6 +34,15 @@ DEEP_GROWTH = 5.0
 BLACK = 30.0
 """Optical depth by which the largest extinction counts as black: it then shortens no step of the other wavelengths."""
 
+GAUSS_LOW = 0.5 - 0.5 / math.sqrt(3.0)
+"""The nearer of the two Gauss points of a step, as a fraction of it."""
+
+GAUSS_HIGH = 0.5 + 0.5 / math.sqrt(3.0)
+"""The farther of the two Gauss points of a step, as a fraction of it."""
+
+INSIDE_KM = 1e-9
+"""Coefficients at a stop are those this far inside the interval that the step is in [km]."""
+
 LONGEST_STEP_KM = 30.0
 """Longest step at fineness 1 [km]."""
 
@@ -37,6 +51,47 @@ STEP_DEPTH = 0.7
 
 SHORTEST_KM = 1e-6
 """Optical depth shortens no step to less [km]."""
+
+CHORD_STEP_KM = 0.8
+"""Altitude that a step of a chord may cross at the ground [km]."""
+
+CHORD_STEP_GROWTH = 0.1
+"""By how much of the height above the ground CHORD_STEP_KM grows."""
+
+
+@njit(cache=True, inline="always")
+def altitude_along(altitude_km, cos_zenith, distance_km, earth_radius_km):
+    """Altitude [km] after `distance_km` along a straight line that starts at `altitude_km`.
+
+    `cos_zenith`: of the line at its start; `earth_radius_km`: R.  (R + z)^2 = (R + h)^2 + 2 (R + h) s mu + s^2, solved
+    for z - h without subtracting two large numbers.
+    """
+    r = earth_radius_km + altitude_km
+    d = distance_km * (2.0 * r * cos_zenith + distance_km)
+    return altitude_km + d / (math.sqrt(max(r * r + d, 0.0)) + r)
+
+
+@njit(cache=True, inline="always")
+def distance_to_sphere(altitude_km, cos_zenith, target_altitude_km, earth_radius_km):
+    """Distance [km] along a line to the sphere at `target_altitude_km`, or -1 where the line does not meet it ahead.
+
+    The line starts at `altitude_km` under `cos_zenith`; `earth_radius_km`: of the altitude 0.  From below the sphere
+    the one crossing is given; from above the nearer one.
+    """
+    r = earth_radius_km + altitude_km
+    h = target_altitude_km - altitude_km
+    # s^2 + 2 r mu s - h (2 r + h) = 0
+    c = -h * (2.0 * r + h)
+    b = r * cos_zenith
+    disc = b * b - c
+    if disc < 0.0:
+        return -1.0
+    root = math.sqrt(disc)
+    if c <= 0.0:  # start inside or on the sphere: the positive root, written so that b > 0 does not cancel
+        return -c / (b + root) if b > 0.0 else root - b
+    if b >= 0.0:  # outside, moving away
+        return -1.0
+    return c / (root - b)
 
 
 @njit(inner=True, cache=True, inline=True)
@@ -143,3 +198,55 @@ def step(profile, j, z, psi, a, h):
         z_end = target
         j += beyond
     return h, z_end, psi_end, a_end, j
+
+
+@njit(cache=True, makes_arrays=False)
+def chord_depth(profile, altitude_km, cos_zenith, length, out):
+    """Optical depth (W,) into `out`, of a chord of `length` [km] that starts inside the air under `cos_zenith`.
+
+    profile: `Profile`; altitude_km: of its start.  Returns False, with `out` unset, where the ground is in between;
+    what is above the top counts as its last level.
+    """
+    radius = profile.earth_radius_km
+    stop = profile.stop_km
+    bottom = stop[0]
+    closest = -(radius + altitude_km) * cos_zenith
+    if 0.0 < closest < length and altitude_along(altitude_km, cos_zenith, closest, radius) < bottom:
+        return False
+    out[:] = 0.0
+    k = profile.extinction
+    j = min(max(np.searchsorted(stop, altitude_km, side="right") - 1, 0), stop.size - 2)
+    s = 0.0
+    for _ in range(512 + 4 * stop.size):
+        z = altitude_along(altitude_km, cos_zenith, s, radius)
+        slope = ((radius + altitude_km) * cos_zenith + s) / (radius + z)
+        dz = CHORD_STEP_KM + CHORD_STEP_GROWTH * max(z - bottom, 0.0)
+        ds = 2.0 * dz / (abs(slope) + math.sqrt(slope * slope + 2.0 * dz / radius))
+        if s + 1.3 * ds >= length:
+            ds = length - s
+        lowest, highest = stop[j], stop[j + 1]
+        move = 0
+        if s < closest:
+            ds = min(ds, closest - s)
+            to_stop = 0.0
+            if z > lowest:
+                to_stop = distance_to_sphere(z, max(-1.0, slope), lowest, radius)
+            if 0.0 <= to_stop <= ds and j > 0:
+                ds, move = to_stop, -1
+        else:
+            to_stop = 0.0
+            if z < highest:
+                to_stop = distance_to_sphere(z, min(1.0, slope), highest, radius)
+            if 0.0 <= to_stop <= ds and j < stop.size - 2:
+                ds, move = to_stop, 1
+        for g in range(2):
+            part = GAUSS_LOW if g == 0 else GAUSS_HIGH
+            middle = altitude_along(altitude_km, cos_zenith, s + part * ds, radius)
+            i, f = locate(profile, max(lowest + INSIDE_KM, min(highest - INSIDE_KM, middle)))
+            for w in range(out.size):
+                out[w] += 0.5 * ds * (k[i, w] * (1.0 - f) + k[i + 1, w] * f)
+        j += move
+        s += ds
+        if s >= length:
+            break
+    return True

@@ -1,94 +1,26 @@
-"""Degrees, directions and harmonics that the air's phase functions need: more beside coarse particles."""
+"""What the air asks of the grids of a field: degrees, directions, harmonics and altitudes.
+
+More beside coarse particles, below a volcano's layer, at rims of haze and in thin layers.
+
+Node altitudes are graded from the ground, with one at every jump, closer where air is layered or thick.  All tuned
+numbers are in `constants`.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.settings import ZonesSettings
+from twilight.transport.lines import species_fraction
 from twilight.transport.profile import Profile
-from twilight.transport.ray_bundle import species_fraction
 from twilight.transport.scaling import ScaledMedium
-
-EARLY_MOMENT = 0.03
-"""Smallest phase moment of the air's mixture that needs an azimuthal order of its own in the early orders of
-scattering."""
-LATE_MOMENT = 0.1
-"""Smallest phase moment of the mixture that needs a degree in the later orders of scattering."""
-AZIMUTH_SLACK = 2
-"""Azimuths: how many may be missing before they grow."""
-LATE_SLACK = 1
-"""Degree of the later orders: by how much it may be too low before it grows."""
-MAX_PEAK_FRACTION = 0.055
-"""Largest fraction of the scattering, anywhere in the air, that may count as not scattered because it goes into the
-forward peak: 8 % make red light 1 deg above a sun on the horizon 6 % too dark."""
-POLAR_MOMENT = 0.12
-"""Where the degree grows, polar angles a side grow with the number of phase moments that exceed this: light scattered
-once close to the sun is as narrow, and 14 angles made the zenith 10 % too bright at an asymmetry of 0.9, 32 % at 0.95.
-Dust and sea salt need hardly more than ordinary air."""
-POLAR_GROWTH = 1.5
-"""Polar angles for each such moment beyond the polar angles that are asked for."""
-LEAST_POLAR_MOMENT = 0.05
-"""No more polar angles than phase moments exceed this."""
-THICK_HAZE_DEPTH = 5.0
-"""Vertical optical depth of scattering beyond which the degree does not grow: light is nearly isotropic there, and
-polar angles for low degrees let through 2 to 3 % less of it when they are given high degrees."""
-HAZE_DEPTH = 3.0
-"""Depth from which on it grows less and less, up to THICK_HAZE_DEPTH."""
-ALOFT_KM = 10.0
-"""Altitude [km] from which on particles count as a volcano's."""
-ALOFT_DEPTH = 0.04
-"""Optical depth of scattering by particles above ALOFT_KM beyond which the later orders follow ALOFT_MOMENT: red light
-of deep twilight has then been scattered ten times, each time from a line on the horizon."""
-LEAST_ALOFT_DEPTH = 0.02
-"""Depth from which on they follow smaller and smaller moments, down to ALOFT_MOMENT at ALOFT_DEPTH."""
-ALOFT_MOMENT = 0.024
-"""Smallest phase moment that needs a degree in the later orders below a volcano's layer."""
-ALOFT_DEGREE = 20
-"""Degree that the early orders follow there, up to max_degree: of degree 12 red light is 7 to 9 % too dark at -18 deg,
-of 20 no further off than of 28."""
-ALOFT_DENSITY = 1.4
-"""Factor by which altitude_density grows there, up to 1: light of deep twilight comes in from the rims of two layers,
-and nodes further apart make it 2 to 3 % too dark."""
-NEGLIGIBLE_FRACTION = 0.01
-"""Fraction of the largest scattering coefficient below which air does not count."""
-RIM_KM = 4.0
-"""Altitude [km] from which on a top of haze counts as a rim: lower down the air itself hides what shines behind it."""
-RIM_DROP_PER_KM = 3e-3
-"""Drop of the extinction [km^-1] at a rim: over the 200 km that a line which grazes it has below, a depth of 0.6."""
-RIM_DENSITY = 0.65
-"""altitude_density from which on rims count: at `draft`, 0.5, they took 1.6 times as long in dust and were worth 0.6 %
-at -18 deg (benchmarks/zones_error.py)."""
-RIM_POLAR = 3
-"""More polar angles a side where there is a rim, for the light between it and the horizon."""
-BESIDE_KM = 1e-3
-"""Distance from an edge at which the extinction is taken on both sides of it [km]."""
-THIN_KM = 2.0
-"""Thickness [km], between two sharp edges, below which a layer is thin; a layer on the ground is none: nothing shines
-in from below, nor leaks along it."""
-THIN_DEPTH = 0.1
-"""Optical depth of scattering from which on a thin layer counts."""
-THIN_CONTRAST = 1.5
-"""Scattering coefficient of a thin layer over those of the layers beside it, at least."""
-THIN_POLAR = 10
-"""Least polar angles a side in the later orders where there is a thin layer: four below the horizon saw such a layer
-from above 6 % too bright."""
-THIN_MOMENT = 6e-3
-"""Smallest phase moment that needs a degree in the later orders where there is a thin layer from LEAK_KM on: with
-LATE_MOMENT the zenith is 22 % too dark below one of asymmetry 0.7 at 50 km.  Below a deck of stratus it moves nothing
-by more than 0.1 %."""
-LEAK_KM = 6.0
-"""Base [km] of a thin layer from which on the light counts that leaks along it after sunset."""
-EDGE_FRACTION = 3e-3
-"""Distance of the first end of a step from the edge of a thin layer, over the layer's thickness."""
-EDGE_GROWTH = 1.25
-"""Factor by which the ends of steps lie farther and farther from the edge of a thin layer, up to its middle."""
-LOW_EDGE_GROWTH = 1.8
-"""The same for layers below LEAK_KM: beside 1.25 it moves light below a deck of stratus by 0.05 %."""
 
 
 class FractionalTruncation(NamedTuple):
@@ -127,18 +59,18 @@ def degree_needed(settings: ZonesSettings, medium: Medium) -> float:
     if most == settings.degree or not medium.has_aerosol:
         return settings.degree
     layered = _volcanic_fraction(medium.altitude_km, _scattered_by_aerosol(medium))
-    least = settings.degree + layered * max(0, min(ALOFT_DEGREE, most) - settings.degree)
+    least = settings.degree + layered * max(0, min(tuned.ALOFT_DEGREE, most) - settings.degree)
     scattering = medium.air_scattering_per_km + _scattered_by_aerosol(medium)
     depth = np.trapezoid(scattering, medium.altitude_km, axis=0).max()
-    grows = np.clip((THICK_HAZE_DEPTH - depth) / (THICK_HAZE_DEPTH - HAZE_DEPTH), 0.0, 1.0)
+    grows = np.clip((tuned.THICK_HAZE_DEPTH - depth) / (tuned.THICK_HAZE_DEPTH - tuned.HAZE_DEPTH), 0.0, 1.0)
     peak = _peak_fractions(medium, most)[settings.degree :]
-    large = np.flatnonzero(peak > MAX_PEAK_FRACTION)
+    large = np.flatnonzero(peak > tuned.MAX_PEAK_FRACTION)
     if not grows or not large.size:
         return least
     last = int(large[-1])
     enough = float(last)
     if last + 1 < peak.size:
-        enough += float((peak[last] - MAX_PEAK_FRACTION) / (peak[last] - peak[last + 1]))
+        enough += float((peak[last] - tuned.MAX_PEAK_FRACTION) / (peak[last] - peak[last + 1]))
     return max(least, settings.degree + float(grows) * enough)
 
 
@@ -151,7 +83,7 @@ def with_degree(settings: ZonesSettings, medium: Medium) -> ZonesSettings:
     if medium.has_aerosol:
         density = settings.altitude_density
         volcanic = _volcanic_fraction(medium.altitude_km, _scattered_by_aerosol(medium))
-        grown = density * (1.0 + (ALOFT_DENSITY - 1.0) * volcanic)
+        grown = density * (1.0 + (tuned.ALOFT_DENSITY - 1.0) * volcanic)
         settings = replace(settings, altitude_density=max(density, min(grown, 1.0)))
     degree = math.ceil(degree_needed(settings, medium))
     if degree == settings.degree:
@@ -160,8 +92,8 @@ def with_degree(settings: ZonesSettings, medium: Medium) -> ZonesSettings:
     removed = peak[degree]
     left = np.append(1.0, (peak[:degree] - removed) / (1.0 - removed))
     least = settings.polar_directions
-    grown = least + POLAR_GROWTH * max(0.0, _exceeding(left, POLAR_MOMENT) - least)
-    polar = max(least, math.ceil(min(grown, _exceeding(left, LEAST_POLAR_MOMENT))))
+    grown = least + tuned.POLAR_GROWTH * max(0.0, _exceeding(left, tuned.POLAR_MOMENT) - least)
+    polar = max(least, math.ceil(min(grown, _exceeding(left, tuned.LEAST_POLAR_MOMENT))))
     return replace(settings, degree=degree, polar_directions=polar)
 
 
@@ -174,7 +106,7 @@ def _peak_fractions(medium: Medium, highest: int) -> np.ndarray:
     beyond = np.stack([phase.legendre_moments(highest + 1).T for phase in medium.phase_functions])
     of_aerosol = _scattered_by_aerosol(medium)
     scattering = medium.air_scattering_per_km + of_aerosol
-    counts = (scattering > 0.0) & (scattering >= NEGLIGIBLE_FRACTION * scattering.max(axis=0))
+    counts = (scattering > 0.0) & (scattering >= tuned.NEGLIGIBLE_FRACTION * scattering.max(axis=0))
     fraction = np.where(counts, of_aerosol / np.where(counts, scattering, 1.0), 0.0)
     return np.array(
         [
@@ -200,15 +132,15 @@ def truncation_needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Pr
     """
     z = profile.altitude_km
     scattering = profile.species_scattering.sum(axis=0)
-    counts = scattering >= NEGLIGIBLE_FRACTION * scattering.max(axis=0)
+    counts = scattering >= tuned.NEGLIGIBLE_FRACTION * scattering.max(axis=0)
     fraction = np.where(counts, species_fraction(scaled.medium, z), 0.0)
     moments = np.einsum("kzw,klw->lzw", fraction, scaled.moments).max(axis=(1, 2))
-    orders = _grown(settings.azimuth_directions, _exceeding(moments, EARLY_MOMENT), AZIMUTH_SLACK)
+    orders = _grown(settings.azimuth_directions, _exceeding(moments, tuned.EARLY_MOMENT), tuned.AZIMUTH_SLACK)
     orders = max(settings.azimuth_directions, min(orders, moments.size))
     layered = _volcanic_fraction(z, profile.species_scattering[1:].sum(axis=0))
-    thin = bool(np.any(thin_layers(profile)[0][:, 0] >= LEAK_KM))
-    least = THIN_MOMENT if thin else LATE_MOMENT ** (1.0 - layered) * ALOFT_MOMENT**layered
-    late = min(_grown(settings.late_degree, _exceeding(moments, least), LATE_SLACK), settings.degree)
+    thin = bool(np.any(thin_layers(profile)[0][:, 0] >= tuned.LEAK_KM))
+    least = tuned.THIN_MOMENT if thin else tuned.LATE_MOMENT ** (1.0 - layered) * tuned.ALOFT_MOMENT**layered
+    late = min(_grown(settings.late_degree, _exceeding(moments, least), tuned.LATE_SLACK), settings.degree)
     if late <= settings.late_degree:
         return FractionalTruncation(orders, settings.late_degree, settings.late_azimuth_directions)
     return FractionalTruncation(orders, late, max(settings.late_azimuth_directions, min(orders, late)))
@@ -216,9 +148,9 @@ def truncation_needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Pr
 
 def _volcanic_fraction(altitude_km: np.ndarray, scattering_per_km: np.ndarray) -> float:
     """0 where the particles above ALOFT_KM do not count as a volcano's, 1 where they do; scattering_per_km (N, W)."""
-    aloft = np.where(altitude_km[:, None] >= ALOFT_KM, scattering_per_km, 0.0)
+    aloft = np.where(altitude_km[:, None] >= tuned.ALOFT_KM, scattering_per_km, 0.0)
     depth = np.trapezoid(aloft, altitude_km, axis=0).max()
-    return float(np.clip((depth - LEAST_ALOFT_DEPTH) / (ALOFT_DEPTH - LEAST_ALOFT_DEPTH), 0.0, 1.0))
+    return float(np.clip((depth - tuned.LEAST_ALOFT_DEPTH) / (tuned.ALOFT_DEPTH - tuned.LEAST_ALOFT_DEPTH), 0.0, 1.0))
 
 
 def directions_needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> ZonesSettings:
@@ -230,8 +162,8 @@ def directions_needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Pr
     late = math.ceil(series.late_degree)
     polar = max(settings.late_polar_directions, late)
     if thin_layers(profile)[0].size:
-        polar = max(polar, THIN_POLAR)
-    more = RIM_POLAR if rims_km(profile, settings.altitude_density).size else 0
+        polar = max(polar, tuned.THIN_POLAR)
+    more = tuned.RIM_POLAR if rims_km(profile, settings.altitude_density).size else 0
     return replace(
         settings,
         polar_directions=settings.polar_directions + more,
@@ -253,8 +185,8 @@ def near_edges(profile: Profile, of: Profile) -> Profile:
     """
     stops = []
     for base, top in thin_layers(of)[0]:
-        growth = EDGE_GROWTH if base >= LEAK_KM else LOW_EDGE_GROWTH
-        fraction = np.geomspace(EDGE_FRACTION, 0.5, 1 + round(np.log(0.5 / EDGE_FRACTION) / np.log(growth)))
+        growth = tuned.EDGE_GROWTH if base >= tuned.LEAK_KM else tuned.LOW_EDGE_GROWTH
+        fraction = np.geomspace(tuned.EDGE_FRACTION, 0.5, 1 + round(np.log(0.5 / tuned.EDGE_FRACTION) / np.log(growth)))
         stops.append(np.append(base + fraction * (top - base), top - fraction * (top - base)))
     return profile._replace(stop_km=np.unique(np.concatenate([profile.stop_km, *stops]))) if stops else profile
 
@@ -270,8 +202,8 @@ def thin_layers(profile: Profile) -> tuple[np.ndarray, np.ndarray]:
     width = np.diff(edges)
     depth = np.diff([np.interp(edges, z, column) for column in through.T], axis=1)
     mean = np.pad(depth / width, ((0, 0), (1, 1)))
-    stands_out = mean[:, 1:-1] > THIN_CONTRAST * np.maximum(mean[:, :-2], mean[:, 2:])
-    thin = np.any((width < THIN_KM) & (depth > THIN_DEPTH) & stands_out & (edges[:-1] > z[0]), axis=0)
+    stands_out = mean[:, 1:-1] > tuned.THIN_CONTRAST * np.maximum(mean[:, :-2], mean[:, 2:])
+    thin = np.any((width < tuned.THIN_KM) & (depth > tuned.THIN_DEPTH) & stands_out & (edges[:-1] > z[0]), axis=0)
     return np.stack([edges[:-1], edges[1:]], axis=-1)[thin], depth.max(axis=0)[thin]
 
 
@@ -282,13 +214,14 @@ def rims_km(profile: Profile, altitude_density: float) -> np.ndarray:
 
     profile: of the scaled air; altitude_density: of the settings, none below RIM_DENSITY
     """
-    if altitude_density < RIM_DENSITY:
+    if altitude_density < tuned.RIM_DENSITY:
         return np.empty(0)
     z, edges = profile.altitude_km, profile.sharp_km
     below, above = (
-        np.array([np.interp(edges + d, z, c) for c in profile.extinction.T]) for d in (-BESIDE_KM, BESIDE_KM)
+        np.array([np.interp(edges + d, z, c) for c in profile.extinction.T])
+        for d in (-tuned.BESIDE_KM, tuned.BESIDE_KM)
     )
-    return edges[(edges >= RIM_KM) & np.any(below - above > RIM_DROP_PER_KM, axis=0)]
+    return edges[(edges >= tuned.RIM_KM) & np.any(below - above > tuned.RIM_DROP_PER_KM, axis=0)]
 
 
 def _exceeding(moments: np.ndarray, least: float) -> float:
@@ -303,3 +236,69 @@ def _exceeding(moments: np.ndarray, least: float) -> float:
 def _grown(least: int, wanted: float, slack: int) -> float:
     """What is wanted, but no more than least where at most slack are missing; twice as steep from there on."""
     return max(least, min(least + 2.0 * (wanted - slack - least), wanted))
+
+
+def altitude_nodes(
+    bottom_km: float, top_km: float, jumps_km: np.ndarray, density: float, rims_km: np.ndarray | None = None
+) -> np.ndarray:
+    """Altitudes [km] with spacing (LOWEST_STEP_KM + STEP_GROWTH x height)/density, closer above rims of haze, and one
+    at every jump."""
+    edges = [bottom_km, *jumps_km, top_km]
+    out = [bottom_km]
+    for a, b in pairwise(edges):
+        rough = [a]
+        near = tuned.RIM_STEP_KM if rims_km is not None and np.any(rims_km <= a) else np.inf
+        while rough[-1] < b:
+            z = rough[-1]
+            rough.append(z + min(tuned.LOWEST_STEP_KM + tuned.STEP_GROWTH * (z - bottom_km), near + z - a) / density)
+        # the same grading, stretched to end at b
+        out.extend(a + (np.array(rough[1:-1]) - a) * (b - a) / (rough[-1] - a))
+        out.append(b)  # to the last digit: `cubic_refinement` finds it by its value
+    return np.array(out)
+
+
+def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) -> np.ndarray:
+    """The altitudes [km] and more where the air is layered more finely than they are apart."""
+    levels = profile.altitude_km
+
+    def extinction(z: np.ndarray) -> np.ndarray:
+        return np.array([np.interp(z, levels, column) for column in profile.extinction.T])
+
+    step = np.diff(levels)[:, None]
+    through = np.insert(
+        np.cumsum(0.5 * step * (profile.extinction[1:] + profile.extinction[:-1]), axis=0), 0, 0, axis=0
+    )
+    before = out = np.asarray(altitude_km, dtype=float)
+    for _ in range(tuned.MAX_HALVINGS):
+        step = np.diff(out)
+        middle = out[:-1] + 0.5 * step
+        # just inside the ends, which may be jumps
+        nudge = np.minimum(1e-6, 1e-3 * step)
+        low, mid, high = (np.maximum(extinction(z), 1e-30) for z in (out[:-1] + nudge, middle, out[1:] - nudge))
+        depth = step * (low + 4.0 * mid + high) / 6.0
+        bend = np.abs(np.log(mid / np.sqrt(low * high)))
+        above = np.array([np.interp(middle, levels, column[-1] - column) for column in through.T])
+        deep = np.maximum(0.0, np.minimum(above, through[-1][:, None] - above) - tuned.EDGE_DEPTH)
+        widest = (
+            tuned.MAX_INTERVAL_DEPTH * np.minimum(1.0 + tuned.DEPTH_GROWTH * deep, tuned.MAX_DEPTH_GROWTH) / density
+        )
+        coarse = (depth > widest) | (
+            (bend > tuned.MAX_LOG_EXTINCTION_BEND / density**2) & (depth > tuned.STRAIGHT_DEPTH / density)
+        )
+        if not coarse.any(axis=0).any():
+            break
+        out = np.sort(np.append(out, middle[coarse.any(axis=0)]))
+    whole = np.diff(before)[np.searchsorted(before, out[:-1], side="right") - 1]
+    return _graded(out) if np.any(np.diff(out) < tuned.LAYERED_FRACTION * whole) else out
+
+
+def _graded(altitude_km: np.ndarray) -> np.ndarray:
+    """The altitudes [km] and more, so that intervals beside each other differ by no more than MAX_INTERVAL_RATIO."""
+    out = altitude_km
+    while True:
+        step = np.diff(out)
+        beside = np.minimum(np.append(step[1:], np.inf), np.append(np.inf, step[:-1]))
+        coarse = step > tuned.MAX_INTERVAL_RATIO * beside
+        if not coarse.any():
+            return out
+        out = np.sort(np.append(out, out[:-1][coarse] + 0.5 * step[coarse]))

@@ -1,7 +1,21 @@
-"""Nodes of the field: solar zenith angle x direction; those of altitude are in `altitudes`.
+"""Directions of the field, the harmonics that describe light in them, and nodes of the solar zenith angle.
 
 Directions are in the local frame of a node: cosine of the zenith angle, azimuth from the sun.  The field is its own
 mirror image about the sun's vertical: azimuths go from 0 to 180 deg and harmonics are even in azimuth.
+
+Linear polarisation is in spin-2 harmonics (E and B).  In every direction of view, with v the unit vector that is normal
+to it and points up and h the horizontal unit vector to the right, light is the tensor
+I/2 (vv + hh) + Q/2 (vv - hh) + U/2 (vh + hv).  A field that is its own mirror image about the sun's vertical is
+    I = sum I_lm Y_lm cos(m a),
+    Q = sum (E_lm X_lm + B_lm Z_lm) cos(m a),      U = sum (E_lm Z_lm + B_lm X_lm) sin(m a),      l >= 2,
+with the azimuth a from the sun, positive to the right, and polar parts of a mean square of 1 over the sphere:
+    Y_lm = N d^l_m0,   X_lm = N (d^l_m2 + d^l_m,-2)/2,   Z_lm = N (d^l_m2 - d^l_m,-2)/2,   N^2 = (2l + 1)(1 or 2),
+where d^l_mn are Wigner's functions of the zenith angle (generalised spherical functions).  Scattering by
+particles that lie at random keeps l and m, and does not mix what a mirror leaves (I, E) with what it turns round (B):
+    I' = chi_l I + b_l E,      E' = b_l I + even_l E,      B' = odd_l B,
+    b_l = 2 pi int P12 d^l_02 dmu,     even_l +- odd_l = 2 pi int (P22 +- P33) d^l_2,+-2 dmu.
+Air has only b_2 = -3 Delta/(5 sqrt 6) and even_2 = 3 Delta/5: it sees the traceless tensor of the field, five numbers.
+Reference: Hovenier, van der Mee & Domke 2004, Transfer of Polarized Light in Planetary Atmospheres, appendix B.
 """
 
 from __future__ import annotations
@@ -11,39 +25,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.solvers.zones.spin2_harmonics import spin2_degrees_and_orders, spin2_harmonics
-
-HORIZON_WIDTH = 0.03
-"""Distance from the horizon, in the cosine of the zenith angle, within which polar angles cluster: the light of
-twilight comes from there."""
-CENTRE_FRACTION = 0.75
-"""Cosine around which the polar angles above the horizon cluster, over the horizon's: from high up the glow is a line
-on the horizon."""
-RIM_WIDTH = 0.01
-"""HORIZON_WIDTH where the glow begins at a rim of haze."""
-BELOW_RIM = 3
-"""Polar angles between the horizon and a rim of haze; one there makes the red of deep twilight over dust 4 % too dark,
-two 1.5 %."""
-MAX_FITTED_TERMS = 4
-"""Most terms of the polynomials that are fitted to light away from the horizon (`analysis_rows`)."""
-AWAY_COSINE = 0.25
-"""Distance from the horizon, in the cosine of the zenith angle, from which on light counts in that fit."""
-LOW_DEGREE = 2
-"""Degree up to which the analysis of conservative scattering is exact: mean, flux, and vertical against horizontal."""
-TWILIGHT_DEG = (88.0, 99.0)
-"""Solar zenith angles [deg] between which the field falls by e within a degree, and nodes are closest together."""
-TWILIGHT_STEP_DEG = 0.85
-"""Interval between solar zenith angles there [deg], at zenith_density 1."""
-DAY_STEP_GROWTH = 0.18
-"""Growth of that interval with the distance from there by day."""
-MAX_DAY_STEP_DEG = 12.0
-"""Largest interval by day [deg]."""
-NIGHT_STEP_GROWTH = 0.06
-"""Growth of that interval with the distance from there at night."""
-MAX_NIGHT_STEP_DEG = 6.0
-"""Largest interval at night [deg]."""
-MIN_ZENITH_INTERVALS = 5
-"""Least intervals of solar zenith angle that a field has."""
+from twilight.solvers.zones import constants as tuned
+from twilight.transport.scaling import wigner_d
 
 
 @dataclass(frozen=True)
@@ -129,7 +112,7 @@ def make_angles(
     cosine = np.empty((horizon_cosine.size, per_side + n_below))
     weight = np.empty_like(cosine)
     for k, h in enumerate(horizon_cosine):
-        below, w_below = _clustered(-1.0, h, h, HORIZON_WIDTH, n_below)
+        below, w_below = _clustered(-1.0, h, h, tuned.HORIZON_WIDTH, n_below)
         above, w_above = _above_horizon(h, np.nan if rim_cosine is None else rim_cosine[k], per_side)
         cosine[k] = np.concatenate([below, above])
         weight[k] = 0.5 * np.concatenate([w_below, w_above])
@@ -170,11 +153,11 @@ def _above_horizon(horizon: float, rim: float, n: int) -> tuple[np.ndarray, np.n
     Light jumps at the rim: quadratures across it, of 14 angles, were wrong by up to 13 % of the mean light 10 km up in
     deep twilight, and each number of angles in another way.
     """
-    n_below = min(BELOW_RIM, n // 3)
+    n_below = min(tuned.BELOW_RIM, n // 3)
     if np.isnan(rim) or n_below == 0:
-        return _clustered(horizon, 1.0, CENTRE_FRACTION * horizon, HORIZON_WIDTH, n)
+        return _clustered(horizon, 1.0, tuned.CENTRE_FRACTION * horizon, tuned.HORIZON_WIDTH, n)
     below, weight_below = _clustered(horizon, rim, rim, 1.0, n_below)
-    above, weight_above = _clustered(rim, 1.0, CENTRE_FRACTION * rim, RIM_WIDTH, n - n_below)
+    above, weight_above = _clustered(rim, 1.0, tuned.CENTRE_FRACTION * rim, tuned.RIM_WIDTH, n - n_below)
     return np.concatenate([below, above]), np.concatenate([weight_below, weight_above])
 
 
@@ -198,11 +181,11 @@ def analysis_rows(
     edge = horizon[:, None]
     for part, low, high in ((slice(0, below), -1.0, edge), (slice(below, None), edge, 1.0)):
         mu = cosine[:, part]
-        n = min(MAX_FITTED_TERMS, mu.shape[1] // 3)
+        n = min(tuned.MAX_FITTED_TERMS, mu.shape[1] // 3)
         if n == 0:
             continue
         away = (mu - edge) ** 2
-        trust = (weight[:, part] * (away / (away + AWAY_COSINE**2)) ** 3)[..., None]
+        trust = (weight[:, part] * (away / (away + tuned.AWAY_COSINE**2)) ** 3)[..., None]
         inner = 0.5 * (low + high) + 0.5 * (high - low) * x
         harmonics = even_harmonics(inner, int(degree.max()), highest) * (0.25 * (high - low) * w)[..., None]
         powers = np.polynomial.legendre.legvander((2.0 * mu - low - high) / (high - low), n - 1)
@@ -213,8 +196,8 @@ def analysis_rows(
             inner_fit = inner_powers * (1.0 - inner**2)[..., None] ** (0.5 * m)
             truth = harmonics[..., of].swapaxes(1, 2) @ inner_fit
             trusted = (fit * trust).swapaxes(1, 2)
-            found = rows[:, of, part]
-            rows[:, of, part] = found + (truth - found @ fit) @ np.linalg.solve(trusted @ fit, trusted)
+            by_weights = rows[:, of, part]
+            rows[:, of, part] = by_weights + (truth - by_weights @ fit) @ np.linalg.solve(trusted @ fit, trusted)
     return rows
 
 
@@ -228,13 +211,13 @@ def conserving_angles(angles: Angles) -> Angles:
     brightest at the horizon the quadrature by weights alone is the better one.
     """
     around = angles.azimuth.size
-    low = angles.degree <= LOW_DEGREE
+    low = angles.degree <= tuned.LOW_DEGREE
     weights, analysis = angles.weight.copy(), []
     horizons = 2.0 * weights[:, : angles.below].sum(axis=1) - 1.0
     for mu, weight, horizon in zip(angles.cosine, weights, horizons, strict=True):
         for part, a, b in ((slice(0, angles.below), -1.0, horizon), (slice(angles.below, None), horizon, 1.0)):
             w = weight[part]
-            k = np.arange(min(LOW_DEGREE + 1, w.size))
+            k = np.arange(min(tuned.LOW_DEGREE + 1, w.size))
             basis = np.polynomial.legendre.legvander((2.0 * mu[part] - a - b) / (b - a), k.size - 1).T
             exact = np.where(k == 0, 0.5 * (b - a), 0.0)
             w *= 1.0 + np.linalg.solve((basis * w) @ basis.T, exact - basis @ w) @ basis
@@ -272,32 +255,32 @@ def even_harmonics(cosine: np.ndarray, degree: int, highest: int) -> np.ndarray:
         if m > 0:
             diagonal = diagonal * s * np.sqrt((2.0 * m + 1.0) / (2.0 * m))
         factor = 1.0 if m == 0 else np.sqrt(2.0)
-        before, here = np.zeros_like(x), diagonal
-        columns.append(factor * here)
+        before, current = np.zeros_like(x), diagonal
+        columns.append(factor * current)
         for n in range(m + 1, degree + 1):
             a = np.sqrt((4.0 * n * n - 1.0) / (n * n - m * m))
             b = np.sqrt(((n - 1.0) ** 2 - m * m) / (4.0 * (n - 1.0) ** 2 - 1.0))
-            before, here = here, a * (x * here - b * before)
-            columns.append(factor * here)
+            before, current = current, a * (x * current - b * before)
+            columns.append(factor * current)
     return np.stack(columns, axis=-1)
 
 
 def zenith_nodes(first_deg: float, last_deg: float, density: float) -> np.ndarray:
     """Solar zenith angles [deg] from first_deg or less to last_deg or more, close together within TWILIGHT_DEG."""
     out = [0.0]
-    begin, end = TWILIGHT_DEG
+    begin, end = tuned.TWILIGHT_DEG
     while out[-1] < 180.0:
         x = out[-1]
         if x < begin:
-            step = min(MAX_DAY_STEP_DEG, TWILIGHT_STEP_DEG + DAY_STEP_GROWTH * (begin - x))
+            step = min(tuned.MAX_DAY_STEP_DEG, tuned.TWILIGHT_STEP_DEG + tuned.DAY_STEP_GROWTH * (begin - x))
         elif x < end:
-            step = TWILIGHT_STEP_DEG
+            step = tuned.TWILIGHT_STEP_DEG
         else:
-            step = min(MAX_NIGHT_STEP_DEG, TWILIGHT_STEP_DEG + NIGHT_STEP_GROWTH * (x - end))
+            step = min(tuned.MAX_NIGHT_STEP_DEG, tuned.TWILIGHT_STEP_DEG + tuned.NIGHT_STEP_GROWTH * (x - end))
         out.append(x + step / density)
     nodes = np.array(out)
     first = max(0, int(np.searchsorted(nodes, first_deg, side="right")) - 1)
-    last = min(nodes.size - 1, max(first + MIN_ZENITH_INTERVALS, int(np.searchsorted(nodes, last_deg))))
+    last = min(nodes.size - 1, max(first + tuned.MIN_ZENITH_INTERVALS, int(np.searchsorted(nodes, last_deg))))
     return nodes[first : last + 1]
 
 
@@ -328,3 +311,44 @@ def cubic_refinement(
                 w *= np.where(used, (fine - coarse[node[:, k]]) / gap, 1.0)
         weight[:, j] = w
     return fine, node, weight
+
+
+def spin2_harmonics(cosine: np.ndarray, degree: int, highest: int) -> tuple[np.ndarray, np.ndarray]:
+    """Polar parts X and Z (P, C) at cosines (P,), sorted by m = 0..highest and within by l = max(m, 2)..degree."""
+    x = np.asarray(cosine, dtype=float)
+    polar_x, polar_z = [np.zeros((0, x.size))], [np.zeros((0, x.size))]
+    for m in range(highest + 1):
+        first = max(m, 2)
+        right, left = wigner_d(degree, m, 2, x)[first:], wigner_d(degree, m, -2, x)[first:]
+        # the harmonics of the intensity are taken with positive P_mm, Wigner's functions are not
+        norm = 0.5 * (-1.0) ** m * np.sqrt((2.0 * np.arange(first, degree + 1) + 1.0) * (2.0 if m else 1.0))[:, None]
+        polar_x.append(norm * (right + left))
+        polar_z.append(norm * (right - left))
+    return np.concatenate(polar_x).T, np.concatenate(polar_z).T
+
+
+def spin2_degrees_and_orders(degree: int, highest: int) -> tuple[np.ndarray, np.ndarray]:
+    """Degrees and orders (C,) of the spin-2 harmonics, in the sequence of `spin2_harmonics`."""
+    pairs = [(n, m) for m in range(highest + 1) for n in range(max(m, 2), degree + 1)]
+    return np.array([n for n, _ in pairs], dtype=int), np.array([m for _, m in pairs], dtype=int)
+
+
+def scattering_geometry(
+    cosine: np.ndarray, cos_azimuth: np.ndarray, sin_azimuth: np.ndarray, sun_zenith_rad: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(cosine of the scattering angle, cos 2 sigma, sin 2 sigma) of sunlight scattered towards the observer.
+
+    cosine: of the zenith angles of the directions of view; azimuths from the sun; sigma: from the vertical plane,
+        clockwise, to the plane through line of sight and sun.  Towards the sun itself there is no such plane: there
+        both are 0, as P12 is.
+    """
+    mu = cosine
+    sine = np.sqrt(np.maximum(0.0, 1.0 - mu * mu))
+    up, aside = np.cos(sun_zenith_rad), np.sin(sun_zenith_rad)
+    along = mu * up + sine * aside * cos_azimuth
+    of_v = sine * up - mu * aside * cos_azimuth
+    of_h = -aside * sin_azimuth
+    square = of_v * of_v + of_h * of_h
+    safe = np.where(square > 1e-30, square, 1.0)
+    lit = square > 1e-30
+    return along, np.where(lit, (of_v * of_v - of_h * of_h) / safe, 0.0), np.where(lit, 2.0 * of_v * of_h / safe, 0.0)

@@ -1,22 +1,34 @@
-"""Whether a sky fits into this machine."""
+"""How a scene is solved: its wavelengths in blocks, and what memory and time that takes.
+
+A `Problem` is a scene and how it is to be solved.  Its wavelengths are divided into blocks of as many as the solver
+takes at once, so that 1000 need no more memory than one block.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from twilight import solvers
+from twilight.atmosphere.bands import GasBands
+from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.reading import memory_bytes
 from twilight.config.scene import Config
-from twilight.engine.block import VALUES_AT_ONCE
-from twilight.engine.solve import Problem
 from twilight.scene.medium import wavelengths_of
 from twilight.scene.scene import Scene
 from twilight.scene.suns import count_suns
 from twilight.sky.colour import TONE_MAPPINGS
+from twilight.solvers.base import Cost, Interpolation
 
+FIELD_BYTES = 1.0e9
+"""Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
+VALUES_AT_ONCE = 400_000
+"""Directions times wavelengths of a texture or a view that a solver is asked for at once, by rows: the memory that each
+of them takes is free before the next rows."""
 ARRAYS_AT_ONCE = 4
 """Copies of a sky's radiance that a render holds at the same time: blocks, the whole, physical units, the file's."""
 NIGHT_ARRAYS = 3
@@ -45,14 +57,121 @@ SUN_S = 0.3
 """Processor seconds of a sun's sky besides its directions: its beam, its colours."""
 FILES_S = 1.0
 """Processor seconds of a sun's files: pictures 0.7, environment maps and HDF5 0.3."""
-
-
 USUAL_GRID = (90, 140)
 """Rows and columns of a sky where no texture is asked for, about (`twilight.sky.table.plain_grid`)."""
 USUAL_NODES = 1150
 """Directions of the table that it is read from, about (`twilight.engine.table.fill`)."""
 VIEW_NODES = 4000
 """The same of the table of a view (`twilight.engine.view`)."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """How a scene is solved.
+
+    Parameters
+    ----------
+    scene
+        What is solved.
+    sun_elevations_deg
+        All the suns that will be asked for [deg], which some solvers take to save time; None: any.
+    cached
+        Whether solved fields are taken from the user's cache and left there; else every field is solved here.
+    numpy_only_sun
+        The sun's own light on the ground is found by quadrature, where one sun is not worth tables.
+    """
+
+    scene: Scene
+    sun_elevations_deg: tuple[float, ...] | None = None
+    cached: bool = False
+    numpy_only_sun: bool = False
+
+    def __post_init__(self) -> None:
+        scene, able = self.scene, self.scene.capabilities
+        if len(self.slices) > 1 and self._in_one_file:
+            raise TwilightError(
+                f"solver.field_file: holds the field of up to {able.wavelengths_at_once} wavelengths, and "
+                f"{scene.title or 'the medium'} has {scene.medium.n_wavelengths}"
+            )
+
+    @property
+    def _in_one_file(self) -> bool:
+        """Whether a file is to hold the field of all wavelengths, or holds it."""
+        return bool(getattr(self.scene.settings, "field_file", None))
+
+    @cached_property
+    def cost(self) -> Cost | None:
+        """Memory and processor time of the fields, where the solver knows them."""
+        scene, able = self.scene, self.scene.capabilities
+        if able.cost is None:
+            return None
+        known = self.sun_elevations_deg if able.takes_suns else None
+        return able.cost(scene.medium, scene.settings, known, scene.altitude_km)
+
+    @cached_property
+    def wavelengths_at_once(self) -> int:
+        """Most wavelengths of a block: as many as the solver takes and as FIELD_BYTES hold, in bands too."""
+        most = self.scene.capabilities.wavelengths_at_once
+        if self.cost is None or self.scene.medium.n_wavelengths <= self.cost.block_size:
+            return most
+        return self.cost.max_wavelengths(most, FIELD_BYTES, self.scene.bands is not None)
+
+    @cached_property
+    def term_counts(self) -> np.ndarray:
+        """Terms of each wavelength, (W,); 1 without bands."""
+        scene = self.scene
+        return np.ones(scene.medium.n_wavelengths, int) if scene.bands is None else scene.bands.term_counts
+
+    @cached_property
+    def _groups(self) -> list[Hashable]:
+        """A key for each wavelength: those of different keys are in different blocks."""
+        scene, able = self.scene, self.scene.capabilities
+        count = scene.medium.n_wavelengths
+        keys: list[Hashable] = [0] * count
+        if count > 1 and not self._in_one_file:
+            if able.spectral_groups is not None:
+                keys = list(able.spectral_groups(scene.medium, scene.settings))
+            keys = [key if self.term_counts[w] == 1 else 1 for w, key in enumerate(keys)]
+        return keys
+
+    @cached_property
+    def interpolations(self) -> list[Interpolation | None]:
+        """What interpolates light over the spectral group of each wavelength; None where all of a group are solved."""
+        scene, able = self.scene, self.scene.capabilities
+        found: list[Interpolation | None] = [None] * scene.medium.n_wavelengths
+        if able.spectral_interpolation is None:
+            return found
+        for key in dict.fromkeys(self._groups):
+            members = np.array([w for w, other in enumerate(self._groups) if other == key])
+            one = able.spectral_interpolation(scene.medium, scene.bands, members, scene.settings)
+            for w in members:
+                found[w] = one
+        return found
+
+    @cached_property
+    def slices(self) -> list[slice]:
+        """The blocks of wavelengths, as ranges of indices into those of the medium.
+
+        A block holds `wavelengths_at_once` terms of exponential sums at most, at least one wavelength.  Wavelengths of
+        different spectral groups are in different blocks, and so are those in a band and others, whose grids would
+        follow the band's terms, unless a file is to hold them all.
+        """
+        term_counts, keys = self.term_counts, self._groups
+        starts, held = [0], int(term_counts[0])
+        for w in range(1, len(keys)):
+            held += int(term_counts[w])
+            if held > self.wavelengths_at_once or keys[w] != keys[w - 1]:
+                starts.append(w)
+                held = int(term_counts[w])
+        ends = [*starts[1:], self.scene.medium.n_wavelengths]
+        return [slice(start, stop) for start, stop in zip(starts, ends, strict=True)]
+
+    def part(self, index: int) -> tuple[Medium, GasBands | None]:
+        """The medium and the exponential sums of one block; None: it has no terms."""
+        scene, part = self.scene, self.slices[index]
+        medium = scene.medium if part == slice(0, scene.medium.n_wavelengths) else scene.medium.select(part)
+        bands = None if scene.bands is None else scene.bands.select(part)
+        return medium, bands if bands is not None and bands.absorption_per_km.any() else None
 
 
 @dataclass(frozen=True)
