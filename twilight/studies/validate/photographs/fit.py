@@ -26,7 +26,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
-from twilight.numerics.orientation import azimuth_elevation, camera_axes, direction
+from twilight.numerics.directions import azimuth_elevation, camera_axes, direction
 from twilight.sky import colour
 from twilight.studies.validate.photographs.airs import SUN, Parameter, Skies, towards
 from twilight.studies.validate.photographs.photo import OBSERVER, Cells, Curve, residual_vector
