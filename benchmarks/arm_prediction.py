@@ -6,8 +6,8 @@ The air is published whole (36.6 N, 97.5 W, 0.32 km): 970.6 hPa, water 8.43 mm, 
 0.0418 at 464 nm, single scattering albedo 0.904, asymmetry 0.347; ground albedo 0.070.  Asked for is the radiance of
 the zenith at 464.02 nm, unpolarised, with the sun at -6, -7 and -8 deg (true elevation of the disc's centre).  What is
 not published is varied: the aerosol's height, the exponent of its spectrum (which says nothing at 464 nm but through
-the optical depth at 550 nm that the program is told), stratosphere, profile of the air, and a screen beyond the horizon.
-"""
+the optical depth at 550 nm that the program is told), stratosphere, profile of the air, and a screen beyond the
+horizon."""
 
 from __future__ import annotations
 

@@ -3,11 +3,11 @@
     python benchmarks/phone.py [--count 50] [--summary]      # phone_pictures.csv, row by row; resumes
 
 Each picture: a place, a time and an air drawn at random, its sky by the solver zones (which is not what the fit takes),
-seen by a phone held 3 to 25 deg above the horizontal and tilted by up to 4 deg, over dark hills of up to 2 deg; its lens
-darkens the corners by up to 8 %; noise of 1.5 % a pixel; gains of 10 % between the colours; a tone curve with 0.85 to
-1.35 times the contrast and a shoulder; sRGB in 8 bits, JPEG of quality 92.  Its Exif says time, place, heading (5 deg
-off), focal length in 35 mm and exposure (40 % off).  Drawn alike are ln of the optical depth, ozone and albedo, within
-the bounds of the fit.
+seen by a phone held 3 to 25 deg above the horizontal and tilted by up to 4 deg, over dark hills of up to 2 deg; its
+lens darkens the corners by up to 8 %; noise of 1.5 % a pixel; gains of 10 % between the colours; a tone curve with 0.85
+to 1.35 times the contrast and a shoulder; sRGB in 8 bits, JPEG of quality 92.  Its Exif says time, place, heading (5
+deg off), focal length in 35 mm and exposure (40 % off).  Drawn alike are ln of the optical depth, ozone and albedo,
+within the bounds of the fit.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ time, aperture and sensitivity the luminance.  By ISO 12232 a camera's sensitivi
     L = 10 lx s N^2 / (0.65 t S)
 
 comes out as 118 of 255 in sRGB (standard output sensitivity; 0.65 is the usual transmission of a lens), N being the
-aperture and t the exposure time.  Cameras keep that to a third of a stop, and phones lift shadows beside: `LUMINANCE_LN`.
+aperture and t the exposure time.  Cameras keep that to a third of a stop, and phones lift shadows: `LUMINANCE_LN`.
 """
 
 from __future__ import annotations
@@ -86,9 +86,9 @@ class Stated:
         if field_of_view_deg is None:
             if self.focal_35mm is None:
                 raise TwilightError(
-                    f"{path}: is {width_px} x {height_px}, no panorama of the whole sphere (twice as wide as high), and "
-                    "its file does not say the focal length in 35 mm; give its width in degrees (--field-of-view), or "
-                    "its camera (--camera)"
+                    f"{path}: is {width_px} x {height_px}, no panorama of the whole sphere (twice as wide as high), "
+                    "and its file does not say the focal length in 35 mm; give its width in degrees (--field-of-view), "
+                    "or its camera (--camera)"
                 )
             if self.size is not None:
                 long, short = max(self.size), min(self.size)

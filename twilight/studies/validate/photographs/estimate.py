@@ -129,7 +129,7 @@ class Options:
     own_type: str | None = None
     low_deg: float = SUN_DEG[0]
     high_deg: float = SUN_DEG[1]
-    freedom: Freedom = Freedom()
+    freedom: Freedom = field(default_factory=Freedom)
 
 
 def find_air(

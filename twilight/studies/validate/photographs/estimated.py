@@ -228,8 +228,8 @@ class Estimate:
         levels = self.best.camera.get("exposure")
         if levels is not None and self.photograph.log_exposure is not None:
             lines.append(
-                f"brightness: by exposure, aperture and ISO the sky is {np.exp(float(levels[0])):.2f} times as bright as "
-                f"computed (known to a factor of {np.exp(self.photograph.log_exposure[1]):.1f})"
+                f"brightness: by exposure, aperture and ISO the sky is {np.exp(float(levels[0])):.2f} times as bright "
+                f"as computed (known to a factor of {np.exp(self.photograph.log_exposure[1]):.1f})"
             )
         return lines
 
@@ -464,7 +464,7 @@ def _placed(
                 remarks.append(f"the sun's height: {found:.2f} deg by its disc in the photograph")
             else:
                 remarks.append(
-                    f"the sun's disc stands at {found:.2f} deg, outside of the {low:g} to {high:g} deg that are searched"
+                    f"the sun's disc stands at {found:.2f} deg, not within the {low:g} to {high:g} deg searched"
                 )
     return Shown(name, photograph, low if low == high else np.nan, azimuth), (low, high), error, remarks
 

@@ -143,8 +143,8 @@ def _draw_profile(axes: Any, profile: MeridianProfile, line_colour: str, label: 
 def _pictures(
     comparison: Comparison, panorama: Panorama, mask: Mask, others: Sequence[tuple[str, Sky]]
 ) -> tuple[list[np.ndarray], tuple]:
-    """Display values (rows, columns, 3), bottom row first, the sun in the middle, cut to the photograph: the photograph,
-    the sky alone and behind the ground, and other skies, each of these at an exposure of its own."""
+    """Display values (rows, columns, 3), bottom row first, the sun in the middle, cut to the photograph: the
+    photograph, the sky alone and behind the ground, and other skies, each of these at an exposure of its own."""
     half = panorama.azimuth_deg.size // 2
     order = np.roll(np.arange(panorama.azimuth_deg.size), half)
     first = -180.0 + (panorama.azimuth_deg[0] - 0.5 * panorama.step_deg)

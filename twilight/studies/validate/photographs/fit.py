@@ -4,12 +4,13 @@ A photograph's cells and the computed sky are compared in m = (ln G, ln R/G, ln 
 
     ln photograph - ln computed = sum_k c_k m_k + e,
 
-where m_k are what a camera does alike to a whole picture: exposure (a constant of ln G, for each picture), white balance
-(constants of ln R/G and ln B/G), a tone curve (g1 t + g2 t^2 of each channel, t = its ln over the picture's middle), a
-lens that darkens its corners; c_k is normally distributed about 0 with the standard deviations below, wide where nothing
-is known.  e is what is left: noise of single cells, errors of the solver, correlated over `SOLVER_DEG` and between suns,
-and of the sky itself (haze in streaks, thin cloud, stitching), correlated over `SKY_DEG`, with an amplitude that the
-picture itself says (the one of `AMPLITUDES` that makes what is left most likely).  Together they have a covariance C, and
+where m_k are what a camera does alike to a whole picture: exposure (a constant of ln G, for each picture), white
+balance (constants of ln R/G and ln B/G), a tone curve (g1 t + g2 t^2 of each channel, t = its ln over the picture's
+middle), a lens that darkens its corners; c_k is normally distributed about 0 with the standard deviations below, wide
+where nothing is known.  e is what is left: noise of single cells, errors of the solver, correlated over `SOLVER_DEG`
+and between suns, and of the sky itself (haze in streaks, thin cloud, stitching), correlated over `SKY_DEG`, with an
+amplitude that the picture itself says (the one of `AMPLITUDES` that makes what is left most likely).  Together they
+have a covariance C, and
 
     chi^2 = r^T C^-1 r + sum over the angles of the camera ((angle - as told) / its error)^2,
 
