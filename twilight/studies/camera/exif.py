@@ -85,10 +85,11 @@ class Stated:
         """
         if field_of_view_deg is None:
             if self.focal_35mm is None:
+                nothing = "" if self.anything else ", and nothing else of how it was taken (a screenshot, or sent on)"
                 raise TwilightError(
                     f"{path}: is {width_px} x {height_px}, no panorama of the whole sphere (twice as wide as high), "
-                    "and its file does not say the focal length in 35 mm; give its width in degrees (--field-of-view), "
-                    "or its camera (--camera)"
+                    f"and its file does not say the focal length in 35 mm{nothing}; give its width in degrees "
+                    "(--field-of-view), or its camera (--camera)"
                 )
             if self.size is not None:
                 long, short = max(self.size), min(self.size)

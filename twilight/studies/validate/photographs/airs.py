@@ -174,7 +174,7 @@ class Airs:
             raise TwilightError(f"{base.title}: has clouds, and clear sky is estimated; name a climate without")
         self.base, self.design, self.progress = base, design, progress
         self._fields: dict[tuple, compact.Field] = {}
-        self._splines: dict[tuple[compact.Field, float], np.ndarray] = {}
+        self._splines: dict[tuple[tuple, float], np.ndarray] = {}
 
     def log_xyz(
         self, aerosol_type: str, values: Mapping[str, float], sun: float, elevation: np.ndarray, azimuth: np.ndarray
@@ -183,9 +183,7 @@ class Airs:
 
         Errors: TwilightError for a sky that is black there.
         """
-        return self._log_xyz(self._field(aerosol_type, values), sun, elevation, azimuth)
-
-    def _log_xyz(self, field: compact.Field, sun: float, elevation: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+        field = self._field(aerosol_type, values)
         factor = field.radiance(float(sun), np.clip(elevation, 0.0, 90.0), azimuth)
         xyz = colour.factor_to_xyz(factor, WAVELENGTH_NM, self.base.solar_spectrum, observer=OBSERVER)
         if not (xyz > 0.0).all():
@@ -194,16 +192,19 @@ class Airs:
 
     def splines(self, aerosol_type: str, values: Mapping[str, float], suns: Sequence[float]) -> np.ndarray:
         """Coefficients (S, rows, columns, 3) of the skies of an air under some suns."""
-        field = self._field(aerosol_type, values)
+        air = self._key(aerosol_type, values)
         columns = COLUMNS_DEG[(COLUMNS_DEG >= 0.0) & (COLUMNS_DEG <= 180.0)]
         where = np.meshgrid(90.0 * ROWS**2, columns, indexing="ij")
         for sun in suns:
-            if (field, sun) not in self._splines:
-                self._splines[field, sun] = spline(self._log_xyz(field, sun, *where))
-        return np.array([self._splines[field, sun] for sun in suns])
+            if (air, sun) not in self._splines:
+                self._splines[air, sun] = spline(self.log_xyz(aerosol_type, values, sun, *where))
+        return np.array([self._splines[air, sun] for sun in suns])
+
+    def _key(self, aerosol_type: str, values: Mapping[str, float]) -> tuple:
+        return (aerosol_type, *(round(values[p.name], 9) for p in self.design.parameters))
 
     def _field(self, aerosol_type: str, values: Mapping[str, float]) -> compact.Field:
-        key = (aerosol_type, *(round(values[p.name], 9) for p in self.design.parameters))
+        key = self._key(aerosol_type, values)
         if key not in self._fields:
             shown = ", ".join(f"{p.name} {values[p.name]:.3g}" for p in self.design.parameters)
             self.progress(f"air {len(self._fields) + 1}: {aerosol_type}, {shown}", min(0.95, len(self._fields) / 24))

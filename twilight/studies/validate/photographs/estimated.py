@@ -29,6 +29,7 @@ from twilight.studies.validate.photographs.airs import (
     climate_settings,
     with_settings,
 )
+from twilight.studies.validate.photographs.checks import check_sky, check_upright
 from twilight.studies.validate.photographs.estimate import (
     EQUIVALENT,
     AirEstimate,
@@ -437,6 +438,7 @@ def _placed(
     name: str, photograph: Photograph, told_deg: float | None, given: Config, says: Given
 ) -> tuple[Shown, tuple[float, float], float, list[str]]:
     """A photograph with its sun (NaN where it is sought), between which suns, the error of its azimuth, and remarks."""
+    check_upright(name, photograph)
     low, high, at = sun_range(given)
     remarks = list(photograph.remarks)
     if told_deg is not None:
@@ -466,6 +468,7 @@ def _placed(
                 remarks.append(
                     f"the sun's disc stands at {found:.2f} deg, not within the {low:g} to {high:g} deg searched"
                 )
+    remarks += check_sky(name, photograph, photograph.seen(azimuth, low if low == high else None))
     return Shown(name, photograph, low if low == high else np.nan, azimuth), (low, high), error, remarks
 
 

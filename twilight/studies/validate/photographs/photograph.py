@@ -109,14 +109,22 @@ class Photograph:
         panorama, mask = self._masked(0.0, None)
         return find_sun_azimuth(panorama, mask.valid)
 
+    @cached_property
+    def _seen(self) -> dict[tuple[float, float | None], MaskedSky]:
+        return {}
+
     def seen(self, sun_azimuth_deg: float, apparent_sun_elevation_deg: float | None) -> MaskedSky:
         """The photograph on the grid of a computed sky whose sun is there; azimuth in the camera's azimuths.
 
         Errors: TwilightError as ``photo.photo_sky``.
         """
-        sun = None if apparent_sun_elevation_deg is None else (0.0, apparent_sun_elevation_deg)
-        panorama, mask = self._masked(sun_azimuth_deg, sun)
-        return MaskedSky(photo_sky(panorama, mask.valid, self.cell_deg), panorama, mask)
+        key = (sun_azimuth_deg, apparent_sun_elevation_deg)
+        if key not in self._seen:
+            sun = None if apparent_sun_elevation_deg is None else (0.0, apparent_sun_elevation_deg)
+            panorama, mask = self._masked(sun_azimuth_deg, sun)
+            self._seen.clear()  # the last one is asked for again
+            self._seen[key] = MaskedSky(photo_sky(panorama, mask.valid, self.cell_deg), panorama, mask)
+        return self._seen[key]
 
     def sky(
         self,
