@@ -20,12 +20,11 @@ LAPACK's blocked LU and BLAS sums differ in the last bits with the number of thr
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
 
-from twilight.base import cache
 from twilight.base.progress import Progress
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
