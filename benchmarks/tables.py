@@ -28,7 +28,7 @@ import twilight
 from twilight.base import cache
 from twilight.engine.sun_tables import SunTables
 from twilight.io import write_outputs
-from twilight.numerics.orientation import scattering_angle_rad
+from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky.table import SkyTable
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from twilight.base.conventions import EARTH_RADIUS_KM
-from twilight.engine.answer import Answer
+from twilight.engine.block import Answer
 from twilight.engine.table import fill, first_columns, first_rows
-from twilight.numerics.orientation import PHASE_ANGLE_RAD, scattering_angle_rad
+from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
 from twilight.sky.table import SkyTable, join, plain_grid, split, stack
 from twilight.transport.scattered_once import ScatteredOnce

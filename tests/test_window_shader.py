@@ -18,11 +18,11 @@ from typer.testing import CliRunner
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
-from twilight.engine import Problem
+from twilight.engine import solve
 from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT, SunTables
 from twilight.engine.table import first_columns, first_rows
 from twilight.numerics import spectrum
-from twilight.numerics.orientation import PHASE_COUNT, direction
+from twilight.numerics.directions import PHASE_COUNT, direction
 from twilight.scene import resolve
 from twilight.sky.colour import REC709_LUMINANCE
 from twilight.studies.export.folder import write_folder
@@ -116,7 +116,7 @@ def test_shaders_read_what_python_reads(made, folder, language, webgpu):
 @pytest.mark.parametrize("air", ["continental-average", "pure-air"])
 def test_what_a_card_draws_is_the_field(air, tmp_path, webgpu):
     """The figures of docs/tables.md: luminance in both shaders beside lines of sight that the field is asked for."""
-    solved = Problem(resolve(load(air, {"solver.quality": "draft"})), cached=True).solve()
+    solved = solve(resolve(load(air, {"solver.quality": "draft"})))
     write_folder(tmp_path / "sky", shader_sky(solved, air).files())
     cases = {sun: field_luminance(solved, sun) for sun in (30.0, 2.0, -4.0, -10.0)}
     for language in ("glsl", "wgsl"):
@@ -176,7 +176,7 @@ def test_the_page_of_three_js_draws_sunsets(tmp_path, webgpu):
     three = os.environ.get("THREE_JS_BUILD")
     if not three:
         pytest.skip("needs three.js: `npm pack three`, and THREE_JS_BUILD=folder of its three.module.js")
-    field = Problem(resolve(load("continental-average", {"solver.quality": "draft"})), cached=True).solve()
+    field = solve(resolve(load("continental-average", {"solver.quality": "draft"})))
     write_folder(tmp_path / "sky", shader_sky(field, "continental").files())
     for file in (Path(three) / "three.module.js", Path(three) / "three.core.js", SUNSET):
         shutil.copy(file, tmp_path / "sky")
