@@ -36,6 +36,9 @@ WIDENED_DEG = 8.0
 WIDENING_COUNT = 24
 """Angles at which the widening is measured."""
 
+LEAST_OF_LIMB = 1e-12
+"""Light along lines through the limb, of the brightest, that stands for none."""
+
 MOST_WIDENING = 1.5
 """Largest change of the logarithm of the aureole by widening."""
 
@@ -127,6 +130,26 @@ class ScatteredOnce:
         between = hermite_matrix(np.sqrt(np.radians(angle)), np.sqrt(PHASE_ANGLE_RAD))
         return (between @ change).astype(np.float32)
 
+    def _below(
+        self, sun_elevation_deg: float, invariant_km: np.ndarray, before_rad: np.ndarray, azimuth_deg: np.ndarray
+    ) -> np.ndarray:
+        """`RefractedShells.scattered_once_below`, through the limb between lines that are lowest in the middle of a
+        layer: at its edges the path has a root of the height, which neither of a table's layers can hold."""
+        middle = self._shells.middles_km
+        limb = invariant_km > middle[0]
+        out = np.empty((len(self._phases), invariant_km.size, azimuth_deg.size, self._shells.wavelengths))
+        if not limb.all():
+            straight = invariant_km[~limb], before_rad[~limb]
+            out[:, ~limb] = self._shells.scattered_once_below(sun_elevation_deg, *straight, azimuth_deg)
+        if limb.any():
+            order = np.argsort(invariant_km)
+            before = np.interp(middle, invariant_km[order], before_rad[order])
+            found = self._shells.scattered_once_below(sun_elevation_deg, middle, before, azimuth_deg)
+            logarithm = np.log(np.maximum(found, LEAST_OF_LIMB * found.max() + 1e-300))
+            between = hermite_matrix(middle, invariant_km[limb])
+            out[:, limb] = np.exp(np.einsum("em,smaw->seaw", between, logarithm))
+        return out
+
     def light(self, sun_elevation_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
         """Light / F0 on rows (E,) and columns (A,), (E, A, W).
 
@@ -146,8 +169,7 @@ class ScatteredOnce:
             invariant, before = self._shells.invariant_km(elevation_deg, self._above_km)
             down = ~up & np.isfinite(invariant)
             if down.any():
-                found = self._shells.scattered_once_below(sun_elevation_deg, invariant[down], before[down], azimuth_deg)
-                factors[:, down] = found
+                factors[:, down] = self._below(sun_elevation_deg, invariant[down], before[down], azimuth_deg)
         apparent = self.apparent_sun_deg(sun_elevation_deg)
         cosine = np.cos(scattering_angle_rad(apparent, elevation_deg[:, None], azimuth_deg))
         out = sum(np.moveaxis(p(cosine), 0, -1) * part for p, part in zip(self._phases, factors, strict=True))

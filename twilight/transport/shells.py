@@ -117,6 +117,12 @@ class RefractedShells:
         self._boundary_x = self._x[::SUBLAYERS]
         self._known: dict[int, Sunbeams] = {}
 
+    @property
+    def middles_km(self) -> np.ndarray:
+        """n r in the middle of each layer below the observer, and at him [km]."""
+        middle = 0.5 * (self._boundary_x[1:] + self._boundary_x[:-1])
+        return np.append(middle[: self.first], self._boundary_x[self.first])
+
     def invariant_km(self, elevation_deg: np.ndarray, above_km: float) -> tuple[np.ndarray, np.ndarray]:
         """n r sin(zenith angle) of lines of sight by their elevations at an observer so far above the boundary that is
         his, and the angle at the Earth's centre from him to where they enter the layers [rad], (E,) each; nan where
