@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageOps
 
 ROOT = Path(__file__).resolve().parents[1]
-SIZE = (360, 162)
+SIZE = (300, 135)
 HABER = ["--set", "solver.azimuth_cells=36", "--set", "texture.resolution_deg=10"]
 FIGURES = {
     "haber2005-fig7": HABER,
@@ -25,7 +25,7 @@ FIGURES = {
     "haber2005-fig9": HABER,
     "haber2005-fig10": HABER,
     "haber2005-fig12": HABER,
-    "bruneton2008-fig6": [],
+    "bruneton2008-fig6": ["--set", "wavelengths={list_nm: [440, 550, 680]}"],  # his three
     "preetham1999-fig9": [],
     "preetham1999-fig10": [],
 }

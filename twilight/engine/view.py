@@ -190,9 +190,7 @@ def check_terrain(able: Capabilities, terrain: Terrain, altitude_km: float, stan
     """TwilightError for a solver that cannot put terrain before its sky, for heights that cannot be read, and for an
     observer under the ground."""
     if not (able.finite_segments and (able.every_observer or able.kind == "formula")):
-        raise TwilightError(
-            "terrain: needs finite segments for every observer: zones, tables or preetham"
-        )
+        raise TwilightError("terrain: needs finite segments for every observer: zones, tables or preetham")
     check_above(heights_of(terrain, standpoint=standpoint), altitude_km)
 
 
