@@ -23,7 +23,7 @@ from twilight.base.digest import code_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.engine.problem import VALUES_AT_ONCE, Problem
-from twilight.engine.sunbeam import Direct, Sunbeam
+from twilight.engine.sunbeam import Direct, Sunbeam, disc_strips
 from twilight.numerics.directions import half_of
 from twilight.solvers.base import Field, Interpolation
 from twilight.transport.scattered_once import ScatteredOnce
@@ -100,7 +100,7 @@ class Block:
         self.capabilities = problem.scene.capabilities
         self.from_disk = False
         self.term_medium = self.medium if self.bands is None else self.bands.expand(self.medium)
-        self.sunbeam = Sunbeam(self.term_medium, self.capabilities.kind == "fitted" or problem.numpy_only_sun)
+        self.sunbeam = Sunbeam(self.term_medium, self.capabilities.kind != "transport" or problem.numpy_only_sun)
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
         self._once: ScatteredOnce | None = None
@@ -270,6 +270,15 @@ class Block:
         altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
         found = self.sunbeam.at(sun_elevation_deg, altitude)
         return found if self.bands is None else found._replace(irradiance=self.bands.sum_terms(found.irradiance))
+
+    def disc_irradiance(self, sun_elevation_deg: float, altitude_km: float) -> np.ndarray:
+        """Irradiance of level ground by the sun's disc over F0, (W,)."""
+        found = self.sunbeam.strips(sun_elevation_deg, max(altitude_km, self.medium.bottom_km))
+        if found is None:
+            return np.zeros(self.medium.n_wavelengths)
+        elevation, beams = found
+        beams = disc_strips()[1][:, None] * (beams if self.bands is None else self.bands.sum_terms(beams))
+        return np.maximum(np.sin(np.radians(elevation)), 0.0) @ beams
 
 
 def check_question(sun_elevation_deg: Any, elevation_deg: Any, azimuth_deg: Any) -> None:
