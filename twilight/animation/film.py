@@ -154,25 +154,35 @@ class Animation:
         """
         tell = progress or silent
         self.folder.mkdir(parents=True, exist_ok=True)
-        drawn, processor_s = 0, 0.0
         with locked(self.folder / "lock", "another film"):
-            parts = self._parts(part_of(tell, 0.0, 0.4))
-            painter = SkyPainter(parts, self._directions(self.view))
-            exposures_of_frames = self._exposures(parts, part_of(tell, 0.4, 0.1))
-            paths, fraction = [], part_of(tell, 0.5, 0.4)
-            for i, exposure_of_frame in enumerate(exposures_of_frames):
-                facts = self._facts(i, exposure_of_frame)
-                path = self.folder / f"{configuration_hash(facts)[:32]}{'.png' if self.output.suffix else '.exr'}"
-                if not path.is_file():
-                    begin = time.process_time()
-                    self._draw(painter, parts, i, exposure_of_frame, path, facts)
-                    processor_s += time.process_time() - begin
-                    drawn += 1
-                paths.append(path)
-                fraction(f"picture {i + 1} of {len(exposures_of_frames)}", (i + 1) / len(exposures_of_frames))
-            encode(paths, self.output, self.frames_per_second, part_of(tell, 0.9, 0.1))
+            try:
+                drawn, processor_s = self._make(tell)
+            except BaseException:
+                if [path.name for path in self.folder.iterdir()] == ["lock"]:
+                    shutil.rmtree(self.folder)
+                raise
         shutil.rmtree(self.folder)
         return FilmResult(drawn, processor_s)
+
+    def _make(self, tell: Progress) -> tuple[int, float]:
+        """How many pictures were drawn, and the processor time [s] of it."""
+        drawn, processor_s = 0, 0.0
+        parts = self._parts(part_of(tell, 0.0, 0.4))
+        painter = SkyPainter(parts, self._directions(self.view))
+        exposures_of_frames = self._exposures(parts, part_of(tell, 0.4, 0.1))
+        paths, fraction = [], part_of(tell, 0.5, 0.4)
+        for i, exposure_of_frame in enumerate(exposures_of_frames):
+            facts = self._facts(i, exposure_of_frame)
+            path = self.folder / f"{configuration_hash(facts)[:32]}{'.png' if self.output.suffix else '.exr'}"
+            if not path.is_file():
+                begin = time.process_time()
+                self._draw(painter, parts, i, exposure_of_frame, path, facts)
+                processor_s += time.process_time() - begin
+                drawn += 1
+            paths.append(path)
+            fraction(f"picture {i + 1} of {len(exposures_of_frames)}", (i + 1) / len(exposures_of_frames))
+        encode(paths, self.output, self.frames_per_second, part_of(tell, 0.9, 0.1))
+        return drawn, processor_s
 
     def _parts(self, progress: Progress) -> FilmParts:
         """The field's tables, discs, moon and nights where they are asked for; from the folder where it has them."""

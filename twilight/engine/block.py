@@ -100,7 +100,7 @@ class Block:
         self.capabilities = problem.scene.capabilities
         self.from_disk = False
         self.term_medium = self.medium if self.bands is None else self.bands.expand(self.medium)
-        self.sunbeam = Sunbeam(self.term_medium, self.capabilities.kind == "fitted" or problem.numpy_only_sun)
+        self.sunbeam = Sunbeam(self.term_medium, self.capabilities.kind != "transport" or problem.numpy_only_sun)
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
         self._once: ScatteredOnce | None = None

@@ -244,7 +244,7 @@ def full_cost(scene: Scene) -> SceneCost:
             seconds += times * found.cpu_s_per_wavelength * -(-n // found.block_size) * found.block_size
         else:
             seconds += times * found.cpu_s_per_interpolated * n
-        seconds += times * found.cpu_s_per_direction * len(suns) * directions * n
+        seconds += times * (found.cpu_s_per_direction * directions + found.cpu_s_per_sun) * len(suns) * n
     nodes = interpolated_from(problem)
     seconds += found.cpu_s_per_wavelength * (nodes[False] + found.band_cpu_factor * nodes[True])
     # one copy of a sky grows while its blocks are solved and evaluated; all are there while the last field still is

@@ -203,6 +203,7 @@ def radiance_head(path: Path) -> RadianceHead:
                 primaries = tuple(float(v) for v in value.split())
                 if len(primaries) != 8:
                     raise ValueError
+                primaries = primaries if any(primaries) else None  # some programs write zeros for "not stated"
         except ValueError:
             raise TwilightError(f"{path}: {name}={value[:80]} in its head is not what it should be") from None
         xyz |= name == "FORMAT" and value.lower() == "32-bit_rle_xyze"
