@@ -264,8 +264,10 @@ class Fit:
         told = REACH * (2.0 * x[self.angles] - 1.0)
         return np.concatenate([self.errors.whitening @ self.difference(x)[self.errors.used], told])
 
-    def find(self, starts: Sequence[np.ndarray]) -> None:
-        """Move to the best x that is found from the starts."""
+    def find(self, starts: Sequence[np.ndarray], most: int = 1) -> None:
+        """Move to the best x that is found from the best `most` of the starts."""
+        if len(starts) > most:
+            starts = sorted(starts, key=lambda start: float(np.sum(self.residuals(start) ** 2)))[:most]
         found = min((self.from_start(start) for start in starts), key=lambda one: one[1])
         self.x, self.chi2, self.jacobian = found
 
