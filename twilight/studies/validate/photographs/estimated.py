@@ -43,7 +43,6 @@ from twilight.studies.validate.photographs.estimate import (
 from twilight.studies.validate.photographs.fit import ANGLES, Frame, Freedom
 from twilight.studies.validate.photographs.photo import (
     CHROMATICITY_SCALE,
-    LEAST_SLOPE,
     LOG_SCALE,
     OBSERVER,
     Cells,
@@ -223,7 +222,7 @@ class Estimate:
             lines.append(f"camera: looked {here.elevation_deg:.1f} +- {half:.1f} deg above the horizontal{tilt}")
         curve = self.best.curve
         if curve is not None:
-            lines.append(f"tone curve: {1.0 / max(1.0 - curve.first, LEAST_SLOPE):.2f} times the contrast of sRGB")
+            lines.append(f"tone curve: {curve.contrast:.2f} times the contrast of sRGB")
         names = {"white balance": "the white balance", "curve": "the tone curve", "orientation": "the camera's angles"}
         dear = [f"{names[k]} {c:.1f}" for k, c in self.best.costs.items() if k in names and c >= 1.05]
         if dear:
