@@ -25,9 +25,9 @@ from twilight.config.aerosol import AerosolType
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.compact.air_columns import AirColumns
-from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG
-from twilight.solvers.compact.clear_air_sky import ApproximateSkies, ClearAirSky
+from twilight.solvers.compact.air import air_of
+from twilight.solvers.compact.field import shipped_model
+from twilight.transport.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, Skies
 
 HUMIDITIES = (0, 50, 70, 80, 90, 95)
 """Classes of OPAC [%]."""
@@ -198,26 +198,20 @@ def sample(path: Path, number: int) -> None:
 def approximate(path: Path, number: int) -> None:
     """Write what the model computes of a drawn air: inputs of the network, M_0, light scattered once."""
     medium, observers = drawn(number)
-    columns = AirColumns.of(medium)
-    skies = [ApproximateSkies(columns, above) for above in observers]
-    bases = [[one.base_at(float(sun), ELEVATION_DEG, AZIMUTH_DEG) for sun in SUN_DEG] for one in skies]
+    skies = [Skies(shipped_model(), air_of(medium), above) for above in observers]
     write(
         path,
-        base=np.array(bases, np.float32),
+        base=np.array([s.base_at(SUN_DEG, ELEVATION_DEG, AZIMUTH_DEG, s.nodes) for s in skies], np.float32),
         single=np.array([[_single_scattering(one, float(sun)) for sun in SUN_DEG] for one in skies], np.float32),
         inputs=np.array([one.inputs for one in skies], np.float32),
-        log_base=np.array([one.log_base() for one in skies], np.float32),
+        log_base=np.array([one.log_base for one in skies], np.float32),
     )
 
 
-def _single_scattering(skies: ApproximateSkies, sun_deg: float) -> np.ndarray:
+def _single_scattering(skies: Skies, sun_deg: float) -> np.ndarray:
     """Light scattered once at the nodes, (E, A, W)."""
-    logarithms = np.log(skies.single_at_nodes(sun_deg))
-    nothing = np.full((1, *logarithms.shape[1:]), -np.inf)
-    apparent = skies.shells.apparent_elevation_deg(sun_deg)
-    columns, parts = skies.columns, np.concatenate([nothing, logarithms])
-    sky = ClearAirSky(apparent, columns.medium.depolarisation, columns.phase_functions, parts, nothing[:0])
-    return sky.at_nodes()
+    sky = skies.sky(sun_deg)
+    return sky.light(ELEVATION_DEG, AZIMUTH_DEG, widen=False)[..., 0, :] - np.exp(sky.logarithms[0])
 
 
 def write(path: Path, **arrays: np.ndarray) -> None:

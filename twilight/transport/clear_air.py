@@ -52,8 +52,10 @@ AZIMUTH_DEG = np.array([0, 6, 12, 20, 30, 45, 60, 80, 100, 120, 140, 160, 180.0]
 NODES = (SUN_DEG.size, ELEVATION_DEG.size, AZIMUTH_DEG.size)
 BASE_ELEVATION_DEG, BASE_AZIMUTH_DEG = ELEVATION_DEG[[0, 3, 6, 10, 14]], AZIMUTH_DEG[[0, 6, 12]]
 ALTITUDE_KM = np.concatenate(
-    [[0, 0.02, 0.06, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 1.7], np.arange(2, 6, 0.5), np.arange(6.0, 16.0)]
-    + [[16, 17.5, 19, 20.5, 22, 24, 26, 28, 30, 33], np.arange(36.0, 81.0, 3.0), [82, 86, 90, 95, 100]]
+    [
+        *([0, 0.02, 0.06, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 1.7], np.arange(2, 6, 0.5), np.arange(6.0, 16.0)),
+        *([16, 17.5, 19, 20.5, 22, 24, 26, 28, 30, 33], np.arange(36.0, 81.0, 3.0), [82, 86, 90, 95, 100]),
+    ]
 )
 """Boundaries of the L layers above the ground [km]."""
 BOUNDARY_KM = np.array(
@@ -70,8 +72,6 @@ SCATTERINGS, MOST_RATIO = 8, 0.95
 """Orders of scattering that are followed; the largest ratio of two of which a geometric series is summed."""
 DECAY_DEG, DECAY = 88.0, 1.1
 """`_log_reference` falls from this zenith angle on, from 8 deg beyond it on by so much a degree."""
-BLOCK = 13
-"""Zenith angles whose operators share their columns: they are nearly empty beside the diagonal."""
 SUBLAYERS = 4
 """Parts of each layer in which n r is linear; with 6 the sunbeam differs by less than 0.1 %."""
 STEEPEST_DEG, RAYS_FROM_ABOVE, RAYS_FROM_BELOW = 0.03, 90, 100
@@ -92,7 +92,7 @@ MOMENTS, ANGLES_DEG = (1, 2, 3, 4, 6, 8, 12), (60.0, 90.0, 120.0, 150.0, 180.0)
 OUTERMOST = 5.0
 """Standard deviations from the mean at which inputs are cut off."""
 NEGLIGIBLE = 1e-3
-"""Fraction of M that is added to every Q_k before its logarithm is interpolated: in the shadow ln Q falls without end."""
+"""Fraction of M that is added to every Q_k before its logarithm is interpolated: in the shadow it falls without end."""
 DARKEST_TERM = 1e-3
 """Light of a wavelength, of that of the brightest one, below which it does not count in the error of a sky."""
 AIR, ABSORPTION, EXTINCTION, LOW, HIGH = range(5)
@@ -325,9 +325,9 @@ class Line(NamedTuple):
 class Shells:
     """Light scattered once in refracting spherical shells, for one observer, by closed forms.
 
-    The sunbeam at a point is exp(-tau) n^2 sin(i) / (sin(chi) d chi / d i), i the apparent and chi the true solar zenith
-    angle, tabulated for each altitude over chi.  Along a line of sight ln(transmittance x sunbeam) is linear in each
-    layer, in its part outside the shadow of the ground.
+    The sunbeam at a point is exp(-tau) n^2 sin(i) / (sin(chi) d chi / d i), i the apparent and chi the true solar
+    zenith angle, tabulated for each altitude over chi.  Along a line of sight ln(transmittance x sunbeam) is linear in
+    each layer, in its part outside the shadow of the ground.
 
     boundary_km (L + 1,): altitudes above the ground, the observer's among them; extinction, peak (L, W), scattering
     (S, L, W) [km^-1]: without scattering in forward peaks, that in peaks, and of each of S kinds; refractivity
@@ -410,34 +410,66 @@ def _log_reference(zenith_deg: np.ndarray) -> np.ndarray:
     return -np.where(beyond < 8.0, DECAY * beyond**2 / 16.0, DECAY * (beyond - 4.0))
 
 
+class Exchange(NamedTuple):
+    """How the rays from one layer bring light to it from all layers: P pairs of zenith angles (chi, chi') of each layer
+    that they cross, in order of layers.
+
+    groups: for each layer, its segments (n,), and operators (P, ORDERS n) of them: the mean over azimuths of P_l(ray .
+        sun) x linear interpolation from chi' to the segment's own angles; and the same times cos(azimuth)
+    columns, rows (P,): indices of (layer, chi') and of chi of each pair; starts: of the pairs of each (layer, chi)
+    """
+
+    groups: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+    columns: np.ndarray
+    rows: np.ndarray
+    starts: np.ndarray
+
+    def summed(self, factors: np.ndarray, light: np.ndarray) -> np.ndarray:
+        """Light (C, ..., W) that factors (P, ..., W) make of light ((L + 1) C, W)."""
+        here = light[self.columns].reshape(-1, *[1] * (factors.ndim - 2), light.shape[-1])
+        rows = np.add.reduceat(factors * here, self.starts, axis=0)
+        return rows.reshape(-1, ZENITH_DEG.size, *rows.shape[1:]).sum(axis=0)
+
+
 @functools.lru_cache(maxsize=2)
-def _operators(segments: bytes) -> list[list[tuple[int, np.ndarray, np.ndarray]]]:
-    """For the layer of each ray, from the lowest up, the ground last: blocks of rows, as the first one's index, columns
-    I of (N C) and operators (2 ORDERS, rows, I), from sources at segments to zenith angles: for each Legendre order l the
-    mean over azimuths of P_l(ray . sun) x linear interpolation in zenith angle; then the same times cos(azimuth)."""
+def _exchanges(segments: bytes) -> list[Exchange]:
+    """For the layer that rays start from, from the lowest up, the ground last."""
     table = np.frombuffer(segments).reshape(6, -1)
     count, azimuth = ZENITH_DEG.size, np.cos((np.arange(AZIMUTHS) + 0.5) * np.pi / AZIMUTHS)
     chi, at_nodes, out = np.radians(ZENITH_DEG)[:, None, None], np.exp(-_log_reference(ZENITH_DEG)), []
     for k in range(BOUNDARY_KM.size):
-        phi, mu = (row[:, None] for row in table[3:5, table[0] == k])
+        own = np.flatnonzero(table[0] == k)
+        own = own[np.argsort(table[1, own], kind="stable")]
+        layer, (phi, mu) = table[1, own].astype(int), table[3:5, own, None]
         local = np.cos(chi) * np.cos(phi) + np.sin(chi) * np.sin(phi) * azimuth
         zenith = np.minimum(np.degrees(np.arccos(np.clip(local, -1.0, 1.0))), ZENITH_DEG[-1] - 1e-6)  # C N A
         toward_sun = mu * np.cos(chi) + np.sqrt(1.0 - mu * mu) * np.sin(chi) * azimuth
         below = np.clip(np.searchsorted(ZENITH_DEG, zenith, side="right") - 1, 0, count - 2)
         f = (zenith - ZENITH_DEG[below]) / (ZENITH_DEG[below + 1] - ZENITH_DEG[below])
         reference = np.exp(_log_reference(zenith)) / AZIMUTHS
-        low, high = (1.0 - f) * reference * at_nodes[below], f * reference * at_nodes[below + 1]
-        row = (np.arange(count)[:, None] * phi.size + np.arange(phi.size))[:, :, None] * count
-        index, size = np.concatenate([(row + below).ravel(), (row + below + 1).ravel()]), count * phi.size * count
-        dense = np.empty((2 * ORDERS, count, phi.size * count), np.float32)
-        for order in range(ORDERS):
-            series = np.polynomial.legendre.legval(toward_sun, np.eye(ORDERS)[order])
-            for n, by in ((order, series), (ORDERS + order, series * azimuth)):
-                values = np.concatenate([(low * by).ravel(), (high * by).ravel()])
-                dense[n] = np.bincount(index, values, minlength=size).reshape(count, -1)
-        used = np.bincount(index, minlength=size).reshape(count, -1) > 0
-        columns = [(c, np.flatnonzero(used[c : c + BLOCK].any(axis=0))) for c in range(0, count, BLOCK)]
-        out.append([(c, some, np.ascontiguousarray(dense[:, c : c + BLOCK, some])) for c, some in columns])
+        parts = np.stack([(1.0 - f) * reference * at_nodes[below], f * reference * at_nodes[below + 1]])
+        # pairs: where any segment of the layer has a part in them
+        place = (layer[:, None] * count + np.arange(count)[:, None, None]) * count + np.stack([below, below + 1])
+        number = np.zeros(BOUNDARY_KM.size * count * count, int)
+        number[place] = 1
+        used = np.flatnonzero(number)
+        number[used] = np.arange(used.size)
+        pair = number[place]
+        first, columns = np.searchsorted(layer, np.unique(layer)), used // count**2 * count + used % count
+        index = pair * own.size + np.arange(own.size)[:, None]
+        dense = np.empty((2, used.size, ORDERS, own.size), np.float32)
+        x, index = toward_sun, index.ravel()
+        for order, series in enumerate((np.ones_like(x), x, 1.5 * x * x - 0.5, (2.5 * x * x - 1.5) * x)):
+            for n, by in enumerate((series, series * azimuth)):
+                values = np.bincount(index, (parts * by).ravel(), minlength=used.size * own.size)
+                dense[n, :, order] = values.reshape(used.size, -1)
+        groups, edges = [], np.append(first, own.size)
+        bounds = np.searchsorted(used, np.append(np.unique(layer), BOUNDARY_KM.size) * count**2)
+        for (i, j), (p, q) in zip(pairwise(edges), pairwise(bounds), strict=True):
+            some = dense[:, p:q, :, i:j].reshape(2, q - p, -1)
+            groups.append((own[i:j], np.ascontiguousarray(some[0]), np.ascontiguousarray(some[1])))
+        starts = np.searchsorted(used // count, np.unique(used // count))
+        out.append(Exchange(groups, columns, used // count % count, starts))
     return out
 
 
@@ -445,6 +477,18 @@ def _positive(first: np.ndarray, further: np.ndarray) -> np.ndarray:
     """The sum of the first term of a series, at least 0, and further ones; never negative, without a kink."""
     ratio = further / np.maximum(first, 1e-35)
     return first * np.where(ratio.real > 0.0, 1.0 + ratio, np.exp(np.minimum(ratio, 0.0)))
+
+
+def _factors(group: tuple, every: np.ndarray, aside: np.ndarray, sources: np.ndarray) -> np.ndarray:
+    """Sums over the segments of one layer, (P, 7 W): operators times weights of the segments."""
+    some, upright, turned = group
+    n, few = some.size, slice(some.size)
+    first = sources[:, :, some].reshape(3, ORDERS * n, -1)
+    products = ((upright[:, few], every[some]), (turned[:, few], aside[some]), (upright[:, n:], first[0, n:]))
+    products += ((upright, first[1]), (turned, first[2]))
+    parts = [(a @ b.view(np.float32)).view(b.dtype) for a, b in products]
+    w = aside.shape[1]
+    return np.concatenate([parts[0][:, : 2 * w], parts[1], parts[0][:, 2 * w :], *parts[2:]], axis=1)
 
 
 class Skies:
@@ -472,8 +516,10 @@ class Skies:
         )
         self._peak_depth = self.shells.beams.path_km @ self.shells.peak
         self._scattering = ((d[AIR] + of_aerosols.sum(axis=0) - peak) * per_km)[layer][self.shells.first :]
-        self._forward = _single((3.0 * asymmetry * per_km)[layer][self.shells.first :] / np.maximum(self._scattering, 1e-30))
-        self._line = self.shells.line(ELEVATION_DEG)
+        self._forward = _single(
+            (3.0 * asymmetry * per_km)[layer][self.shells.first :] / np.maximum(self._scattering, 1e-30)
+        )
+        self.nodes = self.shells.line(ELEVATION_DEG)
         self._diffuse = self._diffuse_light()
         self.inputs, self.log_base = air.inputs(observer_km), self._log_base()
         *fitted, self._spread = model.at_nodes(self.inputs, self.log_base)
@@ -498,7 +544,7 @@ class Skies:
 
     def _diffuse_light(self) -> np.ndarray:
         """Light scattered at least once, over F0, in layers between BOUNDARY_KM at ZENITH_DEG, (3, L, C, W): its mean
-        intensity J, and V, the mean of its radiance times the direction that it comes from, upwards and towards the sun.
+        intensity J, and V, the mean of its radiance times the direction it comes from, upwards and towards the sun.
 
             J_next(z, chi) = sum_rays w sum_segments T (1 - exp(-tau)) albedo sum_chi' G(chi, chi') J(z', chi')
         """
@@ -508,8 +554,7 @@ class Skies:
         beam, edge = self.shells.log_sunbeam(places[:, None], zenith)
         direct = log_mean(beam[:-1], beam[1:]) * lit_fraction(edge[:-1], edge[1:])[..., None]  # L C W
         on_ground = np.maximum(np.cos(zenith), 0.0) * (edge[0] > 0.0)
-        ground = self.air.ground_albedo / np.pi * np.exp(beam[0]) * on_ground[:, None]
-        start, layer = self.model.segments[:2].astype(int)
+        layer = self.model.segments[1].astype(int)
         length, _, cosine, weight = self.model.segments[2:].astype(float)
         top = layer == BOUNDARY_KM.size - 1
         clear = np.zeros((1, extinction.shape[1]))
@@ -517,47 +562,58 @@ class Skies:
         passed, ray = np.cumsum(depth, axis=0) - depth, np.cumsum(weight > 0.0) - 1
         passed -= passed[weight > 0.0][ray]
         reaches = np.exp(-passed) * -np.expm1(-depth) * np.concatenate([albedo, clear + 1.0])[layer]
-        reaches = _single(reaches * weight[weight > 0.0][ray, None])[:, None]
-        up = cosine.astype(np.float32)[:, None, None]
-        ends = np.searchsorted(start, np.arange(BOUNDARY_KM.size + 1))
-
-        def collected(order: int, source: np.ndarray) -> np.ndarray:
-            """From sources (N, C, w) at segments to mean values (L + 1, C, w)."""
-            out = np.empty((BOUNDARY_KM.size, *source.shape[1:]), source.dtype)
-            for k, blocks in enumerate(_operators(self.model.segments.astype(float).tobytes())):
-                here = source[ends[k] : ends[k + 1]].reshape(-1, source.shape[-1]).view(np.float32)
-                for row, some, operators in blocks:
-                    out[k, row : row + BLOCK] = (operators[order] @ here[some]).view(source.dtype)
-            return out
-
-        total, vector = 0.0, 0.0
-        further: Any = 0.0
-        for n in range(ORDERS):
-            light = direct * phases[n][:, None] / (4.0 * np.pi)
-            source = _single(np.concatenate([light, (ground if n == 0 else 0.0 * ground)[None]]))[layer] * reaches
-            both = collected(n, np.concatenate([source, source * up], axis=-1))
-            mean, upwards = np.split(both, 2, axis=-1)
-            vector = vector + np.stack([upwards, collected(ORDERS + n, source * np.sqrt(1.0 - up * up))])
-            total, further = (mean, 0.0) if n == 0 else (total, further + mean)
-        now = total = _positive(total, further)
+        reaches = _single(reaches * weight[weight > 0.0][ray, None])
+        up = cosine.astype(np.float32)[:, None]
+        aside, n = reaches * np.sqrt(1.0 - up * up), reaches.shape[1]
+        ground_alone = np.eye(ORDERS)[:, :1, None] * np.ones(n)  # (ORDERS, 1, W)
+        of_order = _single(np.concatenate([phases, ground_alone], axis=1))[:, layer]  # ORDERS N W
+        every = np.concatenate([reaches, reaches * up, of_order[0] * reaches], axis=1)
+        sources = np.stack([of_order * part for part in (reaches, reaches * up, aside)])
+        ground = self.air.ground_albedo / np.pi * np.exp(beam[0]) * on_ground[:, None]
+        light = _single(np.concatenate([direct / (4.0 * np.pi), ground[None]])).reshape(-1, n)
+        exchanges = _exchanges(self.model.segments.astype(float).tobytes())
+        first, vector, flows, factors, pairs = [], [], [], [], []
+        for k, one in enumerate(exchanges):
+            made = np.concatenate([_factors(group, every, aside, sources) for group in one.groups])
+            made = made.reshape(len(made), 7, n)  # of any order: J, V upwards, aside; of the first: J in two parts, V
+            zeroth, further, *flow = np.moveaxis(one.summed(made[:, 3:], light), 1, 0)
+            first.append(_positive(zeroth, further))
+            vector.append(flow)
+            flows.append(np.ascontiguousarray(made[:, 1:3]))
+            factors.append(made[:, 0].T.copy())
+            pairs.append((k * ZENITH_DEG.size + one.rows) * len(light) + one.columns)
+        now = np.array(first)
         now[-1] *= self.air.ground_albedo
-        for _ in range(SCATTERINGS - 1):
-            before, now = now, collected(0, now[layer] * reaches)
-            now[-1] *= self.air.ground_albedo
-            total = total + now
-        ratio = np.clip(now / np.maximum(before, 1e-30), 0.0, MOST_RATIO)
-        total = total + now * ratio / (1.0 - ratio)
-        source = _single(total)[layer] * reaches
-        vector = vector + np.stack(
-            [collected(0, source * up), collected(ORDERS, source * np.sqrt(1.0 - up * up))]
-        )
-        return np.concatenate([total[None], vector])[:, :-1]
+        total = self._later_orders(np.concatenate(factors, axis=1), np.concatenate(pairs), now.reshape(-1, n))
+        more = [one.summed(f, total) for one, f in zip(exchanges, flows, strict=True)]
+        flow = np.moveaxis(np.array(vector), 1, 0) + np.moveaxis(np.array(more), 2, 0)
+        return np.concatenate([total.reshape(1, *now.shape), flow])[:, :-1]
 
-    def base_at(self, sun_deg: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, line: Line) -> np.ndarray:
-        """M_0 under suns (S,) in directions, (S, E, A, W): light whose last scattering has its direction, J + 3 g V.e."""
+    def _later_orders(self, factors: np.ndarray, pairs: np.ndarray, first: np.ndarray) -> np.ndarray:
+        """Light of all orders ((L + 1) C, W) from the first one, by factors (W, P) at pairs in ((L + 1) C)^2."""
+        out, count = np.empty_like(first), len(first)
+        for w, albedo in enumerate(self.air.ground_albedo):
+            matrix = np.zeros(count * count, factors.dtype)
+            matrix[pairs] = factors[w]
+            matrix = matrix.reshape(count, count)
+            matrix[-ZENITH_DEG.size :] *= _single(np.asarray(albedo))
+            now = total = np.ascontiguousarray(first[:, w])
+            for _ in range(SCATTERINGS - 1):
+                before, now = now, matrix @ now
+                total = total + now
+            ratio = np.clip(now / np.maximum(before, 1e-30), 0.0, MOST_RATIO)
+            out[:, w] = total + now * ratio / (1.0 - ratio)
+        return out
+
+    def base_at(
+        self, sun_deg: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, line: Line
+    ) -> np.ndarray:
+        """M_0 under suns (S,) in directions, (S, E, A, W): the last scattering has its direction, J + 3 g V.e."""
         extinction = self.shells.extinction[self.shells.first :]
         inside = line.path[:, :, None] * extinction
-        seen = np.where(np.abs(inside) > 1e-6, -np.expm1(-inside) / np.maximum(extinction, 1e-30), line.path[:, :, None])
+        seen = np.where(
+            np.abs(inside) > 1e-6, -np.expm1(-inside) / np.maximum(extinction, 1e-30), line.path[:, :, None]
+        )
         weight = np.exp(-line.depth[:, :-1]) * seen * self._scattering
         zenith = line.zenith(sun_deg, azimuth_deg, middle=True)
         degrees = np.minimum(np.degrees(zenith), ZENITH_DEG[-1] - 1e-6)
@@ -583,8 +639,8 @@ class Skies:
 
     def sky(self, sun_elevation_deg: float) -> Sky:
         """The sky under one sun, from -18 to 90 deg."""
-        air, shells, line = self.air, self.shells, self._line
-        weight = _splines(SUN_DEG, np.array([sun_elevation_deg]))[0]
+        air, shells, line = self.air, self.shells, self.nodes
+        weight = splines(SUN_DEG, np.array([sun_elevation_deg]))[0]
         log_ratio, *polarised = np.einsum("s,pwsea->peaw", weight, self._fitted)
         base = self.base_at(np.array([sun_elevation_deg]), ELEVATION_DEG, AZIMUTH_DEG, line)[0]
         multiple = np.log(base) + log_ratio
@@ -611,7 +667,7 @@ class Skies:
             sum_l (2 l + 1)/(4 pi) P_l [f p_l g_l + (1 - exp(-x)) (chi_l - f)],
             g_l = [exp(-x (1 - m_l)) - exp(-x)] / (x m_l) - exp(-x)
         """
-        air, line, first, f = self.air, self._line, self.shells.first, self.peak_fraction
+        line, first, f = self.nodes, self.shells.first, self.peak_fraction
         scattered = line.path[..., None] * f[:, None, None] * self.shells.scattering[1:, None, first:] * light
         passed = np.cumsum(line.path[..., None] * self.shells.peak[first:], axis=1)
         i, part = self.shells._place(
@@ -653,8 +709,8 @@ def _legendre_terms() -> np.ndarray:
 
 
 class Sky(NamedTuple):
-    """The sky of one sun: its apparent elevation; ln of M and of Q_k of air and K aerosols at the nodes (2 + K, E, A, W);
-    Q / M and U / M (2, E, A, W); `Skies._widened`; error of radiance at 95 % of directions, as the model estimates it."""
+    """The sky of one sun: its apparent elevation; ln of M and of Q_k of air and K aerosols at the nodes, (2 + K, E, A,
+    W); Q / M and U / M (2, E, A, W); `Skies._widened`; error of radiance at 95 % of directions, as estimated."""
 
     sun_elevation_deg: float
     air: Air
@@ -663,12 +719,14 @@ class Sky(NamedTuple):
     peaks: tuple[np.ndarray, np.ndarray] | None
     relative_error: float = 0.0
 
-    def light(self, elevation_deg, azimuth_deg, n_stokes: int = 1, on_grid: bool = True, widen: bool = True) -> np.ndarray:
+    def light(
+        self, elevation_deg, azimuth_deg, n_stokes: int = 1, on_grid: bool = True, widen: bool = True
+    ) -> np.ndarray:
         """The first n_stokes, 1 or 3, of I, Q, U over F0 [sr^-1], in rows (E,) times columns (A,), (E, A, n_stokes, W);
         not on_grid: in directions (D,), (D, n_stokes, W)."""
         air, rho = self.air, self.air.depolarisation
-        rows = _splines(np.log(ELEVATION_DEG + 1.5), np.log(elevation_deg + 1.5))
-        even, odd = _azimuth_splines(azimuth_deg)
+        rows = splines(np.log(ELEVATION_DEG + 1.5), np.log(elevation_deg + 1.5))
+        even, odd = azimuth_splines(azimuth_deg)
         multiple, *single = np.exp(_interpolated(self.logarithms, rows, even, on_grid))
         sun, e, a = (np.radians(x) for x in (self.sun_elevation_deg, elevation_deg, azimuth_deg))
         e, a = (e[:, None], a[None]) if on_grid else (e, a)
@@ -713,12 +771,12 @@ def _place_of_angle(cosine: np.ndarray, count: int) -> tuple[np.ndarray, np.ndar
 
 
 def _interpolated(values: np.ndarray, rows: np.ndarray, columns: np.ndarray, on_grid: bool) -> np.ndarray:
-    """Values at the nodes (P, E, A, W) by splines over elevation (R, E) and azimuth (C, A), (P, R, C, W) or (P, R, W)."""
+    """Values at the nodes (P, E, A, W) by splines over elevation and azimuth, (P, R, C, W) or (P, R, W)."""
     over_rows = np.tensordot(rows, values, (1, 1))  # R P A W
     return np.moveaxis(columns @ over_rows if on_grid else (columns[:, None, None] @ over_rows)[:, :, 0], 1, 0)
 
 
-def _splines(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
+def splines(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
     """The cubic spline (not-a-knot) through values at the nodes (N,), as a matrix (X, N) that gives its values at x."""
     n, h = nodes.size, np.diff(nodes)
     left, right = np.zeros((n, n)), np.zeros((n, n))  # left @ (second derivatives) = right @ (values)
@@ -737,14 +795,14 @@ def _splines(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
     return out
 
 
-def _azimuth_splines(azimuth_deg: np.ndarray) -> list[np.ndarray]:
-    """Splines through the nodes and three mirror images on either side, (N, A): of what is the same on both sides of the
-    sun, and of what changes its sign."""
+def azimuth_splines(azimuth_deg: np.ndarray) -> list[np.ndarray]:
+    """Splines through the nodes and three mirror images on either side, (N, A): of what is the same on both sides of
+    the sun, and of what changes its sign."""
     wrapped = (np.asarray(azimuth_deg, float) + 180.0) % 360.0 - 180.0
     count, beside = AZIMUTH_DEG.size, np.arange(3, 0, -1)
     mirrored = count - 1 - beside[::-1]
     nodes = np.concatenate([-AZIMUTH_DEG[beside], AZIMUTH_DEG, 360.0 - AZIMUTH_DEG[mirrored]])
-    through, out = _splines(nodes, np.abs(wrapped)), []
+    through, out = splines(nodes, np.abs(wrapped)), []
     for sign in (1.0, -1.0):
         one = through[:, 3 : 3 + count].copy()
         one[:, beside] += sign * through[:, :3]
