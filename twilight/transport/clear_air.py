@@ -454,20 +454,23 @@ def _exchanges(segments: bytes) -> list[Exchange]:
         number[place] = 1
         used = np.flatnonzero(number)
         number[used] = np.arange(used.size)
-        pair = number[place]
-        first, columns = np.searchsorted(layer, np.unique(layer)), used // count**2 * count + used % count
-        index = pair * own.size + np.arange(own.size)[:, None]
-        dense = np.empty((2, used.size, ORDERS, own.size), np.float32)
-        x, index = toward_sun, index.ravel()
+        columns = used // count**2 * count + used % count
+        # operators of each layer in a row: its pairs times its segments
+        layers, segment, own_layer = np.unique(layer, return_index=True, return_inverse=True)
+        edges = np.append(segment, own.size)
+        bounds = np.searchsorted(used, np.append(layers, BOUNDARY_KM.size) * count**2)
+        sizes = np.diff(edges)
+        base = np.concatenate([[0], np.cumsum(np.diff(bounds) * sizes)])
+        shift = (base[:-1] - bounds[:-1] * sizes)[own_layer] + np.arange(own.size) - segment[own_layer]
+        index = (number[place] * sizes[own_layer][:, None] + shift[:, None]).ravel()
+        rows, x = np.empty((2, ORDERS, base[-1]), np.float32), toward_sun
         for order, series in enumerate((np.ones_like(x), x, 1.5 * x * x - 0.5, (2.5 * x * x - 1.5) * x)):
             for n, by in enumerate((series, series * azimuth)):
-                values = np.bincount(index, (parts * by).ravel(), minlength=used.size * own.size)
-                dense[n, :, order] = values.reshape(used.size, -1)
-        groups, edges = [], np.append(first, own.size)
-        bounds = np.searchsorted(used, np.append(np.unique(layer), BOUNDARY_KM.size) * count**2)
-        for (i, j), (p, q) in zip(pairwise(edges), pairwise(bounds), strict=True):
-            some = dense[:, p:q, :, i:j].reshape(2, q - p, -1)
-            groups.append((own[i:j], np.ascontiguousarray(some[0]), np.ascontiguousarray(some[1])))
+                rows[n, order] = np.bincount(index, (parts * by).ravel(), minlength=base[-1])
+        groups = []
+        for n, (i, j) in enumerate(pairwise(edges)):
+            some = rows[:, :, base[n] : base[n + 1]].reshape(2, ORDERS, -1, j - i)
+            groups.append((own[i:j], *np.swapaxes(some, 1, 2).reshape(2, -1, ORDERS * (j - i))))
         starts = np.searchsorted(used // count, np.unique(used // count))
         out.append(Exchange(groups, columns, used // count % count, starts))
     return out
@@ -688,7 +691,7 @@ class Skies:
             small, 0.5 * none * x * mixed, (np.exp(-x * (1.0 - mixed)) - none) / np.where(small, 1.0, mixed * x) - none
         )
         series = (np.where(f > 1e-6, f, 0.0)[..., None] * moments)[:, None] * g + (1.0 - none) * followed[:, None]
-        return x[..., 0], np.swapaxes(series @ _legendre_terms().T, -1, -2)
+        return x[..., 0], np.swapaxes(_single(series) @ _legendre_terms().T, -1, -2)
 
     @functools.cached_property
     def _peaks(self) -> tuple[np.ndarray, np.ndarray]:
@@ -705,7 +708,7 @@ def _legendre_terms() -> np.ndarray:
     """(2 l + 1)/(4 pi) P_l at PEAK_ANGLES angles, (angles, l)."""
     angle = np.pi * np.linspace(0.0, 1.0, PEAK_ANGLES) ** 2
     legendre = np.polynomial.legendre.legvander(np.cos(angle), PEAK_DEGREE)
-    return legendre * (2 * np.arange(PEAK_DEGREE + 1) + 1) / (4.0 * np.pi)
+    return (legendre * (2 * np.arange(PEAK_DEGREE + 1) + 1) / (4.0 * np.pi)).astype(np.float32)
 
 
 class Sky(NamedTuple):
