@@ -11,8 +11,8 @@ are principal components of ln(M / M_0) in air that `zones` has solved.  Q / M a
     skies = Skies(Model.load("clear-air.npz"), Air(**numpy.load("air.npz")), observer_km=0.0)
     light = skies.sky(-4.0).light(elevation_deg, azimuth_deg, n_stokes=3)       # (E, A, 3, W) [sr^-1]
 
-Several airs over one Earth are one `Air` whose wavelengths stand side by side (`Air.side_by_side`).  Derivatives: give
-the air an imaginary part of 1e-6 times a direction; that of the light is 1e-6 times its derivative (`derivative`).
+Several airs over one Earth are one `Air` whose wavelengths stand side by side.  Derivatives: give
+the air an imaginary part of `STEP` times a direction (`Air.towards`); that of the light is STEP x its derivative.
 
 The file is a zip of arrays (.npy), W wavelengths, S = 32 suns `SUN_DEG`, E = 15 and A = 13 nodes over the sky:
 
@@ -89,6 +89,8 @@ COARSE_SLABS, ABSORPTION_SLABS = (0, 4, 8, 11, 13, 15, 17), (*range(0, 18, 2), 1
 """Slabs whose optical depths are inputs of the network; of air's scattering and of the aerosol's absorption these."""
 MOMENTS, ANGLES_DEG = (1, 2, 3, 4, 6, 8, 12), (60.0, 90.0, 120.0, 150.0, 180.0)
 """Legendre moments, and angles at which logarithms of phase functions, are inputs [deg]."""
+STEP = 1e-6
+"""Imaginary part of an air whose light's derivative is asked for: an error of its square."""
 OUTERMOST = 5.0
 """Standard deviations from the mean at which inputs are cut off."""
 NEGLIGIBLE = 1e-3
@@ -127,9 +129,14 @@ class Air(NamedTuple):
     refractivity: np.ndarray
     radius_km: float = EARTH_RADIUS_KM
 
+    def towards(self, direction: Air) -> Air:
+        """The same air with an imaginary part of STEP times a direction, for derivatives of light along it."""
+        arrays = {key: getattr(self, key) + 1j * STEP * getattr(direction, key) for key in Air._fields[:-2]}
+        return self._replace(**arrays)
+
     def peaks(self, moments: np.ndarray) -> np.ndarray:
         """Fraction of phase functions in their forward peaks (..., W): the moment after the last that is followed."""
-        whole = self.degree.astype(int)
+        whole = self.degree.real.astype(int)
         rest, row = self.degree - whole, np.arange(whole.size)
         after = moments[:, row, np.minimum(whole + 2, MOST_DEGREE + 1)]
         return np.clip((1.0 - rest) * moments[:, row, whole + 1] + rest * after, 0.0, 0.999)
@@ -697,7 +704,7 @@ class Skies:
     def _peaks(self) -> tuple[np.ndarray, np.ndarray]:
         """p_l and chi_l - f, 0 beyond what is followed, (K, W, PEAK_DEGREE + 1)."""
         f, chi = self.peak_fraction[..., None], self.air.moments
-        beyond = np.arange(PEAK_DEGREE + 1) > np.ceil(self.air.degree)[:, None]
+        beyond = np.arange(PEAK_DEGREE + 1) > np.ceil(self.air.degree.real)[:, None]
         # those of a peak of less than a hundredth are errors of quadrature where they are negative or above 1
         most, least = np.where(f.real > 0.01, 2.0, 1.0), np.where(f.real > 0.01, -2.0, 0.0)
         return np.where(beyond, np.clip(chi / np.maximum(f, 1e-6), least, most), 1.0), np.where(beyond, 0.0, chi - f)

@@ -103,12 +103,22 @@ def side_by_side(airs: list[Air]) -> Air:
     def part(air: Air, name: str) -> np.ndarray:
         values = getattr(air, name)
         of_aerosols = name in ("aerosol_depth", "moments", "log_phase", "polarising")
-        return np.pad(values, [(0, most - len(values)), (0, 0), (0, 0)]) if of_aerosols else values
+        empty = -100.0 if name == "log_phase" else 0.0
+        missing = [(0, most - len(values)), (0, 0), (0, 0)]
+        return np.pad(values, missing, constant_values=empty) if of_aerosols else values
 
     joined = {
         name: np.concatenate([part(air, name) for air in airs], axis=axis.get(name, -1)) for name in Air._fields[:-2]
     }
     return airs[0]._replace(**joined)
+
+
+def slope(low: Medium, high: Medium, step: float) -> Air:
+    """Change of the air for each unit of a parameter, from two media that differ by a step of it: a direction of
+    `ClearAirField.slopes`.  What both have in the same amount has none."""
+    first, last = air_of(low), air_of(high)
+    change = {key: (getattr(last, key) - getattr(first, key)) / step for key in Air._fields[:-2]}
+    return first._replace(**change)
 
 
 def limited(air: Air) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
@@ -15,8 +16,8 @@ from twilight.base.blas import one_blas_thread
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
 from twilight.solvers.base import BareField, ModelError, observer_at
-from twilight.solvers.compact.air import LIMITED, air_of, limited
-from twilight.transport.clear_air import SUN_DEG, Air, Model, Skies
+from twilight.solvers.compact.air import LIMITED, air_of, limited, side_by_side
+from twilight.transport.clear_air import STEP, SUN_DEG, Air, Model, Skies
 
 SHIPPED = Path(__file__).resolve().parents[2] / "data" / "compact" / "clear-air.npz"
 """The file of the model."""
@@ -130,6 +131,29 @@ class ClearAirField(BareField):
             return sky.light(*grid, n_stokes)
         out = sky.light(elevation.ravel(), azimuth.ravel(), n_stokes, on_grid=False)
         return out.reshape(*elevation.shape, *out.shape[1:])
+
+    @one_blas_thread()
+    def slopes(
+        self,
+        directions: Sequence[Air],
+        sun_elevation_deg: float,
+        elevation_deg,
+        azimuth_deg,
+        *,
+        observer_altitude_km: float | None = None,
+    ) -> np.ndarray:
+        """Derivatives of I, Q, U [sr^-1 per unit of each parameter] along changes of the air (`air.slope`), exact but
+        for rounding in single precision: (D, *directions of the sky, 3, W).
+
+        Forward mode along the batch: D airs are solved side by side in complex numbers, some 4 D airs' time.  The
+        refractive index and the observer do not change.  Errors: as of `radiance`.
+        """
+        elevation, azimuth = checked_directions(sun_elevation_deg, elevation_deg, azimuth_deg)
+        airs = side_by_side([self.air.towards(direction) for direction in directions])
+        sky = Skies(self.model, airs, self.observer_above_km(observer_altitude_km)).sky(float(sun_elevation_deg))
+        light = sky.light(elevation.ravel(), azimuth.ravel(), 3, on_grid=False).imag / STEP
+        light = light.reshape(*elevation.shape, 3, len(directions), -1)
+        return np.moveaxis(light, -2, 0)
 
     def observer_above_km(self, altitude_km: float | None) -> float:
         """Altitude of an observer above the ground [km]; None: as prepared."""
