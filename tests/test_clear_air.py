@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import twilight
 from twilight import solvers
@@ -27,6 +28,7 @@ from twilight.transport.clear_air import (
     Shells,
     Skies,
     azimuth_splines,
+    splines,
     sublayers,
 )
 
@@ -203,6 +205,16 @@ def test_derivatives_are_those_of_differences():
     for (low, high), step, one in zip(either, steps, found, strict=True):
         difference = high.radiance(-4.0, e, a) - low.radiance(-4.0, e, a)
         assert one * step / light == pytest.approx(difference / light, rel=0.01, abs=2e-5)
+
+
+@pytest.mark.parametrize("n", [4, 5, 9])
+def test_the_spline_between_nodes_is_not_a_knot(n):
+    nodes = np.cumsum(np.random.default_rng(n).uniform(0.5, 2.0, n))
+    values = np.random.default_rng(0).normal(size=n)
+    x = np.linspace(nodes[0], nodes[-1], 40)
+    got = splines(nodes, x) @ values
+    expected = CubicSpline(nodes, values)(x)
+    assert got == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.slow

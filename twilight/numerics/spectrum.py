@@ -3,6 +3,8 @@
 What is smooth in wavelength (a radiance divided by the solar irradiance) is interpolated; what is not (the solar
 spectrum with its Fraunhofer lines) is tabulated at 1 nm and multiplied in afterwards; the product is never
 interpolated.
+
+Linear RGB of any primaries becomes linear Rec. 709 without adaptation to another white: the same light.
 """
 
 from __future__ import annotations
@@ -33,6 +35,8 @@ VISIBLE_NM.flags.writeable = False
 
 STEEPEST_EXPONENT = 8.0
 """Bound on the power of the wavelength with which a spectrum is continued beyond its samples."""
+SAME_MATRIX = 2e-3
+"""Matrices that are nearer to the identity than this in every element stand for Rec. 709 itself, as files round it."""
 
 
 @lru_cache(maxsize=1)
@@ -259,3 +263,24 @@ def integrate(
         part = slice(start, start + 4096)
         out[part] = expand(flat[part], wavelength, target) @ columns.astype(flat.dtype)
     return out.reshape(factor.shape[:-1] + weight.shape[1:])
+
+
+def to_rec709(chromaticities: tuple[float, ...]) -> np.ndarray | None:
+    """Matrix (3, 3) from linear RGB with x, y of red, green, blue and white (8 numbers); None: it is Rec. 709.
+
+    ValueError where these are no primaries.
+    """
+    x, y = np.reshape(np.asarray(chromaticities, dtype=float), (4, 2)).T
+    if not np.isfinite([x, y]).all() or y[3] <= 0.0:
+        raise ValueError("no chromaticities")
+    primaries = np.array([x[:3], y[:3], 1.0 - x[:3] - y[:3]])
+    white = np.array([x[3], y[3], 1.0 - x[3] - y[3]]) / y[3]
+    if abs(np.linalg.det(primaries)) < 1e-6:
+        raise ValueError("primaries on one line")
+    return from_xyz(primaries * np.linalg.solve(primaries, white))
+
+
+def from_xyz(rgb_to_xyz: np.ndarray) -> np.ndarray | None:
+    """The matrix (3, 3) to linear Rec. 709 for one to XYZ (CIE 1931); None: it is Rec. 709."""
+    matrix = xyz_to_rgb_matrix("cie1931_2deg") @ rgb_to_xyz
+    return None if np.abs(matrix - np.eye(3)).max() < SAME_MATRIX else np.asarray(matrix)

@@ -249,14 +249,10 @@ def _single(x: np.ndarray) -> np.ndarray:
 class Beams(NamedTuple):
     """Geometry of shells: rays from the sun to each boundary, R in all, those to boundary k from start[k] on.
 
-    x, slope, index: n r at the boundaries of parts of layers [km], d x / d r and n of the parts
     zenith_rad, apparent_rad (R,): true and apparent solar zenith angles; log_factor (R,): ln of the beam's spreading
     path_km (R, L): ways in the layers
     """
 
-    x: np.ndarray
-    slope: np.ndarray
-    index: np.ndarray
     start: np.ndarray
     zenith_rad: np.ndarray
     apparent_rad: np.ndarray
@@ -283,34 +279,43 @@ def _through_layers(x: np.ndarray, slope: np.ndarray, index: np.ndarray, b: np.n
 
 
 @functools.lru_cache(maxsize=8)
+def _parts(boundary: bytes, refractivity: bytes, radius_km: float) -> tuple[np.ndarray, ...]:
+    """n, n r [km] at the boundaries of parts of layers, d(n r)/d r and mean n of the parts."""
+    n, radius = 1.0 + np.frombuffer(refractivity), radius_km + sublayers(np.frombuffer(boundary))
+    return n, n * radius, np.diff(n * radius) / np.diff(radius), 0.5 * (n[1:] + n[:-1])
+
+
+@functools.lru_cache(maxsize=512)
+def _rays_to(k: int, boundary: bytes, refractivity: bytes, radius_km: float) -> tuple[np.ndarray, ...]:
+    """Rays from the sun to boundary k: true and apparent zenith angles, ln of the spreading, ways in layers (R, L)."""
+    n, x, slope, index = _parts(boundary, refractivity, radius_km)
+    edge, right, m, j = x[::SUBLAYERS], 0.5 * np.pi, RAYS_FROM_BELOW // 4, SUBLAYERS * k
+    apparent = np.append(right - np.radians(np.geomspace(STEEPEST_DEG, 90.0, RAYS_FROM_ABOVE)[::-1]), right)
+    down = apparent.size
+    if k:
+        even, grazing = np.linspace(0.0, 1.0, 3 * m + 1)[1:], 1.0 - np.geomspace(1e-4, 0.5, m)
+        below = right + np.arccos(edge[0] / edge[k]) * np.unique(np.concatenate([even, grazing]))
+        apparent = np.concatenate([apparent, below])
+    b = edge[k] * np.sin(apparent)
+    path, angle = np.zeros((2, apparent.size, edge.size - 1))
+    if j < slope.size:
+        path[:down, k:], angle[:down, k:] = _through_layers(x[j:], slope[j:], index[j:], b[:down])
+    if k:
+        path[down:], angle[down:] = _through_layers(x, slope, index, b[down:])
+        path[down:, :k] *= 2.0  # layers below the point twice, down and up again
+        angle[down:, :k] *= 2.0
+    true = angle.sum(axis=1) + np.arcsin(np.minimum(b / edge[-1], 1.0))
+    spread, sine = np.maximum(np.gradient(true, apparent), LEAST_SPREAD), np.sin(apparent)
+    factor = n[j] ** 2 * sine / np.maximum(np.sin(true), 1e-9) / spread
+    factor[sine < 1e-6] = 1.0
+    return true, apparent, np.log(factor), path
+
+
+@functools.lru_cache(maxsize=8)
 def _beams(boundary: bytes, refractivity: bytes, radius_km: float) -> Beams:
-    boundary_km, n = np.frombuffer(boundary), 1.0 + np.frombuffer(refractivity)
-    radius = radius_km + sublayers(boundary_km)
-    x, index = n * radius, 0.5 * (n[1:] + n[:-1])
-    slope, edge, right = np.diff(x) / np.diff(radius), x[::SUBLAYERS], 0.5 * np.pi
-    above = right - np.radians(np.geomspace(STEEPEST_DEG, 90.0, RAYS_FROM_ABOVE)[::-1])
-    m = RAYS_FROM_BELOW // 4
-    grazing = 1.0 - np.geomspace(1e-4, 0.5, m)
-    below = np.unique(np.concatenate([np.linspace(0.0, 1.0, 3 * m + 1)[1:], grazing]))
-    rows: list[tuple[np.ndarray, ...]] = []
-    for k in range(boundary_km.size):
-        deepest = np.arccos(edge[0] / edge[k])
-        apparent = np.concatenate([above, [right], right + deepest * below[: below.size if k else 0]])
-        b, down, j = edge[k] * np.sin(apparent), above.size + 1, SUBLAYERS * k
-        path, angle = np.zeros((2, apparent.size, boundary_km.size - 1))
-        if j < slope.size:
-            path[:down, k:], angle[:down, k:] = _through_layers(x[j:], slope[j:], index[j:], b[:down])
-        if k:
-            path[down:], angle[down:] = _through_layers(x, slope, index, b[down:])
-            path[down:, :k] *= 2.0  # layers below the point twice, down and up again
-            angle[down:, :k] *= 2.0
-        true = angle.sum(axis=1) + np.arcsin(np.minimum(b / edge[-1], 1.0))
-        spread, sine = np.maximum(np.gradient(true, apparent), LEAST_SPREAD), np.sin(apparent)
-        factor = n[j] ** 2 * sine / np.maximum(np.sin(true), 1e-9) / spread
-        factor[sine < 1e-6] = 1.0
-        rows.append((true, apparent, np.log(factor), path))
+    rows = [_rays_to(k, boundary, refractivity, radius_km) for k in range(np.frombuffer(boundary).size)]
     start = np.cumsum([0, *(row[0].size for row in rows)])
-    return Beams(x, slope, index, start, *(np.concatenate(part) for part in zip(*rows, strict=True)))
+    return Beams(start, *(np.concatenate(part) for part in zip(*rows, strict=True)))
 
 
 class Line(NamedTuple):
@@ -344,14 +349,24 @@ class Shells:
     def __init__(self, boundary_km, extinction, scattering, peak, refractivity, observer_km=0.0, radius_km=6371.0):
         self.boundary_km, self.extinction, self.scattering, self.peak = boundary_km, extinction, scattering, peak
         self.first = int(np.argmin(np.abs(boundary_km - observer_km)))
-        self.beams = _beams(*(np.asarray(a, float).tobytes() for a in (boundary_km, refractivity)), radius_km)
-        self._key = self.beams.zenith_rad + 4.0 * np.repeat(np.arange(boundary_km.size), np.diff(self.beams.start))
-        self._depth = self.beams.path_km @ extinction - self.beams.log_factor[:, None]
+        self._geometry = (*(np.asarray(a, float).tobytes() for a in (boundary_km, refractivity)), float(radius_km))
+
+    @functools.cached_property
+    def beams(self) -> Beams:
+        """All sunbeams, computed when they are first asked for."""
+        return _beams(*self._geometry)
+
+    @functools.cached_property
+    def _tables(self) -> tuple[np.ndarray, np.ndarray]:
+        """Zenith angles that go on rising from boundary to boundary, (R,), and -ln of the sunbeams, (R, W)."""
+        b = self.beams
+        key = b.zenith_rad + 4.0 * np.repeat(np.arange(self.boundary_km.size), np.diff(b.start))
+        return key, b.path_km @ self.extinction - b.log_factor[:, None]
 
     def _place(self, k: Any, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The ray before each zenith angle at boundaries k, and the part of the way to the next, 0 to 1."""
         b = self.beams
-        i = np.searchsorted(self._key, zenith_rad + 4.0 * k) - 1
+        i = np.searchsorted(self._tables[0], zenith_rad + 4.0 * k) - 1
         i = np.minimum(np.maximum(i, b.start[k]), b.start[np.asarray(k) + 1] - 2)
         f = (zenith_rad - b.zenith_rad[i]) / (b.zenith_rad[i + 1] - b.zenith_rad[i])
         return i, np.minimum(np.maximum(f, 0.0), 1.0)
@@ -360,23 +375,22 @@ class Shells:
         """ln of the sunbeam over F0 at boundaries k for true solar zenith angles (...,), (..., W), and how far these
         are from the shadow of the ground [rad]: negative within it, where the logarithm is that at its edge."""
         i, f = self._place(k, zenith_rad)
-        here = self._depth[i]
-        out = (here - self._depth[i + 1]) * f[..., None] - here
+        depth = self._tables[1]
+        here = depth[i]
+        out = (here - depth[i + 1]) * f[..., None] - here
         return np.maximum(out, DARK_LOG), self.beams.zenith_rad[self.beams.start[np.asarray(k) + 1] - 1] - zenith_rad
 
     def apparent_elevation_deg(self, sun_elevation_deg: float) -> float:
         """Apparent elevation [deg] of a sun of true elevation; of one in the shadow as far above it as at its edge."""
-        some = slice(*self.beams.start[self.first : self.first + 2])
-        true, apparent = self.beams.zenith_rad[some], self.beams.apparent_rad[some]
+        true, apparent = _rays_to(self.first, *self._geometry)[:2]
         lifted = np.interp(np.radians(90.0 - sun_elevation_deg), true, true - apparent)
         return sun_elevation_deg + float(np.degrees(lifted))
 
     def line(self, elevation_deg: np.ndarray) -> Line:
         """Lines of sight (E,), by their apparent elevations [deg]."""
-        b = self.beams
-        invariant = b.x[SUBLAYERS * self.first] * np.cos(np.radians(elevation_deg))
-        j = SUBLAYERS * self.first
-        path, angle = _through_layers(b.x[j:], b.slope[j:], b.index[j:], invariant)
+        j, (_, x, slope, index) = SUBLAYERS * self.first, _parts(*self._geometry)
+        invariant = x[j] * np.cos(np.radians(elevation_deg))
+        path, angle = _through_layers(x[j:], slope[j:], index[j:], invariant)
         depth = _summed(path[:, :, None] * self.extinction[self.first :])
         return Line(path, np.concatenate([np.zeros((len(path), 1)), np.cumsum(angle, axis=1)], axis=1), depth)
 
