@@ -1,6 +1,7 @@
 """Fit the model of all clear air, and measure its errors.
 
     python benchmarks/clear_air.py fit AIRS APPROXIMATE [--output FILE.npz]    with the folders of clear_air_airs.py
+    python benchmarks/clear_air.py keep AIRS clear_air_airs.npz           all solved airs in one file, for AIRS of `fit`
     python benchmarks/clear_air.py climates                              writes clear_air.csv
     python benchmarks/clear_air.py calibrate                             the error that it estimates, by clear_air.csv
     python benchmarks/clear_air.py picture                               draws ../docs/clear-air.png
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -51,6 +52,8 @@ HELD_OUT = 10
 """One air in so many judges the fit."""
 COMPONENTS = {"intensity": 128, "polarisation": 64, "base": 48}
 """Principal components of ln(M / M_0), of Q / M and U / M, and of ln M_0 under all suns."""
+KEPT = {"intensity": 320, "polarisation": 160}
+"""Principal components in which solved airs are kept."""
 MEMBERS = 3
 """Networks whose mean counts; their spread gives the error of a sky."""
 WIDTH = 256
@@ -113,18 +116,79 @@ class Data:
     limits: np.ndarray
 
 
+def keep(airs: Path, path: Path) -> None:
+    """Write the light of all solved airs of a folder into one file: principal components of ln M, weighed as in the
+    fit, and of Q / M and U / M, with whole numbers of 16 bits as coefficients; prints what that costs.
+
+    number (N,) of the air of each sample (observers and wavelengths in turn); standard (N,): solved by `STANDARD`; for
+    each of `intensity` and `polarisation` _mean (P,), _vectors (K, P), _step (K,) and _whole (N, K): the values are
+    mean + (whole x step) @ vectors.
+    """
+    numbers, fine, light = [], [], []
+    for one in sorted(airs.glob("*.npz")):
+        with np.load(one) as solved:
+            best = "standard" if "standard" in solved else "light"
+            here = np.moveaxis(solved[best], (-1, -2), (1, 2))  # observers W Stokes suns E A
+        light.append(here.reshape(-1, 3, np.prod(NODES)))
+        numbers += [int(one.stem)] * len(light[-1])
+        fine += [best == "standard"] * len(light[-1])
+    every = np.concatenate(light)
+    multiple = np.maximum(every[:, 0], DARKEST)
+    polarised = np.clip(every[:, 1:] / multiple[:, None], -1.0, 1.0).reshape(len(every), -1)
+    out: dict[str, Any] = {"number": np.array(numbers), "standard": np.array(fine)}
+    for key, values in (("intensity", np.log(multiple)), ("polarisation", polarised)):
+        by_sun = _weight_of_suns() if key == "intensity" else np.float32(1.0)
+        mean, vectors = components(values * by_sun, min(KEPT[key], len(values) - 1))
+        coefficients = (values * by_sun - mean) @ vectors.T
+        step = np.abs(coefficients).max(axis=0) / 32767.0
+        whole = np.rint(coefficients / step).astype(np.int16)
+        mean, vectors = mean / by_sun, vectors / by_sun
+        off = np.abs(mean + (whole * step) @ vectors - values)
+        print(f"{key}: {np.percentile(off, 95):.5f} at 95 % of the nodes, {off.max():.4f} at most")
+        parts = {"mean": mean, "vectors": vectors, "step": step}
+        out |= {f"{key}_{name}": part.astype(np.float32) for name, part in parts.items()} | {f"{key}_whole": whole}
+    with whole_file(path) as unfinished, open(unfinished, "wb") as file:
+        np.savez_compressed(file, **out)
+    print(f"{len(light)} airs, {path.stat().st_size / 1e6:.1f} MB")
+
+
+def kept(path: Path) -> Iterator[tuple[int, np.ndarray]]:
+    """Numbers of airs and their light (observers, W, Stokes, suns, E, A), of a file of `keep` or a folder of airs."""
+    if path.is_dir():
+        for one in sorted(path.glob("*.npz")):
+            with np.load(one) as solved:
+                best = solved["standard" if "standard" in solved else "light"]
+            yield int(one.stem), np.moveaxis(best, (-1, -2), (1, 2)).astype(float)
+        return
+    with np.load(path) as file:
+        held = dict(file)
+    for number in np.unique(held["number"]):
+        some = held["number"] == number
+        values = [
+            held[f"{key}_mean"] + (held[f"{key}_whole"][some] * held[f"{key}_step"]) @ held[f"{key}_vectors"]
+            for key in KEPT
+        ]
+        multiple = np.exp(values[0].astype(float))
+        stokes = np.concatenate([multiple, np.tile(multiple, 2) * values[1]], axis=1)
+        yield int(number), stokes.reshape(2, -1, 3, *NODES)
+
+
+def _weight_of_suns() -> np.ndarray:
+    """By how much ln M counts at each node (P,): errors that weigh the same are `TOLERATED`."""
+    return np.repeat((TOLERATED.min() / TOLERATED).astype(np.float32), NODES[1] * NODES[2])
+
+
 def read(airs: Path, approximate: Path) -> Data:
-    """The samples of all airs that both folders have."""
-    names = sorted(path.name for path in approximate.glob("*.npz") if (airs / path.name).exists())
+    """The samples of all airs that both have: a folder or a file of `keep`, and a folder of what the model computes."""
     rows: dict[str, list[np.ndarray]] = {
         key: [] for key in ("inputs", "log_base", "ratio", "polarised", "part", "number")
     }
     limits = []
-    for name in names:
-        with np.load(airs / name) as solved, np.load(approximate / name) as computed:
-            light = np.moveaxis(solved["standard" if "standard" in solved else "light"], (-1, -2), (1, 2)).astype(
-                float
-            )  # observers W Stokes suns E A
+    for number, light in kept(airs):
+        name = approximate / f"{number:05d}.npz"
+        if not name.exists():
+            continue
+        with np.load(name) as computed:
             base, single = (np.moveaxis(computed[key], -1, 1).astype(float) for key in ("base", "single"))
             count = base.shape[0] * base.shape[1]
             multiple = np.maximum(light[:, :, 0], DARKEST)
@@ -134,8 +198,8 @@ def read(airs: Path, approximate: Path) -> Data:
             rows["polarised"].append(stokes.reshape(count, -1).astype(np.float32))
             rows["inputs"].append(computed["inputs"].reshape(count, -1))
             rows["log_base"].append(computed["log_base"].reshape(count, -1))
-            rows["number"].append(np.full(count, int(Path(name).stem)))
-            limits.append(limited(air_of(drawn(int(Path(name).stem))[0])))
+            rows["number"].append(np.full(count, number))
+            limits.append(limited(air_of(drawn(number)[0])))
     every = np.concatenate(limits, axis=1)
     outermost = np.stack([np.nanmin(every, axis=1), np.nanmax(every, axis=1)], axis=1)
     return Data(**{key: np.concatenate(value) for key, value in rows.items()}, limits=outermost)
@@ -192,7 +256,7 @@ def fit(data: Data, start: Model | None = None) -> Model:
 
 def _without_networks(data: Data, train: np.ndarray) -> tuple[Model, np.ndarray]:
     """A model without networks, and the coefficients of its principal components that make the samples, (N, K)."""
-    by_sun = np.repeat((TOLERATED.min() / TOLERATED).astype(np.float32), NODES[1] * NODES[2])
+    by_sun = _weight_of_suns()
     mean, vectors = components(data.ratio[train] * by_sun, COMPONENTS["intensity"])
     coefficients = (data.ratio * by_sun - mean) @ vectors.T
     intensity_mean, intensity = mean / by_sun, vectors / by_sun
@@ -475,11 +539,16 @@ def main() -> None:
     fitting.add_argument("--start", type=Path)
     fitting.add_argument("--output", type=Path, default=SHIPPED)
     commands.add_parser("climates").add_argument("--model", type=Path, default=SHIPPED)
+    keeping = commands.add_parser("keep")
+    keeping.add_argument("airs", type=Path)
+    keeping.add_argument("file", type=Path)
     commands.add_parser("calibrate").add_argument("--model", type=Path, default=SHIPPED)
     commands.add_parser("picture")
     options = parser.parse_args()
     if options.command == "climates":
         return climates(load_model(options.model))
+    if options.command == "keep":
+        return keep(options.airs, options.file)
     if options.command == "calibrate":
         return calibrate(options.model)
     if options.command == "picture":
