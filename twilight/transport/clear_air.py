@@ -205,7 +205,8 @@ class Model:
             arrays = {key: file[key].astype(np.float32) for key in tuple(Model.__dataclass_fields__)[1:-1]}
             for key in ("intensity", "polarisation"):
                 arrays[key] *= file[f"{key}_scale"][:, None]
-            values, place, members = file["weights"].astype(np.float32), 0, []
+            values, place = file["weights"].astype(np.float32), 0
+            members: list[tuple[tuple[np.ndarray, np.ndarray], ...]] = []
             for sizes in file["layers"]:
                 layers = []
                 for i, o in pairwise(sizes):
@@ -267,7 +268,9 @@ def sublayers(boundary_km: np.ndarray) -> np.ndarray:
     return np.append((low + part * (high - low)).ravel(), boundary_km[-1])
 
 
-def _through_layers(x: np.ndarray, slope: np.ndarray, index: np.ndarray, b: np.ndarray) -> tuple[Any, Any]:
+def _through_layers(
+    x: np.ndarray, slope: np.ndarray, index: np.ndarray, b: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Path [km] and angle at the Earth's centre [rad] of rays in each layer, (B, L), on one side of their lowest point:
     s = sqrt(x^2 - b^2) / (dx/dr), phi = n arccos(b / x) / (dx/dr), b (B,) = n r sin(zenith angle) being Bouguer's
     invariant [km] and x = n r, linear in r."""
@@ -275,7 +278,8 @@ def _through_layers(x: np.ndarray, slope: np.ndarray, index: np.ndarray, b: np.n
     beyond = np.maximum(x[None], b)
     path = np.diff(np.sqrt(np.maximum(beyond * beyond - b * b, 0.0)), axis=1) / slope
     angle = np.diff(np.arccos(np.minimum(b / beyond, 1.0)), axis=1) * (index / slope)
-    return tuple(one.reshape(len(b), -1, SUBLAYERS).sum(axis=2) for one in (path, angle))
+    shape = (len(b), -1, SUBLAYERS)
+    return path.reshape(shape).sum(axis=2), angle.reshape(shape).sum(axis=2)
 
 
 @functools.lru_cache(maxsize=8)
@@ -346,10 +350,20 @@ class Shells:
     (SUBLAYERS L + 1,)
     """
 
-    def __init__(self, boundary_km, extinction, scattering, peak, refractivity, observer_km=0.0, radius_km=6371.0):
+    def __init__(
+        self,
+        boundary_km: np.ndarray,
+        extinction: np.ndarray,
+        scattering: np.ndarray,
+        peak: np.ndarray,
+        refractivity: np.ndarray,
+        observer_km: float = 0.0,
+        radius_km: float = EARTH_RADIUS_KM,
+    ):
         self.boundary_km, self.extinction, self.scattering, self.peak = boundary_km, extinction, scattering, peak
         self.first = int(np.argmin(np.abs(boundary_km - observer_km)))
-        self._geometry = (*(np.asarray(a, float).tobytes() for a in (boundary_km, refractivity)), float(radius_km))
+        parts = (np.asarray(boundary_km, float).tobytes(), np.asarray(refractivity, float).tobytes())
+        self._geometry = (*parts, float(radius_km))
 
     @functools.cached_property
     def beams(self) -> Beams:
@@ -440,7 +454,7 @@ class Exchange(NamedTuple):
     columns, rows (P,): indices of (layer, chi') and of chi of each pair; starts: of the pairs of each (layer, chi)
     """
 
-    groups: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+    groups: list[tuple[np.ndarray, ...]]
     columns: np.ndarray
     rows: np.ndarray
     starts: np.ndarray
@@ -457,7 +471,8 @@ def _exchanges(segments: bytes) -> list[Exchange]:
     """For the layer that rays start from, from the lowest up, the ground last."""
     table = np.frombuffer(segments).reshape(6, -1)
     count, azimuth = ZENITH_DEG.size, np.cos((np.arange(AZIMUTHS) + 0.5) * np.pi / AZIMUTHS)
-    chi, at_nodes, out = np.radians(ZENITH_DEG)[:, None, None], np.exp(-_log_reference(ZENITH_DEG)), []
+    chi, at_nodes = np.radians(ZENITH_DEG)[:, None, None], np.exp(-_log_reference(ZENITH_DEG))
+    out: list[Exchange] = []
     for k in range(BOUNDARY_KM.size):
         own = np.flatnonzero(table[0] == k)
         own = own[np.argsort(table[1, own], kind="stable")]
@@ -488,7 +503,7 @@ def _exchanges(segments: bytes) -> list[Exchange]:
         for order, series in enumerate((np.ones_like(x), x, 1.5 * x * x - 0.5, (2.5 * x * x - 1.5) * x)):
             for n, by in enumerate((series, series * azimuth)):
                 rows[n, order] = np.bincount(index, (parts * by).ravel(), minlength=base[-1])
-        groups = []
+        groups: list[tuple[np.ndarray, ...]] = []
         for n, (i, j) in enumerate(pairwise(edges)):
             some = rows[:, :, base[n] : base[n + 1]].reshape(2, ORDERS, -1, j - i)
             groups.append((own[i:j], *np.swapaxes(some, 1, 2).reshape(2, -1, ORDERS * (j - i))))
@@ -596,7 +611,9 @@ class Skies:
         ground = self.air.ground_albedo / np.pi * np.exp(beam[0]) * on_ground[:, None]
         light = _single(np.concatenate([direct / (4.0 * np.pi), ground[None]])).reshape(-1, n)
         exchanges = _exchanges(self.model.segments.astype(float).tobytes())
-        first, vector, flows, factors, pairs = [], [], [], [], []
+        first: list[np.ndarray] = []
+        vector: list[list[np.ndarray]] = []
+        flows, factors, pairs = list(first), list(first), list(first)
         for k, one in enumerate(exchanges):
             made = np.concatenate([_factors(group, every, aside, sources) for group in one.groups])
             made = made.reshape(len(made), 7, n)  # of any order: J, V upwards, aside; of the first: J in two parts, V
@@ -610,8 +627,8 @@ class Skies:
         now[-1] *= self.air.ground_albedo
         total = self._later_orders(np.concatenate(factors, axis=1), np.concatenate(pairs), now.reshape(-1, n))
         more = [one.summed(f, total) for one, f in zip(exchanges, flows, strict=True)]
-        flow = np.moveaxis(np.array(vector), 1, 0) + np.moveaxis(np.array(more), 2, 0)
-        return np.concatenate([total.reshape(1, *now.shape), flow])[:, :-1]
+        directed = np.moveaxis(np.array(vector), 1, 0) + np.moveaxis(np.array(more), 2, 0)
+        return np.concatenate([total.reshape(1, *now.shape), directed])[:, :-1]
 
     def _later_orders(self, factors: np.ndarray, pairs: np.ndarray, first: np.ndarray) -> np.ndarray:
         """Light of all orders ((L + 1) C, W) from the first one, by factors (W, P) at pairs in ((L + 1) C)^2."""
@@ -826,7 +843,8 @@ def azimuth_splines(azimuth_deg: np.ndarray) -> list[np.ndarray]:
     count, beside = AZIMUTH_DEG.size, np.arange(3, 0, -1)
     mirrored = count - 1 - beside[::-1]
     nodes = np.concatenate([-AZIMUTH_DEG[beside], AZIMUTH_DEG, 360.0 - AZIMUTH_DEG[mirrored]])
-    through, out = splines(nodes, np.abs(wrapped)), []
+    through = splines(nodes, np.abs(wrapped))
+    out: list[np.ndarray] = []
     for sign in (1.0, -1.0):
         one = through[:, 3 : 3 + count].copy()
         one[:, beside] += sign * through[:, :3]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -107,7 +108,7 @@ def side_by_side(airs: list[Air]) -> Air:
         missing = [(0, most - len(values)), (0, 0), (0, 0)]
         return np.pad(values, missing, constant_values=empty) if of_aerosols else values
 
-    joined = {
+    joined: dict[str, Any] = {
         name: np.concatenate([part(air, name) for air in airs], axis=axis.get(name, -1)) for name in Air._fields[:-2]
     }
     return airs[0]._replace(**joined)
