@@ -449,12 +449,13 @@ class Exchange(NamedTuple):
     """How the rays from one layer bring light to it from all layers: P pairs of zenith angles (chi, chi') of each layer
     that they cross, in order of layers.
 
-    groups: for each layer, its segments (n,), and operators (P, ORDERS n) of them: the mean over azimuths of P_l(ray .
-        sun) x linear interpolation from chi' to the segment's own angles; and the same times cos(azimuth)
+    groups: for each layer, the first and after the last of its n segments in the order of `_exchanges`, and operators
+        (P, ORDERS n) of them: the mean over azimuths of P_l(ray . sun) x linear interpolation from chi' to the part's
+        own angles; and the same times cos(azimuth)
     columns, rows (P,): indices of (layer, chi') and of chi of each pair; starts: of the pairs of each (layer, chi)
     """
 
-    groups: list[tuple[np.ndarray, ...]]
+    groups: list[tuple[int, int, np.ndarray, np.ndarray]]
     columns: np.ndarray
     rows: np.ndarray
     starts: np.ndarray
@@ -467,15 +468,17 @@ class Exchange(NamedTuple):
 
 
 @functools.lru_cache(maxsize=2)
-def _exchanges(segments: bytes) -> list[Exchange]:
-    """For the layer that rays start from, from the lowest up, the ground last."""
+def _exchanges(segments: bytes) -> tuple[np.ndarray, list[Exchange]]:
+    """Segments in order of the layers that rays start from and cross, (N,); and for each layer that rays start from,
+    from the lowest up, the ground last."""
     table = np.frombuffer(segments).reshape(6, -1)
+    sequence = np.lexsort((table[1], table[0]))
     count, azimuth = ZENITH_DEG.size, np.cos((np.arange(AZIMUTHS) + 0.5) * np.pi / AZIMUTHS)
     chi, at_nodes = np.radians(ZENITH_DEG)[:, None, None], np.exp(-_log_reference(ZENITH_DEG))
     out: list[Exchange] = []
     for k in range(BOUNDARY_KM.size):
-        own = np.flatnonzero(table[0] == k)
-        own = own[np.argsort(table[1, own], kind="stable")]
+        before, after = np.searchsorted(table[0, sequence], [k, k + 1])
+        own = sequence[before:after]
         layer, (phi, mu) = table[1, own].astype(int), table[3:5, own, None]
         local = np.cos(chi) * np.cos(phi) + np.sin(chi) * np.sin(phi) * azimuth
         zenith = np.minimum(np.degrees(np.arccos(np.clip(local, -1.0, 1.0))), ZENITH_DEG[-1] - 1e-6)  # C N A
@@ -503,13 +506,14 @@ def _exchanges(segments: bytes) -> list[Exchange]:
         for order, series in enumerate((np.ones_like(x), x, 1.5 * x * x - 0.5, (2.5 * x * x - 1.5) * x)):
             for n, by in enumerate((series, series * azimuth)):
                 rows[n, order] = np.bincount(index, (parts * by).ravel(), minlength=base[-1])
-        groups: list[tuple[np.ndarray, ...]] = []
+        groups: list[tuple[int, int, np.ndarray, np.ndarray]] = []
         for n, (i, j) in enumerate(pairwise(edges)):
             some = rows[:, :, base[n] : base[n + 1]].reshape(2, ORDERS, -1, j - i)
-            groups.append((own[i:j], *np.swapaxes(some, 1, 2).reshape(2, -1, ORDERS * (j - i))))
+            upright, turned = np.swapaxes(some, 1, 2).reshape(2, -1, ORDERS * (j - i))
+            groups.append((before + i, before + j, upright, turned))
         starts = np.searchsorted(used // count, np.unique(used // count))
         out.append(Exchange(groups, columns, used // count % count, starts))
-    return out
+    return sequence, out
 
 
 def _positive(first: np.ndarray, further: np.ndarray) -> np.ndarray:
@@ -518,16 +522,20 @@ def _positive(first: np.ndarray, further: np.ndarray) -> np.ndarray:
     return first * np.where(ratio.real > 0.0, 1.0 + ratio, np.exp(np.minimum(ratio, 0.0)))
 
 
-def _factors(group: tuple, every: np.ndarray, aside: np.ndarray, sources: np.ndarray) -> np.ndarray:
-    """Sums over the segments of one layer, (P, 7 W): operators times weights of the segments."""
-    some, upright, turned = group
-    n, few = some.size, slice(some.size)
-    first = sources[:, :, some].reshape(3, ORDERS * n, -1)
-    products = ((upright[:, few], every[some]), (turned[:, few], aside[some]), (upright[:, n:], first[0, n:]))
-    products += ((upright, first[1]), (turned, first[2]))
-    parts = [(a @ b.view(np.float32)).view(b.dtype) for a, b in products]
-    w = aside.shape[1]
-    return np.concatenate([parts[0][:, : 2 * w], parts[1], parts[0][:, 2 * w :], *parts[2:]], axis=1)
+def _factors(group: tuple, every: np.ndarray, aside: np.ndarray, sources: np.ndarray, out: np.ndarray) -> None:
+    """Sums over the segments of one layer, operators times weights of the segments, into out (P, 7 W)."""
+    first, last, upright, turned = group
+    n, w = last - first, aside.shape[1]
+    here = sources[:, :, first:last].reshape(3, ORDERS * n, w)
+
+    def times(operators: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        return (operators @ weights.view(np.float32)).view(weights.dtype)
+
+    both = times(upright[:, :n], every[first:last])
+    out[:, : 2 * w], out[:, 3 * w : 4 * w] = both[:, : 2 * w], both[:, 2 * w :]
+    out[:, 2 * w : 3 * w] = times(turned[:, :n], aside[first:last])
+    out[:, 4 * w : 5 * w] = times(upright[:, n:], here[0, n:])
+    out[:, 5 * w : 6 * w], out[:, 6 * w :] = times(upright, here[1]), times(turned, here[2])
 
 
 class Skies:
@@ -601,8 +609,9 @@ class Skies:
         passed, ray = np.cumsum(depth, axis=0) - depth, np.cumsum(weight > 0.0) - 1
         passed -= passed[weight > 0.0][ray]
         reaches = np.exp(-passed) * -np.expm1(-depth) * np.concatenate([albedo, clear + 1.0])[layer]
-        reaches = _single(reaches * weight[weight > 0.0][ray, None])
-        up = cosine.astype(np.float32)[:, None]
+        order, exchanges = _exchanges(self.model.segments.astype(float).tobytes())
+        reaches = _single(reaches * weight[weight > 0.0][ray, None])[order]
+        up, layer = cosine.astype(np.float32)[order, None], layer[order]
         aside, n = reaches * np.sqrt(1.0 - up * up), reaches.shape[1]
         ground_alone = np.eye(ORDERS)[:, :1, None] * np.ones(n)  # (ORDERS, 1, W)
         of_order = _single(np.concatenate([phases, ground_alone], axis=1))[:, layer]  # ORDERS N W
@@ -610,12 +619,14 @@ class Skies:
         sources = np.stack([of_order * part for part in (reaches, reaches * up, aside)])
         ground = self.air.ground_albedo / np.pi * np.exp(beam[0]) * on_ground[:, None]
         light = _single(np.concatenate([direct / (4.0 * np.pi), ground[None]])).reshape(-1, n)
-        exchanges = _exchanges(self.model.segments.astype(float).tobytes())
         first: list[np.ndarray] = []
         vector: list[list[np.ndarray]] = []
         flows, factors, pairs = list(first), list(first), list(first)
         for k, one in enumerate(exchanges):
-            made = np.concatenate([_factors(group, every, aside, sources) for group in one.groups])
+            made, place = np.empty((one.columns.size, 7 * n), reaches.dtype), 0
+            for group in one.groups:
+                _factors(group, every, aside, sources, made[place : place + len(group[2])])
+                place += len(group[2])
             made = made.reshape(len(made), 7, n)  # of any order: J, V upwards, aside; of the first: J in two parts, V
             zeroth, further, *flow = np.moveaxis(one.summed(made[:, 3:], light), 1, 0)
             first.append(_positive(zeroth, further))
