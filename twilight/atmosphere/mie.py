@@ -55,6 +55,15 @@ _CLEAR_BELOW = 1e-3
 _GROUP = 96
 """Radii per matrix product."""
 
+SPECTRAL_STEP = 0.025
+"""Largest step in the logarithm of the wavelength over which optics are interpolated."""
+
+INDEX_ERROR = 3e-4
+"""Largest error of the real part of the refractive index over such a step."""
+
+ABSORPTION_ERROR = 2e-3
+"""Largest relative error of its imaginary part over such a step, where that is above some 1e-6."""
+
 _EXTRA_ORDERS = 25.0
 """Orders above the last one needed, plus 1.5 sqrt(argument), at which downward recurrences begin: double precision."""
 
@@ -205,7 +214,8 @@ def coefficients(m: complex, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     With D_n = psi_n'(m x)/psi_n(m x), xi = psi + i chi of x, and u_n = (D_n/m + n/x) psi_n - psi_{n-1},
         a_n* = u_n / ((D_n/m + n/x) xi_n - xi_{n-1}),    b_n* with D_n m in place of D_n/m
     (Bohren & Huffman 1983, eq. 4.88).  D and psi come by downward, chi by upward recurrence.  Beside miepython within
-    1e-10 of the largest coefficient, for x from 0.01 on.
+    1e-10 of the largest coefficient for x from 0.01 on, and 1e-9 at sharp resonances of large clear spheres, where the
+    error is miepython's.
 
     m: n - i k; x: (R,), size parameters that ascend.
     """
@@ -308,21 +318,64 @@ def compute_optics(size: SizeDistribution, index: complex, wavelength_nm: float)
 
 
 def particle_optics(size: SizeDistribution, index: Sequence[complex] | np.ndarray, wavelength_nm) -> ParticleOptics:
-    """Optics of a population at W wavelengths [nm], with the refractive index (W,) of the particles in air."""
+    """Optics of a population at W wavelengths [nm], with the refractive index (W,) of the particles in air.
+
+    Of at least twice as many wavelengths as there are `spectral_nodes` those between the nodes are interpolated: ln
+    extinction, ln scattering, ln P11 and the rest go linearly with the logarithm of the wavelength.  In the middle of a
+    step OPAC's ten mixtures are then within 4e-4 (extinction), 7e-5 (albedo) and 3e-4 (asymmetry) of computed ones;
+    P11 at 95 % of the angles within 3e-4 on continents, 2e-3 in desert and the Arctic, 5e-3 over the sea, where
+    computed ones 4 nm apart scatter by 3e-3, for their radii sample ripples.
+    """
     wavelengths = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
-    indices = [complex(m) for m in np.broadcast_to(np.asarray(index, dtype=complex), wavelengths.shape)]
-    table = np.empty((wavelengths.size, ROW))
-    for i, (m, wavelength) in enumerate(zip(indices, wavelengths, strict=True)):
-        key = cache_key(size, m, wavelength)
-        row = shipped_optics.load().get(key)
-        if row is None:
-            row = cache.read_array(cache.OPTICS, key, (ROW,))
-        if row is None:
-            row = compute_optics(size, m, wavelength)
-            cache.store_array(cache.OPTICS, key, row)
-        table[i] = row
+    indices = np.broadcast_to(np.asarray(index, dtype=complex), wavelengths.shape)
+    nodes = spectral_nodes(indices, wavelengths)
+    if 2 * nodes.size > wavelengths.size:
+        nodes = np.arange(wavelengths.size)
+    table = np.stack([_row(size, complex(indices[i]), float(wavelengths[i])) for i in nodes])
+    if nodes.size < wavelengths.size:
+        at = np.interp(np.log(wavelengths), np.log(wavelengths[nodes]), np.arange(nodes.size))
+        lower = np.minimum(at.astype(np.int64), nodes.size - 2)
+        part = (at - lower)[:, None]
+        table[:, :2] = np.log(table[:, :2])
+        table = (1.0 - part) * table[lower] + part * table[lower + 1]
+        table[:, :2] = np.exp(table[:, :2])
     p11, p12, p33, p34 = table[:, 3:].reshape(-1, 4, N_ANGLES).transpose(1, 0, 2)
     return ParticleOptics(table[:, 0], table[:, 1], table[:, 2], p11, np.stack([p12, np.ones_like(p12), p33, p34]))
+
+
+def spectral_nodes(index: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
+    """Which of some wavelengths (W,) [nm] are so close that optics are nearly linear between them: indices, ascending.
+
+    Neighbours are within SPECTRAL_STEP, and the refractive index (W,) is linear between them within INDEX_ERROR
+    and ABSORPTION_ERROR.
+    All wavelengths where they do not ascend.
+    """
+    if np.any(np.diff(wavelength_nm) <= 0.0):
+        return np.arange(wavelength_nm.size)
+    nodes, at = [0], np.log(wavelength_nm)
+    while nodes[-1] < at.size - 1:
+        i = nodes[-1]
+        j = max(i + 1, int(np.searchsorted(at, at[i] + SPECTRAL_STEP, side="right")) - 1)
+        while j > i + 1:
+            straight = index[i] + (index[j] - index[i]) * (at[i:j] - at[i]) / (at[j] - at[i])
+            off, k = straight - index[i:j], np.abs(index[i:j].imag)
+            if np.abs(off.real).max() <= INDEX_ERROR and np.all(np.abs(off.imag) <= ABSORPTION_ERROR * k + 1e-6):
+                break
+            j -= 1
+        nodes.append(j)
+    return np.array(nodes)
+
+
+def _row(size: SizeDistribution, index: complex, wavelength_nm: float) -> np.ndarray:
+    """What `compute_optics` gives (ROW,): shipped, from the cache, or computed now."""
+    key = cache_key(size, index, wavelength_nm)
+    row = shipped_optics.load().get(key)
+    if row is None:
+        row = cache.read_array(cache.OPTICS, key, (ROW,))
+    if row is None:
+        row = compute_optics(size, index, wavelength_nm)
+        cache.store_array(cache.OPTICS, key, row)
+    return row
 
 
 def cache_key(size: SizeDistribution, index: complex, wavelength_nm: float) -> str:
