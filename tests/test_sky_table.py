@@ -11,8 +11,8 @@ from twilight.engine.table import fill, first_columns, first_rows
 from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
 from twilight.sky.table import SkyTable, join, plain_grid, split, stack
-from twilight.transport.scattered_once import ScatteredOnce
-from twilight.transport.shells import ALTITUDE_KM, RefractedShells, sublayers
+from twilight.transport.clear_air import ALTITUDE_KM, sublayers
+from twilight.transport.scattered_once import ScatteredOnce, ShellsBelow
 
 SUN_DEG = 12.0
 WAVES = np.array([1.0, 1.6])
@@ -198,7 +198,7 @@ def test_lines_that_look_down_are_followed_to_the_ground_and_through_the_limb():
     height, radius = 51.0, EARTH_RADIUS_KM
     for above in (0.0, 300.0):
         observer = height if above == 0.0 else ALTITUDE_KM[-1]
-        shells = RefractedShells(ALTITUDE_KM, per_km, per_km[None], np.zeros_like(per_km), n, observer)
+        shells = ShellsBelow(ALTITUDE_KM, per_km, per_km[None], np.zeros_like(per_km), n, observer)
         r = radius + observer + above
         grazing = -np.degrees(np.arccos(radius / r))
         elevation = np.array([-80.0, grazing - 0.5, grazing + 0.2])

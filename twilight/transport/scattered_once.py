@@ -14,7 +14,19 @@ import numpy as np
 
 from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
-from twilight.transport.shells import ALTITUDE_KM, RefractedShells, sublayers
+from twilight.transport.clear_air import (
+    ALTITUDE_KM,
+    DARK_LOG,
+    SUBLAYERS,
+    Line,
+    Shells,
+    _parts,
+    _summed,
+    _through_layers,
+    lit_fraction,
+    log_mean,
+    sublayers,
+)
 
 if TYPE_CHECKING:
     from twilight.atmosphere.bands import GasBands
@@ -41,6 +53,61 @@ LEAST_OF_LIMB = 1e-12
 
 MOST_WIDENING = 1.5
 """Largest change of the logarithm of the aureole by widening."""
+
+
+class ShellsBelow(Shells):
+    """Shells in which lines may go down from the observer too, to the ground or through the limb."""
+
+    @property
+    def _boundary_x(self) -> np.ndarray:
+        """n r at the boundaries of layers [km]."""
+        return _parts(*self._geometry)[1][::SUBLAYERS]
+
+    @property
+    def middles_km(self) -> np.ndarray:
+        """n r in the middle of each layer below the observer, and at him [km]."""
+        middle = 0.5 * (self._boundary_x[1:] + self._boundary_x[:-1])
+        return np.append(middle[: self.first], self._boundary_x[self.first])
+
+    def invariant_km(self, elevation_deg: np.ndarray, above_km: float) -> tuple[np.ndarray, np.ndarray]:
+        """n r sin(zenith angle) of lines of sight by their elevations at an observer so far above the boundary that is
+        his, and the angle at the Earth's centre from him to where they enter the layers [rad], (E,) each; nan where
+        they do not."""
+        e, entry = np.radians(elevation_deg), self._boundary_x[self.first]
+        if above_km <= 0.0:
+            return entry * np.cos(e), np.zeros(e.size)
+        b = (entry + above_km) * np.cos(e)
+        b = np.where((b < entry) & (e < 0.0), b, np.nan)
+        return b, np.arccos(b / (entry + above_km)) - np.arccos(b / entry)
+
+    def scattered_once_below(
+        self, sun_deg: float, invariant_km: np.ndarray, before_rad: np.ndarray, azimuth_deg: np.ndarray
+    ) -> np.ndarray:
+        """`scattered_once` of lines that go down, (S, E, A, W), by their invariants (E,) and angles at the Earth's
+        centre before they enter the layers (E,)."""
+        (_, x, slope, index), edges, first = _parts(*self._geometry), self._boundary_x, self.first
+        path, angle = _through_layers(x, slope, index, invariant_km)
+        # layers in the order of the line: down to the ground or the lowest point, and up again through all of them
+        order = np.concatenate([np.arange(first)[::-1], np.arange(edges.size - 1)])
+        falling = np.arange(order.size) < first
+        passed = falling | (invariant_km > edges[0])[:, None]
+        path, angle = path[:, order] * passed, angle[:, order] * passed
+        depth = _summed(path[:, :, None] * self.extinction[order])
+        before = before_rad[:, None]
+        line = Line(path, np.concatenate([before, before + np.cumsum(angle, axis=1)], axis=1), depth)
+        boundary = np.concatenate([np.arange(first + 1)[::-1], np.arange(1, edges.size)])
+        light, edge = self.log_sunbeam(boundary, line.zenith(np.array([sun_deg]), azimuth_deg)[0])
+        light = np.maximum(light - depth[:, None], DARK_LOG)
+        out = np.zeros((len(self.scattering), invariant_km.size, azimuth_deg.size, self.extinction.shape[1]))
+        for j, k in enumerate(order):
+            low, high = (j + 1, j) if falling[j] else (j, j + 1)
+            # of the layer with the lowest point, the part above that
+            part = np.clip((invariant_km - edges[k]) / (edges[k + 1] - edges[k]), 0.0, 1.0)[:, None, None]
+            lowest = light[:, :, low] + part * (light[:, :, high] - light[:, :, low])
+            lit = lit_fraction(edge[:, :, low], edge[:, :, high])[..., None]
+            mean = log_mean(light[:, :, high], lowest) * lit
+            out += self.scattering[:, k][:, None, None] * path[None, :, j, None, None] * mean
+        return out
 
 
 class ScatteredOnce:
@@ -79,7 +146,7 @@ class ScatteredOnce:
             forward = np.array([p.legendre_moments(PEAK_DEGREE)[:, PEAK_DEGREE] for p in self._phases])
             peak = np.einsum("kw,klw->lw", np.clip(forward, 0.0, 0.999), scatters)
         middle = terms.n_wavelengths // 2
-        self._shells = RefractedShells(
+        self._shells = ShellsBelow(
             boundary,
             rest - peak,
             scatters,
@@ -133,11 +200,11 @@ class ScatteredOnce:
     def _below(
         self, sun_elevation_deg: float, invariant_km: np.ndarray, before_rad: np.ndarray, azimuth_deg: np.ndarray
     ) -> np.ndarray:
-        """`RefractedShells.scattered_once_below`, through the limb between lines that are lowest in the middle of a
+        """`ShellsBelow.scattered_once_below`, through the limb between lines that are lowest in the middle of a
         layer: at its edges the path has a root of the height, which neither of a table's layers can hold."""
         middle = self._shells.middles_km
         limb = invariant_km > middle[0]
-        out = np.empty((len(self._phases), invariant_km.size, azimuth_deg.size, self._shells.wavelengths))
+        out = np.empty((len(self._phases), invariant_km.size, azimuth_deg.size, self._shells.extinction.shape[1]))
         if not limb.all():
             straight = invariant_km[~limb], before_rad[~limb]
             out[:, ~limb] = self._shells.scattered_once_below(sun_elevation_deg, *straight, azimuth_deg)
@@ -159,7 +226,7 @@ class ScatteredOnce:
         if self.log_phase is None:
             return None
         up = np.full(elevation_deg.shape, self._above_km == 0.0) & ((elevation_deg >= 0.0) | (not self._looks_down))
-        shape = (len(self._phases), elevation_deg.size, azimuth_deg.size, self._shells.wavelengths)
+        shape = (len(self._phases), elevation_deg.size, azimuth_deg.size, self._shells.extinction.shape[1])
         factors = np.zeros(shape)
         if up.any():
             unique, back = np.unique(np.maximum(elevation_deg[up], 0.0), return_inverse=True)
