@@ -12,8 +12,8 @@ import pytest
 
 from twilight import solvers
 from twilight.config import load
-from twilight.engine.memory import full_cost
-from twilight.engine.solve import Problem
+from twilight.engine import plan
+from twilight.engine.problem import full_cost
 from twilight.scene import resolve
 from twilight.solvers.base import Cost
 
@@ -44,8 +44,8 @@ def test_blocks_shrink_until_the_limit_holds(monkeypatch):
     )
     sizes = {}
     for limit in (4e9, 0.3e9, 1e6):
-        monkeypatch.setattr(sys.modules["twilight.engine.solve"], "FIELD_BYTES", limit)
-        problem = Problem(resolve(config), (-4.0,))
+        monkeypatch.setattr(sys.modules["twilight.engine.problem"], "FIELD_BYTES", limit)
+        problem = plan(resolve(config), (-4.0,))
         assert sum(part.stop - part.start for part in problem.slices) == 48
         sizes[limit] = max(part.stop - part.start for part in problem.slices)
         assert sizes[limit] == problem.cost.block_size or problem.cost.n_bytes(sizes[limit]) <= limit
@@ -58,6 +58,18 @@ def test_of_a_solver_that_does_not_say_the_arrays_alone_are_known(solver):
     assert solvers.load(solver).CAPABILITIES.cost is None
     sizes = full_cost(resolve(load("pure-air", {"solver.name": solver, "sun.elevation_deg": 5.0})))
     assert sizes.sky_bytes > 0 and (sizes.field_bytes, sizes.total_bytes, sizes.cpu_s) == (None, None, None)
+
+
+def test_habers_system_is_planned_for_each_sun():
+    """The plan of `render haber2005` was without time and memory; every sun is a solution of its own."""
+    plans = {}
+    for cells, suns in ((24, (5.0,)), (48, (5.0,)), (48, (5.0, 0.0, -3.0))):
+        changes = {"solver.azimuth_cells": cells, "sun": {"elevations_deg": suns}}
+        plans[cells, suns] = full_cost(resolve(load("haber2005", changes)))
+    one, three = (plans[48, suns].cpu_s for suns in ((5.0,), (5.0, 0.0, -3.0)))
+    assert three - one > 1.5 * (one - plans[24, (5.0,)].cpu_s) > 0.0
+    assert plans[48, (5.0,)].field_bytes > 4.0 * plans[24, (5.0,)].field_bytes > 0.0
+    assert full_cost(resolve(load("pure-air", {"solver.name": "cells", "sun.elevation_deg": 5.0}))).cpu_s is None
 
 
 def test_more_of_anything_costs_more():

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from twilight.base.shipped_data import data_file
+from twilight.base.whole_files import whole_file
 
 FILE_NAME = "mie_ten_types.npz"
 """The file in data/opac."""
@@ -31,14 +32,15 @@ def write(path: Path, keys: list[str], rows: np.ndarray) -> None:
     head, log_phase, ratios = np.split(rows, [3, 3 + (rows.shape[1] - 3) // 4], axis=1)
     log_phase = log_phase.astype("<f4")
     ratios = np.round(ratios * RATIO_SCALE).astype("<i2")
-    np.savez_compressed(
-        path,
-        digest=_digest(keys, head, log_phase, ratios),
-        key=np.array(keys),
-        head=head,
-        log_phase=log_phase,
-        ratios=ratios,
-    )
+    with whole_file(path) as temporary:
+        np.savez_compressed(
+            temporary,
+            digest=_digest(keys, head, log_phase, ratios),
+            key=np.array(keys),
+            head=head,
+            log_phase=log_phase,
+            ratios=ratios,
+        )
 
 
 def _digest(keys: list[str], *arrays: np.ndarray) -> str:

@@ -25,13 +25,14 @@ times slower, for debuggers.
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable
 from typing import Any
 
 import numba
 from numba.core import types
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 
 OLDEST_NUMBA = (0, 60)
 """First minor version of numba with which the tests passed; as in `pyproject.toml`."""
@@ -44,9 +45,9 @@ COMPILED = not numba.config.DISABLE_JIT  # type: ignore[attr-defined]
 
 def check_numba(version: str) -> None:
     """TwilightError for a version of numba that kernels were not tested with; it names the command that helps."""
-    found = re.match(r"(\d+)\.(\d+)", version)
-    if found is None or not OLDEST_NUMBA <= (int(found[1]), int(found[2])) < UNTESTED_NUMBA:
-        oldest, untested = (".".join(map(str, one)) for one in (OLDEST_NUMBA, UNTESTED_NUMBA))
+    numbers = re.match(r"(\d+)\.(\d+)", version)
+    if numbers is None or not OLDEST_NUMBA <= (int(numbers[1]), int(numbers[2])) < UNTESTED_NUMBA:
+        oldest, untested = (".".join(map(str, bound)) for bound in (OLDEST_NUMBA, UNTESTED_NUMBA))
         raise TwilightError(
             f"numba {version} is installed, and twilight is tested with {oldest} to below {untested}; this installs "
             f'one that works: python -m pip install "numba>={oldest},<{untested}"'
@@ -106,9 +107,37 @@ def njit(
         if not COMPILED:
             function.py_func = function
             return function
-        return InnerKernel(compiled(function)) if inner else compiled(function)
+        made = compiled(function)
+        _go_on_without_cache(made)
+        return InnerKernel(made) if inner else made
 
     return kernel
+
+
+def _go_on_without_cache(dispatcher: Any) -> None:
+    """Let a kernel whose machine code cannot be kept, on a disk that is full, run all the same: numba would raise the
+    OSError where the kernel is called for the first time."""
+    kept = dispatcher._cache
+    save = kept.save_overload
+
+    def save_or_warn(signature: Any, data: Any) -> None:
+        try:
+            save(signature, data)
+        except OSError as error:
+            if not _warned:
+                _warned.append(True)
+                warnings.warn(
+                    f"compiled kernels cannot be kept in {kept.cache_path} ({error.strerror or error}): they are "
+                    "compiled again the next time; NUMBA_CACHE_DIR names another folder",
+                    TwilightWarning,
+                    stacklevel=2,
+                )
+
+    kept.save_overload = save_or_warn
+
+
+_warned: list[bool] = []
+"""Holds something once this process has said that kernels cannot be kept."""
 
 
 check_numba(numba.__version__)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twilight.numerics.orientation import PHASE_ANGLE_RAD, scattering_angle_rad
+from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.transport.shells import ALTITUDE_KM, RefractedShells, sublayers
 
 if TYPE_CHECKING:
@@ -48,21 +48,24 @@ class ScatteredOnce:
         within = height <= ALTITUDE_KM[-1]
         if within and np.abs(boundary - height).min() > LOWEST_OBSERVER_KM:
             boundary = np.sort(np.append(boundary, height))
-        fine = terms.refined()
-        z = fine.altitude_km - fine.bottom_km
-        scattering = fine.aerosol_extinction_per_km * fine.aerosol_single_scattering_albedo
-        kinds = [_in_layers(z, scattering * f, boundary) for f in fine.aerosol_phase_fraction]
-        shape = (len(self._phases), boundary.size - 1, terms.n_wavelengths)
-        scatters = np.reshape(kinds, shape)
-        rest = fine.air_scattering_per_km + fine.absorption_per_km + fine.aerosol_extinction_per_km
-        peak = np.zeros(shape[1:])
-        if self._phases:
+        wavelengths = terms.n_wavelengths if aerosol else 1
+        shape = (len(self._phases), boundary.size - 1, wavelengths)
+        scatters, rest, peak = np.zeros(shape), np.zeros(shape[1:]), np.zeros(shape[1:])
+        if aerosol:
+            fine = terms.refined()
+            z = fine.altitude_km - fine.bottom_km
+            scattering = fine.aerosol_extinction_per_km * fine.aerosol_single_scattering_albedo
+            kinds = [_in_layers(z, scattering * f, boundary) for f in fine.aerosol_phase_fraction]
+            scatters = np.reshape(kinds, shape)
+            per_km = fine.air_scattering_per_km + fine.absorption_per_km + fine.aerosol_extinction_per_km
+            rest = _in_layers(z, per_km, boundary)
+        if aerosol and self._phases:
             forward = np.array([p.legendre_moments(PEAK_DEGREE)[:, PEAK_DEGREE] for p in self._phases])
             peak = np.einsum("kw,klw->lw", np.clip(forward, 0.0, 0.999), scatters)
         middle = terms.n_wavelengths // 2
         self._shells = RefractedShells(
             boundary,
-            _in_layers(z, rest, boundary) - peak,
+            rest - peak,
             scatters,
             peak,
             terms.at(sublayers(boundary) + terms.bottom_km).refractivity[:, middle],

@@ -115,7 +115,7 @@ class RefractedShells:
         self._index = 1.0 + 0.5 * (refractivity[1:] + refractivity[:-1])
         self._n = (1.0 + refractivity)[::SUBLAYERS]
         self._boundary_x = self._x[::SUBLAYERS]
-        self._sunbeam = [self._sunbeam_at(k) for k in range(boundary_km.size)]
+        self._known: dict[int, Sunbeams] = {}
 
     def _through_layers(self, invariant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Path [km] and angle at the Earth's centre [rad] of rays in each layer, (B, L), on one side of their lowest
@@ -127,8 +127,13 @@ class RefractedShells:
         shape = (invariant.size, self.layers, SUBLAYERS)
         return path.reshape(shape).sum(axis=2), angle.reshape(shape).sum(axis=2)
 
+    def _sunbeam(self, k: int) -> Sunbeams:
+        """The sunbeams that come to boundary k, computed when they are first asked for."""
+        if k not in self._known:
+            self._known[k] = self._sunbeam_at(k)
+        return self._known[k]
+
     def _sunbeam_at(self, k: int) -> Sunbeams:
-        """The sunbeams that come to boundary k."""
         right = 0.5 * np.pi
         above = right - np.radians(np.geomspace(STEEPEST_DEG, 90.0, RAYS_FROM_ABOVE)[::-1])
         apparent = np.append(above, right)
@@ -153,7 +158,7 @@ class RefractedShells:
     def log_sunbeam(self, k: int, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ln of the sunbeam over F0 at boundary k for true solar zenith angles (N,), (N, W), and how far these are from
         the shadow of the ground, (N,) [rad]; within it the logarithm is that at its edge, and the distance negative."""
-        true, depth = self._sunbeam[k].zenith_rad, self._sunbeam[k].depth
+        true, depth = self._sunbeam(k).zenith_rad, self._sunbeam(k).depth
         i = np.clip(np.searchsorted(true, zenith_rad) - 1, 0, true.size - 2)
         f = (zenith_rad - true[i]) / (true[i + 1] - true[i])
         out = -(depth[i] + (depth[i + 1] - depth[i]) * np.clip(f, 0.0, 1.0)[:, None])
@@ -161,7 +166,7 @@ class RefractedShells:
 
     def apparent_elevation_deg(self, sun_elevation_deg: float) -> float:
         """Apparent elevation [deg] of a sun of true elevation; of one in the shadow as far above it as at its edge."""
-        beams = self._sunbeam[self.first]
+        beams = self._sunbeam(self.first)
         zenith = np.radians(90.0 - sun_elevation_deg)
         lifted = np.interp(zenith, beams.zenith_rad, beams.zenith_rad - beams.apparent_rad)
         return sun_elevation_deg + float(np.degrees(lifted))
@@ -220,7 +225,7 @@ class RefractedShells:
         passed = np.cumsum(path[..., None] * self.peak[self.first :], axis=1)
         sunlight = np.empty((*zenith.shape[::2], self.wavelengths))
         for j in range(zenith.shape[2]):
-            beams = self._sunbeam[self.first + j]
+            beams = self._sunbeam(self.first + j)
             for w in range(self.wavelengths):
                 sunlight[:, j, w] = np.interp(zenith[:, 0, j], beams.zenith_rad, beams.peak_depth[:, w])
         before = np.concatenate([np.zeros_like(passed[:, :1]), passed[:, :-1]], axis=1)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from twilight.solvers.base import check_choices, check_ranges
+from twilight.solvers.montecarlo.leg import LegOptions
 from twilight.solvers.montecarlo.paths import WalkOptions
-from twilight.solvers.montecarlo.pieces import LegOptions
 
 ALL_ORDERS = 1_000_000_000
 """Highest order of scattering where `max_orders` is None."""

@@ -20,9 +20,9 @@ from twilight.config.load import Series
 from twilight.config.scene import Config
 from twilight.config.solver import complete_solver
 from twilight.config.vary import DRAWS
-from twilight.engine.memory import check_size
+from twilight.engine.problem import check_size
 from twilight.io.provenance import configuration_hash, to_json
-from twilight.numerics.grids import half_of, texture_centres
+from twilight.numerics.directions import half_of, texture_centres
 from twilight.scene.medium import climate_medium, name_by_content, wavelengths_of
 from twilight.scene.suns import suns_of
 from twilight.studies.sweep.dimensions import (
