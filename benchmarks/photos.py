@@ -62,6 +62,9 @@ def one(name: str, file: Path, output: Path) -> list[list]:
     begin = time.process_time()
     found = twilight.estimate(file, white_balance=True)
     rows = [[name, "processor_time_s", f"{time.process_time() - begin:.1f}", *[""] * 5]]
+    begin = time.process_time()
+    twilight.estimate(file, white_balance=True, sun_elevation_deg=found.sun_elevation_deg)
+    rows.append([name, "processor_time_s, sun known", f"{time.process_time() - begin:.1f}", *[""] * 5])
     for p in found.best.parameters:
         interval = (f"{x:.4g}" for x in (p.low, p.high, p.low_95, p.high_95))
         rows.append([name, p.name, f"{p.value:.4g}", *interval, p.constrained])
@@ -84,9 +87,9 @@ def one(name: str, file: Path, output: Path) -> list[list]:
         *found.remarks,
         *map(words, found.best.parameters),
     )
-    write_figure(
-        output / f"{name}.png", compared, seen.panorama, seen.mask, title=f"{name} (Poly Haven, CC0)", lines=lines
-    )
+    drawn = (compared, seen.panorama, seen.mask)
+    title = f"{name} (Poly Haven, CC0)"
+    write_figure(output / f"{name}.png", *drawn, title=title, lines=lines, others=found.other_suns())
     for row in rows:
         print(*row, flush=True)
     return rows

@@ -1,6 +1,6 @@
 """Colours of level ground from day to dusk beside three recorded sessions, with a clean horizon, the preset `typical`
-and the screen that fits each: python benchmarks/red_twilight.py writes red_twilight_fits.csv and the figure of
-docs/validation.md.
+and the screen that fits each: python benchmarks/red_twilight.py [SPECTRA.csv] writes red_twilight_fits.csv and the
+figure of docs/validation.md.
 
 A recording is on the scale of its own day (`spectra.on_own_day`); session 3, which has no day, on that of the two
 others.  Ratios are computed over recorded, of 650/550 and 450/550 nm, suns from 0 to -6 deg.
@@ -9,6 +9,7 @@ others.  Ratios are computed over recorded, of 650/550 and 450/550 nm, suns from
 from __future__ import annotations
 
 import itertools
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from twilight.studies.validate.measured import spectra as recorded
 from twilight.studies.validate.measured.spectra_report import draw
 
 HERE = Path(__file__).parent
-FILE = HERE / ".." / ".." / "shared" / "data" / "rural_twilight_spectra" / "sessions_2_3_4.csv"
+FILE = HERE.parents[1] / "shared" / "data" / "rural_twilight_spectra" / "sessions_2_3_4.csv"
 SESSIONS = ("2", "3", "4")
 DUSK_DEG = (-6.0, 0.0)
 
@@ -33,7 +34,8 @@ def typical() -> np.ndarray:
 
 
 def main() -> None:
-    series = {name: recorded.at_nodes(recorded.read_spectra(FILE, name), 30.0, -8.0) for name in SESSIONS}
+    file = Path(sys.argv[1]) if len(sys.argv) > 1 else FILE
+    series = {name: recorded.at_nodes(recorded.read_spectra(file, name), 30.0, -8.0) for name in SESSIONS}
     suns = np.unique(np.concatenate([one.sun_deg for one in series.values()]))[::-1]
     every = replace(series["3"], sun_deg=suns)
     (basis,) = recorded.bases(load("continental-average", {"solver.quality": "draft"}), every, (300.0,))

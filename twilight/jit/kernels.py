@@ -15,6 +15,9 @@ A small kernel becomes a part of those that call it by LLVM (`inline=True`).  nu
 and types its Python code anew for each call: `beam_at` took 7.4 processor seconds to compile in place of 3.4, to the
 same bits.
 
+Machine code is cached beside the modules, in files that name the types of arguments.  Files that an earlier version of
+the program left behind may name types that have moved: numba would end in an ImportError, here they count as none.
+
 These options, and the vectors of :mod:`twilight.jit.simd`, are parts of numba that change from one minor version to
 the next: versions that were never tested are refused with one sentence.
 
@@ -31,6 +34,7 @@ from typing import Any
 
 import numba
 from numba.core import types
+from numba.core.caching import IndexDataCacheFile
 
 from twilight.base.errors import TwilightError, TwilightWarning
 
@@ -52,6 +56,20 @@ def check_numba(version: str) -> None:
             f"numba {version} is installed, and twilight is tested with {oldest} to below {untested}; this installs "
             f'one that works: python -m pip install "numba>={oldest},<{untested}"'
         )
+
+
+_load_index = IndexDataCacheFile._load_index
+
+
+def _load_known_index(file: Any) -> dict[Any, Any]:
+    """The machine code that a cache file of numba's knows of; none where it is of types that are no longer there."""
+    try:
+        return _load_index(file)
+    except (ImportError, AttributeError):
+        return {}
+
+
+IndexDataCacheFile._load_index = _load_known_index
 
 
 class InnerKernel:

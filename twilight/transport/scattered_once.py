@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
-from twilight.transport.shells import ALTITUDE_KM, RefractedShells, sublayers
+from twilight.transport.clear_air import ALTITUDE_KM, Shells, sublayers
 
 if TYPE_CHECKING:
     from twilight.atmosphere.bands import GasBands
@@ -63,7 +63,7 @@ class ScatteredOnce:
             forward = np.array([p.legendre_moments(PEAK_DEGREE)[:, PEAK_DEGREE] for p in self._phases])
             peak = np.einsum("kw,klw->lw", np.clip(forward, 0.0, 0.999), scatters)
         middle = terms.n_wavelengths // 2
-        self._shells = RefractedShells(
+        self._shells = Shells(
             boundary,
             rest - peak,
             scatters,

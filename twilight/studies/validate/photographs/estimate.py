@@ -56,6 +56,9 @@ EQUIVALENT = 4.0
 NEAR_ENOUGH = (16.0, EQUIVALENT)
 """chi^2 above the best up to which a type is fitted again with a sky of its own, in each round."""
 
+MOST_STARTS = 2
+"""The best of the starts, from which a first fit is made."""
+
 LARGE_PITCH_DEG = 5.0
 """Error of a camera's pitch beyond which a fit begins at several."""
 
@@ -141,8 +144,7 @@ def find_air(
     refine: another solver's sky of an air; all types are fitted again with the difference from `airs` at the best one.
     Errors: TwilightError for an air that cannot be computed.
     """
-    first = _with_sun(airs, frames, options)
-    _again(first, airs)
+    first = first_look(airs, frames, options)
     errors = first.errors
     errors.take(errors.likeliest(first.difference(first.x)))
     first.find([first.x])
@@ -178,6 +180,13 @@ def find_air(
     return sorted(made, key=lambda one: one.chi2_above_best)
 
 
+def first_look(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:
+    """The fit of the first type, before what is left tells how far the sky differs from any that is computed."""
+    made = _with_sun(airs, frames, options)
+    _again(made, airs)
+    return made
+
+
 def starts(fit: Fit) -> list[np.ndarray]:
     """Where a first fit begins: three optical depths, several pitches where that is not known, the rest in the
     middle."""
@@ -210,7 +219,7 @@ def _with_sun(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:
 
     def fitted(suns: Sequence[float]) -> Fit:
         made = Fit(frames, airs.first(options.types[0], suns), options.freedom)
-        made.find(starts(made))
+        made.find(starts(made), MOST_STARTS)
         return made
 
     known = sorted({frame.sun_deg for frame in frames if frame.sun_deg is not None})
@@ -280,7 +289,7 @@ def described(fit: Fit, best: Fit) -> AirEstimate:
     deviation = np.sqrt(np.diag(covariance))
     parameters = []
     for i, p in enumerate(fit.parameters):
-        fine, chi2 = _profile(fit, i, deviation[i])
+        fine, chi2 = _parabola(fit, i, deviation[i]) if fit.angles[i] else _profile(fit, i, deviation[i])
         weight = np.exp(-0.5 * chi2)
         weight /= weight.sum()
         relative_width = float(np.sqrt(weight @ (fine - weight @ fine) ** 2) * np.sqrt(12.0))
@@ -329,6 +338,12 @@ def _densest(fine: np.ndarray, weight: np.ndarray, part: float) -> tuple[float, 
     order = np.argsort(-weight)
     held = fine[order[: int(np.searchsorted(np.cumsum(weight[order]), part)) + 1]]
     return float(held.min()), float(held.max())
+
+
+def _parabola(fit: Fit, i: int, deviation: float) -> tuple[np.ndarray, np.ndarray]:
+    """The same by curvature alone."""
+    fine = np.linspace(0.0, 1.0, 2001)
+    return fine, ((fine - fit.x[i]) / deviation) ** 2
 
 
 def _profile(fit: Fit, i: int, deviation: float) -> tuple[np.ndarray, np.ndarray]:

@@ -16,6 +16,7 @@ from twilight.base.progress import Progress, part_of, silent
 from twilight.config.scene import Config
 from twilight.config.sun import SunAt, SunElevation, SunElevations
 from twilight.engine import run
+from twilight.numerics.directions import azimuth_elevation, camera_axes, direction
 from twilight.scene import resolve
 from twilight.sky import colour
 from twilight.sky.ephemeris import SunPosition, sun_position
@@ -37,11 +38,11 @@ from twilight.studies.validate.photographs.estimate import (
     Options,
     Refine,
     find_air,
+    first_look,
 )
 from twilight.studies.validate.photographs.fit import ANGLES, Frame, Freedom
 from twilight.studies.validate.photographs.photo import (
     CHROMATICITY_SCALE,
-    LEAST_SLOPE,
     LOG_SCALE,
     OBSERVER,
     Cells,
@@ -221,7 +222,7 @@ class Estimate:
             lines.append(f"camera: looked {here.elevation_deg:.1f} +- {half:.1f} deg above the horizontal{tilt}")
         curve = self.best.curve
         if curve is not None:
-            lines.append(f"tone curve: {1.0 / max(1.0 - curve.first, LEAST_SLOPE):.2f} times the contrast of sRGB")
+            lines.append(f"tone curve: {curve.contrast:.2f} times the contrast of sRGB")
         names = {"white balance": "the white balance", "curve": "the tone curve", "orientation": "the camera's angles"}
         dear = [f"{names[k]} {c:.1f}" for k, c in self.best.costs.items() if k in names and c >= 1.05]
         if dear:
@@ -409,16 +410,18 @@ def estimate_air(
             return _by_the_scene(given, design, aerosol_type, values, sun, elevation, azimuth)
 
     most = max(MOST_CELLS // len(shown), LEAST_CELLS)
-    for _ in range(2):
-        frames = [_frame(one, most, low == high, free) for one in shown]
-        made = find_air(airs, frames, Options(order, own, low, high, free), refined, progress)
-        best = next(one for one in made if one.parameters)
-        before = shown
-        shown = [_found(one, best) for one in before]
-        masked = [one.sun_elevation_deg >= LIT_ABOVE_DEG for one in shown]
-        again = low < high and masked[0] and not np.isfinite(before[0].sun_elevation_deg)
-        if not again and np.hypot(*(best.values.get(name, 0.0) for name in ("pitch", "roll"))) < RETURNED_DEG:
-            break
+    options, known = Options(order, own, low, high, free), low == high
+    frames = [_frame(one, most, known) for one in shown]
+    if not known or max(free.pitch_deg, free.roll_deg) > 0.0:
+        # a sun and a camera that were not known: cut the pictures into cells again
+        look = first_look(airs, frames, options).values()
+        lit = not known and look.get(SUN, 0.0) >= LIT_ABOVE_DEG
+        if lit or np.hypot(*(look.get(name, 0.0) for name in ("pitch", "roll"))) > RETURNED_DEG:
+            cut = [_found(one, look) for one in shown]
+            frames = [_frame(one, most, known, told) for one, told in zip(cut, frames, strict=True)]
+    made = find_air(airs, frames, options, refined, progress)
+    best = next(one for one in made if one.parameters)
+    shown = [_found(one, best.values) for one in shown]
     return Estimate(tuple(shown), given, made, best, free, None if says.refine else "compact", tuple(remarks))
 
 
@@ -472,29 +475,32 @@ def _placed(
     return Shown(name, photograph, low if low == high else np.nan, azimuth), (low, high), error, remarks
 
 
-def _frame(shown: Shown, most: int, known: bool, free: Freedom) -> Frame:
-    """A photograph cut into the cells of a fit."""
+def _frame(shown: Shown, most: int, known: bool, told: Frame | None = None) -> Frame:
+    """A photograph cut into the cells of a fit; told: the same with the camera that its angles count from."""
     photograph, sun = shown.photograph, shown.sun_elevation_deg
     cells = Cells.of(photograph.seen(shown.sun_azimuth_deg, sun if np.isfinite(sun) else None).sky, most)
     held = photograph.camera.orientation
     camera = ((held.azimuth_deg or 0.0) - shown.sun_azimuth_deg, held.elevation_deg, held.roll_deg)
+    if told is not None:
+        own = direction(cells.azimuth_deg, cells.elevation_deg) @ camera_axes(*camera).T
+        azimuth, elevation = azimuth_elevation(own @ camera_axes(*told.camera_deg))
+        cells, camera = replace(cells, elevation_deg=elevation, azimuth_deg=azimuth), told.camera_deg
     frame = Frame(cells, camera, sun if known else None, None, photograph.log_exposure)
     if photograph.camera.projection == "latlong":
         return frame
-    image = photograph.camera.image
     corner = float(photograph.camera.angle_off_axis(np.array([0.0, 0.0])))
     corner = corner if np.isfinite(corner) else np.radians(90.0)
     off = np.arccos(np.clip(frame.own[:, 1], -1.0, 1.0))
-    return replace(frame, lens=(off / corner) ** 2) if image.width_px else frame
+    return replace(frame, lens=(off / corner) ** 2)
 
 
-def _found(shown: Shown, best: AirEstimate) -> Shown:
+def _found(shown: Shown, values: Mapping[str, float]) -> Shown:
     """A photograph with its camera and sun as they were found."""
-    heading, pitch, roll = (best.values.get(name, 0.0) for name in ANGLES)
+    heading, pitch, roll = (values.get(name, 0.0) for name in ANGLES)
     photograph = shown.photograph
     if pitch or roll:
         photograph = photograph.turned(pitch, roll, photograph.errors_deg)
-    sun = best.values.get(SUN, shown.sun_elevation_deg)
+    sun = values.get(SUN, shown.sun_elevation_deg)
     return Shown(shown.name, photograph, float(sun), float((shown.sun_azimuth_deg - heading) % 360.0))
 
 

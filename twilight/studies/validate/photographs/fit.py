@@ -5,12 +5,12 @@ A photograph's cells and the computed sky are compared in m = (ln G, ln R/G, ln 
     ln photograph - ln computed = sum_k c_k m_k + e,
 
 where m_k are what a camera does alike to a whole picture: exposure (a constant of ln G, for each picture), white
-balance (constants of ln R/G and ln B/G), a tone curve (g1 t + g2 t^2 of each channel, t = its ln over the picture's
-middle), a lens that darkens its corners; c_k is normally distributed about 0 with the standard deviations below, wide
-where nothing is known.  e is what is left: noise of single cells, errors of the solver, correlated over `SOLVER_DEG`
-and between suns, and of the sky itself (haze in streaks, thin cloud, stitching), correlated over `SKY_DEG`, with an
-amplitude that the picture itself says (the one of `AMPLITUDES` that makes what is left most likely).  Together they
-have a covariance C, and
+balance (constants of ln R/G and ln B/G), a tone curve (g1 t + g2 t^2 + g3 t^3 of each channel, t = its ln over the
+picture's middle), a lens that darkens its corners; c_k is normally distributed about 0 with the standard deviations
+below, wide where nothing is known.  e is what is left: noise of single cells, errors of the solver, correlated over
+`SOLVER_DEG` and between suns, and of the sky itself (haze in streaks, thin cloud, stitching), correlated over
+`SKY_DEG`, with an amplitude that the picture itself says (the one of `AMPLITUDES` that makes what is left most likely).
+ Together they have a covariance C, and
 
     chi^2 = r^T C^-1 r + sum over the angles of the camera ((angle - as told) / its error)^2,
 
@@ -38,7 +38,7 @@ SKY_LN = (0.02, 0.01, 0.01)
 """Those of the sky itself, times an amplitude."""
 SKY_DEG = 10.0
 """Angle over which they are correlated [deg]."""
-AMPLITUDES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+AMPLITUDES = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Amplitudes of the sky's errors that are tried."""
 SOLVER_DEG = 30.0
 """Angle over which the solver's errors are correlated [deg]."""
@@ -50,8 +50,8 @@ UNKNOWN_LN = 10.0
 """Standard deviation of an exposure of which nothing is known."""
 WHITE_BALANCE_LN = (0.01, 0.25)
 """Standard deviations of ln R/G and ln B/G of a whole picture: as the camera balanced it, and free."""
-CURVE = (0.3, 0.1)
-"""Standard deviations of g1 and g2: a phone's picture has 0.7 to 1.4 times the contrast of sRGB."""
+CURVE = (0.3, 0.1, 0.03)
+"""Standard deviations of g1, g2 and g3: a phone's picture has 0.7 to 1.4 times the contrast of sRGB."""
 LENS_LN = 0.04
 """Standard deviation of ln G in the corner of a lens's picture whose vignetting is not known."""
 FLOOR = 0.03
@@ -136,7 +136,7 @@ class Errors:
         self.used = np.repeat(used, n)
         where = [direction(f.cells.azimuth_deg, f.cells.elevation_deg) for f in frames]
         away = np.degrees(np.arccos(np.clip(np.concatenate(where) @ np.concatenate(where).T, -1.0, 1.0)))
-        near, wide = (np.exp(-0.5 * (away / reach) ** 2) for reach in (SKY_DEG, SOLVER_DEG))
+        near, wide = np.exp(-away / SKY_DEG), np.exp(-0.5 * (away / SOLVER_DEG) ** 2)
         near = near * (self.frame[:, None] == self.frame)
         sun = np.asarray(suns_deg, float)[self.frame]
         wide = wide * np.exp(-0.5 * ((sun[:, None] - sun) / SOLVER_SUN_DEG) ** 2)
@@ -167,7 +167,7 @@ class Errors:
         self.middle = float(shown[0].mean())
         if freedom.curve:
             green, red, blue = shown[0], shown[0] + shown[1], shown[0] + shown[2]
-            for power, deviation in zip((1, 2), CURVE, strict=True):
+            for power, deviation in zip((1, 2, 3), CURVE, strict=True):
                 g, r, b = ((channel - self.middle) ** power for channel in (green, red, blue))
                 modes.append(("curve", np.concatenate([g, r - g, b - g]), deviation))
         self.kinds = [kind for kind, _, _ in modes]
@@ -264,8 +264,10 @@ class Fit:
         told = REACH * (2.0 * x[self.angles] - 1.0)
         return np.concatenate([self.errors.whitening @ self.difference(x)[self.errors.used], told])
 
-    def find(self, starts: Sequence[np.ndarray]) -> None:
-        """Move to the best x that is found from the starts."""
+    def find(self, starts: Sequence[np.ndarray], most: int = 1) -> None:
+        """Move to the best x that is found from the best `most` of the starts."""
+        if len(starts) > most:
+            starts = sorted(starts, key=lambda start: float(np.sum(self.residuals(start) ** 2)))[:most]
         found = min((self.from_start(start) for start in starts), key=lambda one: one[1])
         self.x, self.chi2, self.jacobian = found
 
@@ -310,7 +312,7 @@ class Fit:
     def curve(self) -> Curve | None:
         """The camera's tone curve at the best; None where it is not free."""
         found = self.camera().get("curve")
-        return None if found is None else Curve(self.errors.middle, *(float(g) for g in found))
+        return None if found is None else Curve(self.errors.middle, tuple(float(g) for g in found))
 
     def misfit(self) -> float:
         """Sum of squares of `photo.residual_vector` at the best, the tone curve undone, the mean of all frames."""

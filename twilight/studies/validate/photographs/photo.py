@@ -13,6 +13,7 @@ the very same ones, so a cell half behind a tree compares like with like.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import colour as science
@@ -175,28 +176,39 @@ def _average(
 
 @dataclass(frozen=True)
 class Curve:
-    """A camera's tone curve: of every channel c, with t = ln c - middle, ln(light) = ln c - first t - second t^2.
+    """A camera's tone curve: of every channel c, with t = ln c - middle, ln(light) = ln c - g1 t - g2 t^2 - g3 t^3.
 
-    Monotone as far as t is below `turns`; what is brighter, or darker, goes on straight from there.
+    numbers: g1, g2, g3.  Monotone between the t about 0 at which the slope is `LEAST_SLOPE`; what is brighter, or
+    darker, goes on straight from there.
     """
 
     middle: float
-    first: float
-    second: float
+    numbers: tuple[float, ...]
 
     @property
-    def turns(self) -> float:
-        """Distance from the middle at which the slope is `LEAST_SLOPE` of what it is there."""
-        room = 1.0 - self.first - LEAST_SLOPE
-        return np.inf if self.second == 0.0 else abs(room / (2.0 * self.second))
+    def contrast(self) -> float:
+        """Slope of ln(stored) over ln(light) at the middle."""
+        return 1.0 / max(1.0 - self.numbers[0], LEAST_SLOPE)
+
+    @cached_property
+    def turns(self) -> tuple[float, float]:
+        """Between which t the curve is monotone."""
+        powers = np.arange(1, len(self.numbers) + 1)
+        ends = []
+        for side in (-1.0, 1.0):
+            t = side * np.linspace(0.0, 8.0, 161)
+            slope = 1.0 - (powers * np.array(self.numbers) * t[:, None] ** (powers - 1)).sum(axis=1)
+            bad = np.flatnonzero(slope < LEAST_SLOPE)
+            ends.append(float(t[max(int(bad[0]) - 1, 0)]) if bad.size else side * np.inf)
+        return ends[0], ends[1]
 
     def undo(self, xyz: np.ndarray) -> np.ndarray:
         """XYZ (..., 3) of light from XYZ of what was stored."""
         rgb = colour.xyz_to_linear_rgb(xyz, OBSERVER)
         with np.errstate(divide="ignore", invalid="ignore"):
             t = np.log(np.maximum(rgb, 1e-30)) - self.middle
-        at = np.clip(t, -self.turns, self.turns)
-        light = rgb * np.exp(-self.first * at - self.second * at**2)
+        at = np.clip(t, *self.turns)
+        light = rgb * np.exp(-sum(g * at**power for power, g in enumerate(self.numbers, 1)))
         return light @ np.linalg.inv(spectrum.xyz_to_rgb_matrix(OBSERVER)).T
 
 

@@ -34,11 +34,15 @@ from twilight.studies.validate.photographs import mask as masks
 from twilight.studies.validate.photographs.panorama import Panorama, make_panorama, mask_image_on
 from twilight.studies.validate.photographs.photo import OBSERVER, PhotoSky, photo_sky
 from twilight.studies.validate.photographs.skyline import SKYLINE_ERROR_DEG, TILT_ERROR_DEG, find_horizon
-from twilight.studies.validate.photographs.sun_azimuth import SunAzimuth, find_sun_azimuth
+from twilight.studies.validate.photographs.sun_azimuth import SunAzimuth, burnt_disc, find_sun_azimuth
 
 FINE_CELL_DEG = 0.5
 """Aimed size of the fine cells on which masks are made."""
 
+WIDE_VIEW = 0.45
+"""Part of the horizon from which the symmetry of the sky tells the sun's azimuth by itself."""
+NARROW_ERROR_DEG = 8.0
+"""Standard error of what symmetry tells of a smaller part [deg]."""
 UNKNOWN_PITCH_DEG, UNKNOWN_ROLL_DEG = 12.0, 3.0
 """Standard errors of the angle above the horizontal and of the tilt of a camera of which nothing is known [deg]."""
 GUESSED_PITCH_DEG = 12.0
@@ -105,9 +109,17 @@ class Photograph:
 
     @cached_property
     def sun(self) -> SunAzimuth:
-        """Where the sun is, from the photograph alone.  Errors: TwilightError as ``find_sun_azimuth``."""
+        """Where the sun is, from the photograph alone: in a view of less than half the horizon by its burnt disc first,
+        for such a piece may look symmetrical about anything.  Errors: TwilightError as ``find_sun_azimuth``."""
         panorama, mask = self._masked(0.0, None)
-        return find_sun_azimuth(panorama, mask.valid)
+        wide = float(panorama.covered.any(axis=0).mean()) > WIDE_VIEW
+        disc = None if wide else burnt_disc(panorama)
+        if disc is not None:
+            return disc
+        found = find_sun_azimuth(panorama, mask.valid)
+        if wide or found.method == "disc":
+            return found
+        return replace(found, uncertainty_deg=max(found.uncertainty_deg, NARROW_ERROR_DEG))
 
     @cached_property
     def _seen(self) -> dict[tuple[float, float | None], MaskedSky]:
@@ -189,8 +201,10 @@ def place_sun(photograph: Photograph, known_deg: float | None, given_deg: float 
     try:
         sun = photograph.sun
     except TwilightError:
+        sun = None
         if not north:
             raise
+    if sun is None or (north and sun.method != "disc" and sun.uncertainty_deg >= NARROW_ERROR_DEG):
         return known_deg or 0.0, compass, f"sun azimuth {known_deg:.1f} +- {compass:.0f} deg, by time and compass"
     by = "the sun's disc" if sun.method == "disc" else "the symmetry of the sky"
     note = f"sun azimuth {sun.azimuth_deg:.2f} +- {sun.uncertainty_deg:.2f} deg by {by}"

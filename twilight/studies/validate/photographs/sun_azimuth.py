@@ -12,6 +12,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 from twilight.base.errors import TwilightError
 from twilight.studies.validate.photographs.mask import separation_deg
@@ -23,6 +24,8 @@ DISC_CONTRAST = 2.5
 """ln of the brightest light over the sky 5 to 8 deg away beyond which it is the sun's disc."""
 DISC_NEAR_DEG = 12.0
 """Distance from the meridian of symmetry [deg] within which the disc is looked for."""
+BURNT_DEG = (0.3, 8.0)
+"""Radii of a patch that is saturated by the sun's disc and its glare [deg]."""
 LARGEST_UNCERTAINTY_DEG = 20.0
 """Uncertainty [deg] beyond which a meridian of symmetry is refused."""
 
@@ -82,6 +85,29 @@ def find_sun_azimuth(panorama: Panorama, valid: np.ndarray) -> SunAzimuth:
             "deg); give --sun-azimuth"
         )
     return SunAzimuth(symmetry, uncertainty, "symmetry", symmetry)
+
+
+def burnt_disc(panorama: Panorama) -> SunAzimuth | None:
+    """The sun by the largest round patch of the sky at the end of the picture's scale, or None."""
+    there = panorama.saturated & (panorama.elevation_deg > -1.0)[:, None]
+    labels, count = ndimage.label(np.concatenate([there, there], axis=1), np.ones((3, 3)))  # across north, too
+    if count == 0:
+        return None
+    n = panorama.azimuth_deg.size
+    flat = np.cos(np.radians(panorama.elevation_deg))[:, None] * np.ones(labels.shape)
+    area = ndimage.sum_labels(flat * panorama.step_deg**2, labels, np.arange(1, count + 1))
+    label = 1 + int(area.argmax())
+    rows, columns = np.nonzero(labels == label)
+    weight = flat[rows, columns]
+    radius = float(np.sqrt(area[label - 1] / np.pi))
+    elevation = float(np.average(panorama.elevation_deg[rows], weights=weight))
+    column = float(np.average(columns, weights=weight))
+    azimuth = float(panorama.azimuth_deg[0] + panorama.origin_deg + column * panorama.step_deg)
+    high, wide = np.ptp(rows) * panorama.step_deg, np.ptp(columns) * panorama.step_deg * np.cos(np.radians(elevation))
+    if not BURNT_DEG[0] <= radius <= BURNT_DEG[1] or max(high, wide) > 4.0 * radius + panorama.step_deg or n < 8:
+        return None
+    error = max(0.3 * panorama.step_deg, 0.15 * radius)
+    return SunAzimuth(azimuth % 360.0, error, "disc", azimuth % 360.0, elevation)
 
 
 def _bands(above: np.ndarray, count: int = 8) -> list[slice]:
