@@ -192,8 +192,9 @@ class ScatteredOnce:
         rest = found - once
         rest = rest[edge] + (angle[:, None] - angle[edge]) * (rest[-1] - rest[edge]) / (angle[-1] - angle[edge])
         change = np.log(np.maximum(found - rest, 1e-30) / np.maximum(once, 1e-30))
-        change = np.clip(change, -MOST_WIDENING, MOST_WIDENING)
         change[edge:] = 0.0
+        change[:, change.min(axis=0) < -MOST_WIDENING] = 0.0  # a sky without an aureole
+        change = np.minimum(change, MOST_WIDENING)
         between = hermite_matrix(np.sqrt(np.radians(angle)), np.sqrt(PHASE_ANGLE_RAD))
         return (between @ change).astype(np.float32)
 
