@@ -51,6 +51,10 @@ WIDENING_COUNT = 24
 LEAST_OF_LIMB = 1e-12
 """Light along lines through the limb, of the brightest, that stands for none."""
 
+FULL_WIDENING_SUN_DEG = 3.0
+"""Apparent elevation from which a sun's aureole is widened as measured [deg]; it fades to nothing at the horizon, so
+that tables of suns on either side of it may be read between them."""
+
 MOST_WIDENING = 1.5
 """Largest change of the logarithm of the aureole by widening."""
 
@@ -175,7 +179,7 @@ class ScatteredOnce:
 
         light: the solver's, of directions (D,), (D, W).  Within `WIDENED_DEG` of the sun, level with it, what is not in
         the aureole is taken as linear in the angle; beyond, and for a sun whose apparent place is below the horizon,
-        the difference is 0.
+        the difference is 0 (`FULL_WIDENING_SUN_DEG`).
         """
         assert self.log_phase is not None
         sun = self.apparent_sun_deg(sun_elevation_deg)
@@ -194,7 +198,8 @@ class ScatteredOnce:
         change = np.log(np.maximum(found - rest, 1e-30) / np.maximum(once, 1e-30))
         change[edge:] = 0.0
         change[:, change.min(axis=0) < -MOST_WIDENING] = 0.0  # a sky without an aureole
-        change = np.minimum(change, MOST_WIDENING)
+        low = min(1.0, sun / FULL_WIDENING_SUN_DEG)
+        change = low**2 * (3.0 - 2.0 * low) * np.minimum(change, MOST_WIDENING)
         between = hermite_matrix(np.sqrt(np.radians(angle)), np.sqrt(PHASE_ANGLE_RAD))
         return (between @ change).astype(np.float32)
 
