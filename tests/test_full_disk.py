@@ -34,7 +34,6 @@ WHOLE = {"whole_file", "whole_content", "whole_folder", "unfinished"}
 WRITERS = {"write_text", "write_bytes", "savez", "savez_compressed", "savefig", "to_netcdf", "to_zarr", "copyfile",
            "tofile", "imwrite", "imsave", "writelines"}  # fmt: skip
 ELSEWHERE = {
-    "animation/encode.py": "inside the whole_file of its caller",
     "engine/over_suns.py": "handed to the cache, which writes it whole",
     "engine/sun_tables.py": "handed to the cache, which writes it whole",
     "base/cache.py": "handed to store(), which writes it whole",

@@ -84,8 +84,7 @@ class Problem:
         scene, able = self.scene, self.scene.capabilities
         if able.cost is None:
             return None
-        known = self.sun_elevations_deg if able.takes_suns else None
-        return able.cost(scene.medium, scene.settings, known, scene.altitude_km)
+        return able.cost(scene.medium, scene.settings, self.sun_elevations_deg, scene.altitude_km)
 
     @cached_property
     def wavelengths_at_once(self) -> int:

@@ -101,8 +101,8 @@ class Capabilities:
     spectral_interpolation: what interpolates light over the spectrum, from (medium, exponential sums of its bands or
         None, indices of wavelengths that share a spectral group, settings), for `prepare` to take as `interpolation`;
         None: each of these wavelengths is solved
-    cost: cost of a field from (medium, settings, sun elevations or None for any, altitude of the observer); None: not
-        known
+    cost: cost of a field from (medium, settings, sun elevations or None for any, altitude of the observer), None where
+        it is not known; None: it never is
     package: name of a Python package that it needs beside those of twilight, which the extra `peers` installs
     """
 
@@ -117,7 +117,7 @@ class Capabilities:
     wavelengths_at_once: int = 32
     spectral_groups: Callable[[Medium, Any], Sequence[Hashable]] | None = None
     spectral_interpolation: Callable[[Medium, GasBands | None, np.ndarray, Any], Interpolation | None] | None = None
-    cost: Callable[[Medium, Any, Sequence[float] | None, float], Cost] | None = None
+    cost: Callable[[Medium, Any, Sequence[float] | None, float], Cost | None] | None = None
     package: str = ""
 
     @property

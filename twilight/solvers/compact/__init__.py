@@ -1,7 +1,7 @@
 """The solver compact: skies from a model of all clear air in one file, without compiled code."""
 
 from twilight.solvers.base import Capabilities
-from twilight.solvers.compact.clear_air_field import QUALITIES, CompactSettings, prepare
+from twilight.solvers.compact.clear_air_field import COST, QUALITIES, CompactSettings, prepare
 from twilight.solvers.compact.clear_air_field import ClearAirField as Field
 
 CAPABILITIES = Capabilities(
@@ -9,6 +9,7 @@ CAPABILITIES = Capabilities(
     every_sun=True,
     every_observer=True,
     looks_down=False,
+    cost=lambda medium, settings, suns, altitude_km: COST,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "CompactSettings", "Field", "prepare"]

@@ -11,7 +11,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
-from twilight.solvers.base import BareField, ModelError, observer_at
+from twilight.solvers.base import BareField, Cost, ModelError, observer_at
 from twilight.solvers.compact.air_columns import LIMITED, AirColumns
 from twilight.solvers.compact.clear_air import SUN_DEG, ClearAirModel
 from twilight.solvers.compact.clear_air_sky import ClearAirSkies
@@ -43,6 +43,11 @@ class CompactSettings:
 
 
 QUALITIES: dict[str, CompactSettings] = {"standard": CompactSettings()}
+
+
+COST = Cost(fixed_bytes=2.0e8, bytes_per_wavelength=1.0e7, cpu_s_per_wavelength=0.035, cpu_s_per_direction=5e-5)
+"""Cost of a field: eight wavelengths take 272 MiB and 0.28 processor seconds (`benchmarks/compare.csv`); of a direction
+and wavelength where a sky has some hundred, which compute the sun's beam anew."""
 
 
 @functools.lru_cache(maxsize=1)

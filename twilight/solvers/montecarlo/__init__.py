@@ -7,13 +7,14 @@ and tests hold those against rays integrated on their own.
 
 from twilight.solvers.base import Capabilities
 from twilight.solvers.montecarlo.field import Field, prepare
-from twilight.solvers.montecarlo.settings import QUALITIES, MonteCarloSettings
+from twilight.solvers.montecarlo.settings import QUALITIES, MonteCarloSettings, cost
 from twilight.solvers.montecarlo.tally import MonteCarloResult, StokesResult
 
 CAPABILITIES = Capabilities(
     standard_error=True,
     finite_segments=True,
     screen=True,
+    cost=cost,
 )
 
 __all__ = [
