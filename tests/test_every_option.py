@@ -237,7 +237,7 @@ def outcome(command: str, mocked: list[str], words: list[str]) -> str:
         for i, name in enumerate(mocked):
             mock = getattr(asked, f"call{i}")
             mock.return_value.__iter__.side_effect = lambda: iter([asked.item])
-            mock.return_value.drawn = None  # of a sweep
+            mock.return_value.drawn, mock.return_value.first.name = None, "name"  # of a sweep
             stack.enter_context(patch(name, mock))
         done = CliRunner().invoke(app, [*command.split(), *words])
     said = [done.exit_code, done.stdout, done.stderr, repr(asked.mock_calls)]
