@@ -17,7 +17,7 @@ import results
 
 from twilight.atmosphere.clouds import KINDS, CloudLayer
 from twilight.base.errors import TwilightWarning
-from twilight.engine.hemisphere import hemisphere
+from twilight.numerics.directions import hemisphere
 from twilight.solvers import zones
 
 HERE = Path(__file__).parent

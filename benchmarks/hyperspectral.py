@@ -21,8 +21,8 @@ import numpy as np
 import results
 
 from twilight.config import load
-from twilight.engine.solve import Problem
-from twilight.scene import resolve
+from twilight.engine import plan
+from twilight.scene import Scene, resolve
 from twilight.solvers import zones
 
 CLIMATES = ("continental-average", "desert", "pure-air")
@@ -41,14 +41,13 @@ AT_ONCE = 8
 """Wavelengths that are solved together."""
 
 
-def problem_of(climate: str, wavelength_nm: tuple[float, ...], quality: str) -> Problem:
+def scene_of(climate: str, wavelength_nm: tuple[float, ...], quality: str) -> Scene:
     solver = {"quality": quality, "polarisation": True}
-    return Problem(resolve(load(climate, {"solver": solver, "wavelengths": {"list_nm": list(wavelength_nm)}})))
+    return resolve(load(climate, {"solver": solver, "wavelengths": {"list_nm": list(wavelength_nm)}}))
 
 
-def light(problem: Problem, some: np.ndarray, interpolation: Any) -> tuple[np.ndarray, float, int]:
+def light(scene: Scene, some: np.ndarray, interpolation: Any) -> tuple[np.ndarray, float, int]:
     """Stokes parameters (suns, directions, 3, N) of some wavelengths; processor seconds of their fields; columns."""
-    scene = problem.scene
     found, seconds, columns = [], 0.0, 0
     for start in range(0, some.size, AT_ONCE):
         part = some[start : start + AT_ONCE]
@@ -67,8 +66,8 @@ def light(problem: Problem, some: np.ndarray, interpolation: Any) -> tuple[np.nd
 def compare(climate: str, case: str, quality: str) -> list[list[Any]]:
     """Rows of a climate and case: one for each spectral group."""
     begin = time.process_time()
-    problem = problem_of(climate, CASES[case], quality)
-    served, scene = problem.interpolations, problem.scene
+    scene = scene_of(climate, CASES[case], quality)
+    served = plan(scene).interpolations
     planned = time.process_time() - begin
     terms = np.ones(len(served), int) if scene.bands is None else scene.bands.term_counts
     draw = np.random.default_rng(29)
@@ -84,10 +83,10 @@ def compare(climate: str, case: str, quality: str) -> list[list[Any]]:
             continue
         some = np.sort(draw.choice(members, min(DRAWN[case], members.size), replace=False))
         begin = time.process_time()
-        new, field_s, columns = light(problem, some[:1], one)  # solves the nodes
+        new, field_s, columns = light(scene, some[:1], one)  # solves the nodes
         nodes_s = time.process_time() - begin
-        new, field_s, columns = light(problem, some, one)
-        old, direct_s, _ = light(problem, some, None)
+        new, field_s, columns = light(scene, some, one)
+        old, direct_s, _ = light(scene, some, None)
         error = 100.0 * np.abs(new[..., 0, :] / old[..., 0, :] - 1.0)
         polarised = 100.0 * np.abs((new - old)[..., 1:, :]) / old[..., :1, :]
         rows.append(

@@ -18,10 +18,10 @@ import numpy as np
 import results
 
 from twilight.config import load
-from twilight.engine.solve import Problem
+from twilight.engine import solve
 from twilight.numerics import spectrum
 from twilight.scene.scene import resolve
-from twilight.sky.moon.light import Moon, moon_illuminance_lux
+from twilight.sky.moon import Moon, moon_illuminance_lux
 from twilight.sky.quantities.measure import Spectra
 
 HERE = Path(__file__).parent
@@ -57,7 +57,7 @@ def main(folder: Path) -> None:
     settings = {"ground.altitude_km": SITE_KM, "gases.ozone.column_du": 285.0, "solver.quality": "draft",
                 "wavelengths": {"min_nm": 380.0, "max_nm": 820.0, "count": 12}}  # fmt: skip
     scene = resolve(load("continental-average", settings))
-    solved = Problem(scene).solve()
+    solved = solve(scene, cached=False)
     nm = scene.medium.wavelength_nm
     floor = 10.0 ** (-0.4 * MOONLESS_MAG)
     rows = []

@@ -20,7 +20,7 @@ import numpy as np
 from results import write
 
 from twilight.base.progress import silent
-from twilight.engine.solve import Problem
+from twilight.engine import solve
 from twilight.scene import resolve
 from twilight.studies.export.prague import SUN_DEG, PragueMaker
 from twilight.studies.export.prague_air import airs_of, channel_nodes
@@ -57,7 +57,7 @@ def main() -> None:
 
     def field_of(v: int, b: int, progress: object) -> object:
         scene = resolve(airs[v].config(float(albedo[b]), options.quality), wavelength_nm=nodes.wavelength_nm)
-        fields[v, b] = Problem(scene).solve()
+        fields[v, b] = solve(scene, cached=False)
         return fields[v, b]
 
     begin = time.process_time()

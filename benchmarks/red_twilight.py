@@ -1,6 +1,10 @@
-"""Screens beyond the horizon that `twilight validate spectra` fits to recorded spectra of level ground, calibration
-fixed and free, from +5 to -8 deg: python benchmarks/red_twilight.py writes red_twilight_fits.csv and the figure of
-docs/notes/red-twilight.md."""
+"""Colours of level ground from day to dusk beside three recorded sessions, with a clean horizon, the preset `typical`
+and the screen that fits each: python benchmarks/red_twilight.py writes red_twilight_fits.csv and the figure of
+docs/validation.md.
+
+A recording is on the scale of its own day (`spectra.on_own_day`); session 3, which has no day, on that of the two
+others.  Ratios are computed over recorded, of 650/550 and 450/550 nm, suns from 0 to -6 deg.
+"""
 
 from __future__ import annotations
 
@@ -12,41 +16,68 @@ import numpy as np
 import results
 
 from twilight.config import load
+from twilight.config.scene import TYPICAL
 from twilight.studies.validate.measured import spectra as recorded
 from twilight.studies.validate.measured.spectra_report import draw
 
 HERE = Path(__file__).parent
-SESSIONS = (3, 4)
+FILE = HERE / ".." / ".." / "shared" / "data" / "rural_twilight_spectra" / "sessions_2_3_4.csv"
+SESSIONS = ("2", "3", "4")
+DUSK_DEG = (-6.0, 0.0)
+
+
+def typical() -> np.ndarray:
+    """The preset as rises between the nodes of the fit."""
+    passed = np.interp(recorded.HEIGHTS_KM, TYPICAL["heights_km"], TYPICAL["transmission"])
+    return np.diff(passed, prepend=0.0)
 
 
 def main() -> None:
-    file = HERE / ".." / ".." / "shared" / "data" / "rural_twilight_spectra" / "sessions_2_3_4.csv"
-    series = {str(s): recorded.at_nodes(recorded.read_spectra(file, str(s)), 5.0, -8.0) for s in SESSIONS}
-    config, rows, fits = load("continental-average", {"solver.quality": "draft"}), [], {}
+    series = {name: recorded.at_nodes(recorded.read_spectra(FILE, name), 30.0, -8.0) for name in SESSIONS}
     suns = np.unique(np.concatenate([one.sun_deg for one in series.values()]))[::-1]
-    every = replace(series[str(SESSIONS[0])], sun_deg=suns)
-    (basis,) = recorded.bases(config, every, (300.0,))
-    for session, one in series.items():
+    every = replace(series["3"], sun_deg=suns)
+    (basis,) = recorded.bases(load("continental-average", {"solver.quality": "draft"}), every, (300.0,))
+    nm = list(every.wavelength_nm)
+    green, red, blue = (nm.index(w) for w in (550.0, 650.0, 450.0))
+    on_day, factors = {}, []
+    for name, one in series.items():
         k = [int(np.flatnonzero(suns == sun)[0]) for sun in one.sun_deg]
         here = replace(basis, ground=basis.ground[:, k], zenith=basis.zenith[:, k])
-        for free, most in itertools.product((False, True), (0.1, np.inf)):
-            found = fits[session, free, most] = recorded.fit(one, here, most, free)
-            green, low = int(np.flatnonzero(one.wavelength_nm == 550.0)[0]), one.sun_deg <= 0.0
-            off = np.exp(found.log_ratio - found.log_ratio[:, green : green + 1])
-            ranges = [f"{off[low, w].min():.2f} to {off[low, w].max():.2f}" for w in (2, 7)]
-            factor = found.calibration / found.calibration[green]
-            rows.append([session, "free" if free else "as recorded", "any" if np.isinf(most) else f"{most:g}",
-                         f"{100 * found.rms:.1f}", *ranges, f"{found.zenith_mag[one.sun_deg <= -4].max():.2f}",
-                         *(f"{x:.2f}" for x in found.clouds), f"{factor[0]:.2f}", f"{factor[7]:.2f}"])  # fmt: skip
+        light, (here,), factor = recorded.on_own_day(one, [here], 5.0)
+        on_day[name] = (light, here, factor)
+        factors += [] if factor is None else [factor]
+    sensor = np.exp(np.mean(np.log(factors), axis=0))
+    rows, off = [], {}
+    for name, (light, here, factor) in on_day.items():
+        if factor is None:
+            light = replace(light, irradiance=light.irradiance / sensor)
+        fitted = recorded.fit(light, here, 0.1)
+        if name == "4":
+            draw(light, fitted, HERE / "red_twilight_session_4.png", "session 4, on the scale of its own day")
+        dusk = (light.sun_deg >= DUSK_DEG[0]) & (light.sun_deg <= DUSK_DEG[1])
+        for horizon, rises in (
+            ("clean", np.eye(fitted.rises.size)[0]),
+            ("typical", typical()),
+            ("fitted", fitted.rises),
+        ):
+            computed = np.tensordot(rises, here.ground, 1)
+            ratio = (computed / computed[:, [green]]) / (light.irradiance / light.irradiance[:, [green]])
+            zenith = -2.5 * np.log10(rises @ here.zenith / here.zenith[0])[light.sun_deg <= -4.0].max()
+            found = [ratio[dusk, w] for w in (red, blue)]
+            off.setdefault(horizon, []).append(found)
+            numbers = [f(one) for one in found for f in (np.median, np.min, np.max)]
+            day = "its own" if factor is not None else "of sessions 2, 4"
+            rows.append([name, day, horizon, *(f"{x:.2f}" for x in numbers), f"{zenith:.2f}"])
             print(*rows[-1], flush=True)
-    draw(
-        series["4"], fits["4", True, 0.1], HERE / "red_twilight_session_4.png", "session 4, a factor by wavelength free"
-    )
-    columns = ("session", "calibration", "zenith_mag_allowed", "rms_percent", "blue_over_recorded", "red_over_recorded",
-               "zenith_mag", "cover", "top_km", "top_spread_km", "factor_400", "factor_650")  # fmt: skip
-    notes = (
-        "screens from 300 km on, fitted to colours from +5 to -8 deg; ranges from 0 to -8; factors are over 550 nm",
-    )
+    for horizon, found in off.items():
+        away = [np.median(np.abs(np.concatenate([one[w] for one in found]) - 1.0)) for w in (0, 1)]
+        rows.append(["all", "", horizon, f"{away[0]:.2f}", "", "", f"{away[1]:.2f}", "", "", ""])
+        print(*rows[-1], flush=True)
+    kinds = itertools.product(("red", "blue"), ("median", "least", "most"))
+    columns = ("session", "day", "horizon", *(f"{a}_over_recorded_{b}" for a, b in kinds), "zenith_mag")
+    told = ", ".join(f"{f:.2f} at {w:g} nm" for f, w in zip(sensor / sensor[green], nm, strict=True))
+    notes = ("computed over recorded, suns from 0 to -6 deg; rows all: median of the distance from 1",
+             f"the sensor by day, over 550 nm: {told}")  # fmt: skip
     results.write(HERE / "red_twilight_fits.csv", columns, rows, notes=notes)
 
 

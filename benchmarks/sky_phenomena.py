@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.config.scene import Config
-from twilight.engine.solve import Problem
+from twilight.engine import solve
 from twilight.numerics import spectrum
 from twilight.scene import resolve
 from twilight.sky import colour
@@ -41,7 +41,7 @@ class Air:
     def __init__(self, config: Config):
         self.config = config
         # few wavelengths stand for the visible: 590 nm would count the edge of water vapour's band for 20 nm
-        self.solved = Problem(replace(resolve(config), bands=None)).solve()
+        self.solved = solve(replace(resolve(config), bands=None), cached=False)
         self.medium = self.solved.medium
 
     def xyz(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:

@@ -21,7 +21,7 @@ from PIL import Image
 
 from twilight.io.eight_bit import to_bytes
 from twilight.io.view import view_exposure_ev100
-from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import view_rays
 from twilight.sky import colour
 from twilight.studies.camera.image import read_image

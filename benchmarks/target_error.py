@@ -4,7 +4,7 @@
     python benchmarks/target_error.py unseen    airs drawn at random, too: AIRS of them, about a processor minute each
 
 Writes benchmarks/target_error.csv: for every climate, quality and range of suns the error [%] that
-`twilight.solvers.zones.target` would promise, were it to know the other climates of its kind alone (the largest of
+`twilight.solvers.zones.solver` would promise, were it to know the other climates of its kind alone (the largest of
 theirs, of this range or a higher sun, times SAFETY_FACTORS), and the one that the climate has beside Monte-Carlo.
 
 Rows of the drawn airs hold what it does promise, and the error beside quality `reference` of the same air, whose own
@@ -26,7 +26,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.zones.target import (
+from twilight.solvers.zones.solver import (
     LAST_DAY_DEG,
     LAST_TWILIGHT_DEG,
     MEASURED_ERRORS,

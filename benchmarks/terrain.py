@@ -14,7 +14,7 @@ import numpy as np
 from results import write
 
 from twilight.config import load_series
-from twilight.engine.solve import Problem
+from twilight.engine import solve
 from twilight.engine.view import landscape, view_radiance
 from twilight.scene import Scene
 from twilight.scene.medium import climate_medium
@@ -39,11 +39,10 @@ def main() -> None:
         sun = config.sun.elevation_deg
         view = config.observer.view.model_copy(update={"width": WIDTH, "height": HEIGHT})
         medium = climate_medium(config.climate, np.array(NM))
-        problem = Problem(Scene(medium, None, zones, zones.QUALITIES["draft"], observer=config.observer))
-        block = problem.block(0)
-        seen = view_radiance(block, view, sun).whole()
+        solved = solve(Scene(medium, None, zones, zones.QUALITIES["draft"], observer=config.observer), cached=False)
+        seen = view_radiance(solved, view, sun).whole()
         made = {
-            shadows: landscape(block, seen, config.terrain.model_copy(update={"shadows": shadows}), sun)
+            shadows: landscape(solved, seen, config.terrain.model_copy(update={"shadows": shadows}), sun)
             for shadows in ("none", "exact", "segments")
         }
         clear = made["none"].radiance.astype(float)

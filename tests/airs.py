@@ -1,4 +1,4 @@
-"""Airs in closed form that tests of several parts share, fields in closed form as problems, and fields as skies."""
+"""Airs in closed form that tests of several parts share, scenes of fields in closed form, and fields as skies."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Observer
-from twilight.engine import Problem
-from twilight.numerics.grids import texture_grid
+from twilight.numerics.directions import texture_grid
 from twilight.numerics.phase import PhaseFunction
 from twilight.scene import Scene
 from twilight.sky.sky import Sky
@@ -94,8 +93,8 @@ def on_levels(medium: Medium, altitude_km, values_at_km=None, **changes) -> Medi
     )
 
 
-def problem_of_field(field, *, every_observer=True) -> Problem:
-    """What the engine takes for a solver whose field is there: of `field.medium`, for any sun, without refraction."""
+def scene_of_field(field, *, every_observer=True) -> Scene:
+    """The scene of a solver whose field is there: of `field.medium`, for any sun, without refraction."""
     solver = SimpleNamespace(
         __name__=type(field).__name__.lower(),
         CAPABILITIES=Capabilities(every_sun=True, every_observer=every_observer),
@@ -103,6 +102,4 @@ def problem_of_field(field, *, every_observer=True) -> Problem:
         prepare=lambda medium, settings, **options: field,
     )
     settings = SimpleNamespace(refraction=False)
-    return Problem(
-        Scene(field.medium, None, solver, settings, (), Observer(altitude_km=0.0), type(field).__name__.lower())
-    )
+    return Scene(field.medium, None, solver, settings, (), Observer(altitude_km=0.0), type(field).__name__.lower())

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from airs import problem_of_field, turbid
+from airs import scene_of_field, turbid
 
-from twilight.engine.solve import Field
-from twilight.numerics.orientation import scattering_angle_rad
+from twilight.engine import Field, solve
+from twilight.numerics.directions import scattering_angle_rad
 from twilight.solvers.base import BareField
 from twilight.viewer.colours import Channels
 from twilight.viewer.tables import PageNodes
@@ -52,7 +52,7 @@ class ClosedSky(BareField):
 
 def solved(level: Callable[[float], float]) -> Field:
     """Of hazy air at EIGHT_NM."""
-    return problem_of_field(ClosedSky(turbid(wavelength_nm=EIGHT_NM), level)).solve()
+    return solve(scene_of_field(ClosedSky(turbid(wavelength_nm=EIGHT_NM), level)), cached=False)
 
 
 def gone_at_17_deg(sun_elevation_deg: float) -> float:
@@ -63,8 +63,8 @@ def gone_at_17_deg(sun_elevation_deg: float) -> float:
 def closed(name: str = "closed", level: float = 1.0) -> Field:
     """A solved sky of that level, times a factor, under a title."""
     medium = turbid(wavelength_nm=EIGHT_NM)
-    problem = problem_of_field(ClosedSky(medium, lambda sun: level * gone_at_17_deg(sun)))
-    return replace(problem, scene=replace(problem.scene, title=name)).solve()
+    scene = scene_of_field(ClosedSky(medium, lambda sun: level * gone_at_17_deg(sun)))
+    return solve(replace(scene, title=name), cached=False)
 
 
 def field_luminance(solved: Field, sun_deg: float, count: int = 1000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from airs import problem_of_field, turbid
+from airs import scene_of_field, turbid
 from closed_sky import FIVE_NM, ClosedSky
 
 from twilight.animation.film import Animation
@@ -16,8 +16,8 @@ SKY = ClosedSky(MEDIUM, lambda sun_deg: 10.0 ** (sun_deg / 4.0) * 0.01, lambda e
 """A factor of 10 darker for every 4 deg that the sun falls."""
 
 
-def problem():
-    return problem_of_field(SKY)
+def closed_scene():
+    return scene_of_field(SKY)
 
 
 def scene(**settings):
@@ -26,4 +26,4 @@ def scene(**settings):
 
 
 def film(path, config=None, **options):
-    return Animation(config or scene(), path, problem=problem(), **{**FIVE, **options})
+    return Animation(config or scene(), path, scene=closed_scene(), **{**FIVE, **options})

@@ -7,8 +7,8 @@ import numpy as np
 from hazy_zones import QUICK
 from layered_sky import layered
 
-from twilight.solvers.zones.field_grids import FieldGrids
-from twilight.solvers.zones.solve import scattering_operators
+from twilight.solvers.zones.grids import FieldGrids
+from twilight.solvers.zones.scattering import scattering_operators
 
 SETTINGS = replace(
     QUICK, degree=2, late_degree=2, max_degree=2, polarisation=True, polarisation_degree=2,

@@ -18,9 +18,7 @@ from exact_sunbeam import ExactSunbeam
 from twilight.base.errors import TwilightError
 from twilight.numerics.phase import PhaseFunction
 from twilight.solvers import cells, montecarlo, tables, zones
-from twilight.solvers.tables.layers import refuse_unseen_layers
-from twilight.solvers.tables.settings import TablesSettings
-from twilight.solvers.tables.solve import make_mapping
+from twilight.solvers.tables.algorithm import TablesSettings, make_mapping, refuse_unseen_layers
 
 WHITE = ("conservative air over a white ground", "a conservative layer over a white ground")
 ELEVATION_DEG = np.array([3.0, 20.0, 75.0])

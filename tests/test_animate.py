@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from closed_sky import FIVE_NM as NM
-from filming import MEDIUM, SKY, film, problem, scene
+from filming import MEDIUM, SKY, closed_scene, film, scene
 from PIL import Image, ImageSequence
 from typer.testing import CliRunner
 
@@ -20,7 +20,7 @@ from twilight.animation.film import Animation
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
-from twilight.engine import Problem
+from twilight.engine import solve
 from twilight.engine.sun_tables import SunTables
 from twilight.engine.table import first_columns, first_rows
 from twilight.numerics import spectrum
@@ -41,7 +41,7 @@ def pictures(path):
 def spectra():
     """Tables of the sky in closed form, as a film of suns from 0 to -10 deg has them."""
     nodes = {"rows_deg": first_rows(-90.0, [0.0], 23), "columns_deg": first_columns(17)}
-    return SunTables(problem().solve(), 0.0, **nodes).between(-10.0, 0.0)
+    return SunTables(solve(closed_scene(), cached=False), 0.0, **nodes).between(-10.0, 0.0)
 
 
 def test_pictures_are_the_table_and_the_field(spectra):
@@ -354,7 +354,7 @@ def test_frames_are_the_field(air, tmp_path):
         load(air, {**view, "solver.quality": "draft"}), tmp_path / "f", from_deg=2.0, to_deg=-10.0, frames=3
     )
     made.make()
-    solved = Problem(resolve(made.config), cached=True).solve()
+    solved = solve(resolve(made.config))
     elevation, azimuth = made._directions(made.view)
     channels = Channels(solved.medium.wavelength_nm)
     for i, sun in enumerate((2.0, -4.0, -10.0)):

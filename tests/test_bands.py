@@ -14,9 +14,8 @@ from twilight.atmosphere.bands import OXYGEN, WATER_VAPOUR, GasBands
 from twilight.atmosphere.profiles import PROFILES, load_profile
 from twilight.base.errors import TwilightError
 from twilight.config import load
-from twilight.engine import Problem
-from twilight.engine.disc import make_disc
-from twilight.engine.sunbeam import Sunbeam
+from twilight.engine import solve
+from twilight.engine.sunbeam import Sunbeam, make_disc
 from twilight.scene import resolve
 from twilight.scene.plan import _limb_optical_depth, make_plan
 from twilight.solvers.base import BareField, Capabilities
@@ -49,7 +48,7 @@ def scene(nm, climate="pure-air", **settings):
 
 
 def zones_draft(config, suns):
-    return Problem(resolve(config, solver=(solvers.load("zones"), QUICK)), suns)
+    return solve(resolve(config, solver=(solvers.load("zones"), QUICK)), suns, cached=False)
 
 
 NO_BANDS = {"gases.oxygen": False, "gases.water_vapour.column_mm": 0.0}
@@ -57,7 +56,7 @@ NO_BANDS = {"gases.oxygen": False, "gases.water_vapour.column_mm": 0.0}
 
 def direct_of(config):
     """The engine's direct beam at its only wavelength, as a function of the sun's elevation, without a field."""
-    made = zones_draft(config, None).scene
+    made = resolve(config)
     wide = made.medium if made.bands is None else made.bands.expand(made.medium)
     beam = Sunbeam(wide)
 
@@ -136,8 +135,8 @@ def test_the_sunbeam_of_the_engine_follows_the_source(nm, gas):
 
 def test_the_suns_disc_has_the_bands_too():
     """The disc would shine in a band as if there were none."""
-    made = [zones_draft(scene([550.0, 762.5], **more), None) for more in ({}, NO_BANDS)]
-    wet, dry = (make_disc(p.scene.medium, 8.0, 0.0, bands=p.scene.bands).transmittance for p in made)
+    made = [resolve(scene([550.0, 762.5], **more)) for more in ({}, NO_BANDS)]
+    wet, dry = (make_disc(p.medium, 8.0, 0.0, bands=p.bands).transmittance for p in made)
     lit = dry[:, 1] > 0.0
     beam = direct_of(scene([762.5]))(8.0) / direct_of(scene([762.5], **NO_BANDS))(8.0)
     assert np.median(wet[lit, 1] / dry[lit, 1]) == pytest.approx(beam, rel=0.01)  # over half a degree
@@ -170,14 +169,14 @@ def test_terms_come_back_as_wavelengths_in_blocks_of_their_own():
     """Terms would be summed into another wavelength, or share a block with others."""
     solver = GreySolver()
     nm = [550.0, 762.5, 820.0, 860.0]
-    problem = Problem(replace(resolve(scene(nm)), solver=solver, settings=None))
-    term_counts = problem.scene.bands.term_counts
+    made = replace(resolve(scene(nm)), solver=solver, settings=None)
+    term_counts = made.bands.term_counts
     assert term_counts[0] == 1 and term_counts[3] == 1 and 3 <= term_counts[1] <= 5 and 3 <= term_counts[2] <= 5
-    found = problem.solve().radiance(10.0, [0.0, 1.0], [0.0, 0.0])
+    found = solve(made, cached=False).radiance(10.0, [0.0, 1.0], [0.0, 0.0])
     assert found.shape == (2, 4)
     assert all(len(part) <= 6 and len(set(part)) == 1 for part in solver.asked)
     assert [part[0] for part in solver.asked] == nm
-    clear = np.exp(-problem.scene.medium.optical_depth("absorption"))
+    clear = np.exp(-made.medium.optical_depth("absorption"))
     gone = [1.0, 1.0, 1.0, 1.0]
     for w, gas in ((1, OXYGEN), (2, WATER_VAPOUR)):
         amount = bands.amounts(gas, load_profile("midlatitude_summer"), np.array([nm[w]]), None)[0]
@@ -220,8 +219,8 @@ def test_more_water_is_darker_and_neighbours_stay_as_they_are():
     suns = [8.0]
     found = []
     for column in (0.0, 5.0, 20.0, 60.0):
-        problem = zones_draft(scene([780.0, 823.7], **{"gases.water_vapour.column_mm": column}), suns)
-        found.append(problem.solve().radiance(8.0, ELEVATION_DEG, AZIMUTH_DEG))
+        solved = zones_draft(scene([780.0, 823.7], **{"gases.water_vapour.column_mm": column}), suns)
+        found.append(solved.radiance(8.0, ELEVATION_DEG, AZIMUTH_DEG))
     light = np.array(found)
     assert (np.diff(light[:, :, 1], axis=0) < 0.0).all() and (light > 0.0).all()
     assert (light[-1, :, 1] / light[0, :, 1] < 0.75).all()
@@ -252,7 +251,7 @@ def test_the_plan_leaves_out_bands_that_do_not_matter():
 def test_the_far_ultraviolet_is_finite_behind_a_wall_of_ozone():
     """300 nm through ozone would be NaN."""
     config = scene([300.0, 305.0, 320.0, 340.0])
-    solved = zones_draft(config, (10.0, -4.0)).solve()
+    solved = zones_draft(config, (10.0, -4.0))
     medium = solved.medium
     assert _limb_optical_depth(medium.altitude_km, medium.absorption_per_km) > 100.0
     for sun in (10.0, -4.0):
@@ -271,8 +270,8 @@ def test_zones_and_montecarlo_agree_in_a_band(nm):
     by_zones = replace(zones.QUALITIES["standard"], polarisation=False)
     # so many samples, not a target: the darkest terms, which weigh nothing, would never reach one
     by_chance = replace(montecarlo.QUALITIES["draft"], samples=400, target_stderr=None)
-    one = Problem(resolve(config, solver=(zones, by_zones)), suns).solve()
-    other = Problem(resolve(config, solver=(montecarlo, by_chance)), suns).solve()
+    one = solve(resolve(config, solver=(zones, by_zones)), suns, cached=False)
+    other = solve(resolve(config, solver=(montecarlo, by_chance)), suns, cached=False)
     for sun in suns:
         light = one.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG)
         truth = other.radiance_with_error(sun, ELEVATION_DEG, AZIMUTH_DEG)
@@ -287,7 +286,7 @@ def test_energy_in_a_band_is_not_more_than_what_the_terms_bring():
     solid = np.cos(np.radians(elevation)) * np.radians(5.0) * np.radians(15.0) * 2.0
     totals = []
     for column in (60.0, 20.0, 0.0):
-        solved = zones_draft(scene([823.7], **{"gases.water_vapour.column_mm": column}), suns).solve()
+        solved = zones_draft(scene([823.7], **{"gases.water_vapour.column_mm": column}), suns)
         sky = solved.radiance(40.0, elevation, azimuth)[..., 0]
         flux = np.sum(sky * np.sin(np.radians(elevation)) * solid)
         totals.append(flux + solved.direct(40.0).irradiance[0] * np.sin(np.radians(40.0)))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from twilight.base.errors import TwilightError
-from twilight.numerics.orientation import azimuth_elevation, camera_axes, direction, orientation_angles
+from twilight.numerics.directions import azimuth_elevation, camera_axes, direction, orientation_angles
 from twilight.studies.camera import CameraModel, read_camera, write_camera
 from twilight.studies.camera.model import Projection
 

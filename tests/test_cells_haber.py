@@ -9,7 +9,6 @@ import pytest
 from scipy.integrate import quad
 from test_cells import air
 
-from twilight.numerics.geometry import altitude_along, distance_to_sphere
 from twilight.solvers import cells
 from twilight.solvers.cells import QUALITIES
 from twilight.solvers.cells.exchange import exchange, full_turn, pair_capture, sphere_capture
@@ -17,6 +16,7 @@ from twilight.solvers.cells.layers import layer_of, make_layers, path_depth
 from twilight.solvers.cells.refraction import MAX_STEPS, refracted_sun, trace_to_space
 from twilight.transport.ray_profile import ray_profile
 from twilight.transport.rays import OUTSIDE, sun_ray
+from twilight.transport.steps import altitude_along, distance_to_sphere
 
 HABER = replace(QUALITIES["haber2005"], azimuth_cells=24)
 SUN = np.array([math.cos(0.3), 0.0, math.sin(0.3)])

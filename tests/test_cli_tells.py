@@ -137,6 +137,8 @@ def test_every_option_of_every_solver_is_explained(plain):
     assert expert <= 7 and not any(line.startswith("polar_directions") for line in lines[:expert])
     polar = next(line for line in lines if line.startswith("polar_directions"))
     assert "polar_directions\t14\t14\t20\t" in polar and polar.endswith("\tdirections per hemisphere")
+    tuned = lines.index("tuned number\tvalue\tunit\tfor air\ttest\twhat it does")
+    assert any(line.startswith("RIM_KM\t4.0\tkm\ttop of dust\t") for line in lines[tuned:])
     assert "brightness\t0.01\t0.1\tof the sky above the horizon" in call("show", "solvers", "plain").stdout
     assert "did you mean zones?" in call("show", "solvers", "zons").stderr
 

@@ -9,7 +9,7 @@ from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.scene import Wavelengths
 from twilight.io.picture import render_view
 from twilight.numerics import spectrum
-from twilight.numerics.grids import texture_grid
+from twilight.numerics.directions import texture_grid
 from twilight.sky import colour
 from twilight.sky.sky import Sky
 

@@ -17,8 +17,7 @@ from twilight import solvers
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import Climate, Config, load, load_climate, load_series
 from twilight.config.document import parse_yaml
-from twilight.config.library import shipped
-from twilight.config.load import parse_setting
+from twilight.config.load import parse_setting, shipped
 from twilight.config.validate import Origins, validate
 
 OPAC_TYPES = (

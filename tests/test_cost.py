@@ -12,8 +12,8 @@ import pytest
 
 from twilight.config import load
 from twilight.config.load import load_axes
-from twilight.engine.memory import full_cost
-from twilight.engine.solve import Problem
+from twilight.engine import plan
+from twilight.engine.problem import full_cost
 from twilight.scene import resolve
 from twilight.solvers.base import Cost
 from twilight.studies.sweep.sweep import Sweep
@@ -45,20 +45,18 @@ def test_blocks_shrink_until_the_limit_holds(monkeypatch):
     )
     sizes = {}
     for limit in (4e9, 0.3e9, 1e6):
-        monkeypatch.setattr(sys.modules["twilight.engine.solve"], "FIELD_BYTES", limit)
-        problem = Problem(resolve(config), (-4.0,))
+        monkeypatch.setattr(sys.modules["twilight.engine.problem"], "FIELD_BYTES", limit)
+        problem = plan(resolve(config), (-4.0,))
         assert sum(part.stop - part.start for part in problem.slices) == 48
         sizes[limit] = max(part.stop - part.start for part in problem.slices)
         assert sizes[limit] == problem.cost.block_size or problem.cost.n_bytes(sizes[limit]) <= limit
     assert sizes[4e9] > sizes[0.3e9] > sizes[1e6] == problem.cost.block_size
 
 
-@pytest.mark.parametrize("solver", ["preetham", "cie", "cells:haber2005"])
+@pytest.mark.parametrize("solver", ["preetham", "cie"])
 def test_of_a_solver_that_does_not_say_the_arrays_alone_are_known(solver):
     """A plan would invent figures for solvers that give none."""
-    name, _, quality = solver.partition(":")
-    keys = {"solver.name": name, "solver.quality": quality or "standard", "sun.elevation_deg": 5.0}
-    sizes = full_cost(resolve(load("pure-air", keys)))
+    sizes = full_cost(resolve(load("pure-air", {"solver.name": solver, "sun.elevation_deg": 5.0})))
     assert sizes.sky_bytes > 0 and (sizes.field_bytes, sizes.total_bytes, sizes.cpu_s) == (None, None, None)
 
 
@@ -91,6 +89,17 @@ def test_a_sweep_says_how_long_before_it_begins():
     assert 1.5 * planned("zones", [5]) > planned("zones", [5, 4, 3]) > planned("zones", [5])
     assert planned("montecarlo", [-9]) > 2.0 * planned("montecarlo", [30])
     assert planned("preetham", [30, 20]) is None
+
+
+def test_habers_system_is_planned_for_each_sun():
+    """The plan of `render haber2005` was without time and memory; every sun is a solution of its own."""
+    plans = {}
+    for cells, suns in ((24, (5.0,)), (48, (5.0,)), (48, (5.0, 0.0, -3.0))):
+        changes = {"solver.azimuth_cells": cells, "sun": {"elevations_deg": suns}}
+        plans[cells, suns] = full_cost(resolve(load("haber2005", changes)))
+    one, three = (plans[48, suns].cpu_s for suns in ((5.0,), (5.0, 0.0, -3.0)))
+    assert three - one > 1.5 * (one - plans[24, (5.0,)].cpu_s) > 0.0
+    assert plans[48, (5.0,)].field_bytes > 4.0 * plans[24, (5.0,)].field_bytes > 0.0
 
 
 def test_more_of_anything_costs_more():
@@ -133,6 +142,7 @@ from numba.core import event
 compiled = event.RecordingListener()
 event.register("numba:compile", compiled)
 from twilight.config import load
+from twilight.config.load import load_axes
 from twilight.engine import run
 from twilight.scene import resolve
 run(resolve(load("continental-average", {KEYS!r})))

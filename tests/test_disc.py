@@ -12,8 +12,7 @@ from toy_sky import glow_sky
 
 from twilight.base.errors import TwilightError
 from twilight.config import load, load_climate
-from twilight.engine.disc import make_disc
-from twilight.engine.sunbeam import Sunbeam
+from twilight.engine.sunbeam import Sunbeam, make_disc
 from twilight.io import read_latlong_exr, read_sky, write_rgb_exr, write_sky
 from twilight.io.environment import environment_directions, pixel_of, pixel_solid_angle
 from twilight.io.sun import sun_facts

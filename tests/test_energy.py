@@ -14,7 +14,7 @@ from hazy_zones import QUICK
 from numba import njit
 
 from twilight.solvers import zones
-from twilight.solvers.zones.altitudes import altitude_nodes
+from twilight.solvers.zones.air_needs import altitude_nodes
 from twilight.transport.beam import beam_at
 
 DRAFT = replace(QUICK, max_orders=200, tolerance=1e-3)

@@ -14,7 +14,7 @@ from twilight.base.digest import DISPLAY, code_digest, files_of
 from twilight.base.errors import TwilightError
 from twilight.config import load
 from twilight.config.load import load_axes
-from twilight.engine import Problem, run
+from twilight.engine import parts, plan, run, solve
 from twilight.scene import resolve
 from twilight.solvers.base import BareField, Capabilities
 from twilight.studies.sweep.sweep import Sweep
@@ -52,14 +52,18 @@ def toy_solver(**capabilities):
     return made
 
 
-def toy_problem(solver, wavelength_nm=(400.0, 500.0, 600.0), **more):
+def toy_scene(solver, wavelength_nm=(400.0, 500.0, 600.0)):
     config = load({**AIR, "wavelengths": {"list_nm": list(wavelength_nm)}})
-    return Problem(replace(resolve(config), solver=solver, settings=ToySettings()), **more)
+    return replace(resolve(config), solver=solver, settings=ToySettings())
+
+
+def solved_toy(solver, **more):
+    return solve(toy_scene(solver), cached=False, **more)
 
 
 def test_wavelengths_go_in_blocks_of_what_the_solver_declares_and_come_back_in_order():
     solver = toy_solver(wavelengths_at_once=2)
-    solved = toy_problem(solver).solve()
+    solved = solved_toy(solver)
     assert [call[0] for call in solver.calls] == [[400.0, 500.0], [600.0]]
     found = solved.radiance(10.0, [20.0, 30.0], [0.0, 90.0])
     np.testing.assert_allclose(found, np.outer([131.0, 140.0], [400.0, 500.0, 600.0]))
@@ -70,20 +74,31 @@ def test_one_block_is_held_at_a_time_where_they_are_taken_one_by_one():
     import gc
     import weakref
 
-    problem = toy_problem(toy_solver(wavelengths_at_once=1))
-    held = []
-    for index in range(len(problem.slices)):
-        block = problem.block(index)
+    held, found = [], []
+    for part in parts(plan(toy_scene(toy_solver(wavelengths_at_once=1)))):
+        solved = part.solve()
         gc.collect()
         assert sum(ref() is not None for ref in held) == 0
-        held.append(weakref.ref(block.field))
-        del block
-    assert len(held) == 3
+        held.append(weakref.ref(solved.blocks[0].field))
+        found += solved.medium.wavelength_nm.tolist()
+        del solved
+    assert found == [400.0, 500.0, 600.0]
+
+
+def test_a_model_without_grids_takes_bands_and_others_in_one_block():
+    """A night's light would be computed three times over."""
+    keys = {"wavelengths.list_nm": [545.0, 590.0, 620.0]}
+    count = {}
+    for name in ("compact", "zones"):
+        made = plan(resolve(load("pure-air", keys | {"solver.name": name})))
+        assert made.term_counts[1] > 1 and made.term_counts[0] == made.term_counts[2] == 1
+        count[name] = len(parts(made))
+    assert count == {"compact": 1, "zones": 3}
 
 
 def test_a_field_of_one_observer_is_solved_anew_for_another_and_serves_until_then():
     solver = toy_solver()
-    solved = toy_problem(solver).solve()
+    solved = solved_toy(solver)
     there = [solved.radiance(0.0, [10.0], [0.0], observer_altitude_km=2.0)[0, 0] for _ in range(2)]
     assert there == pytest.approx([400.0 * (110.0 * np.exp(-2.0) + 1.0)] * 2)
     assert solved.radiance(0.0, [10.0], [0.0])[0, 0] == pytest.approx(400.0 * 111.0)
@@ -93,12 +108,12 @@ def test_a_field_of_one_observer_is_solved_anew_for_another_and_serves_until_the
 def test_the_suns_are_given_to_solvers_that_take_them_only():
     for takes in (True, False):
         solver = toy_solver(takes_suns=takes)
-        toy_problem(solver, sun_elevations_deg=(3.0, -4.0)).solve()
+        solved_toy(solver, sun_elevations_deg=(3.0, -4.0))
         assert solver.calls[0][2] == ({"sun_elevations_deg": [3.0, -4.0]} if takes else {})
 
 
 def test_half_a_texture_is_asked_for_and_mirrored():
-    sky = toy_problem(toy_solver()).solve().sky(5.0, np.array([10.0, 50.0]), np.arange(6) * 60.0)
+    sky = solved_toy(toy_solver()).sky(5.0, np.array([10.0, 50.0]), np.arange(6) * 60.0)
     assert sky.sun_normalised_radiance[0, :, 0] == pytest.approx(
         400.0 * (115.0 + np.cos(np.radians([0.0, 60.0, 120.0, 180.0, 120.0, 60.0])))
     )
@@ -107,7 +122,7 @@ def test_half_a_texture_is_asked_for_and_mirrored():
 
 def test_radiance_that_cannot_be_is_an_error_for_every_caller(monkeypatch):
     """A wrong solver would make black or shining pixels."""
-    solved = toy_problem(toy_solver()).solve()
+    solved = solved_toy(toy_solver())
     monkeypatch.setattr(type(solved.blocks[0].field), "radiance", lambda *_, **__: np.full((1, 3), -1.0))
     with pytest.raises(TwilightError, match="negative or not a number"):
         solved.radiance(-2.0, [0.0], [90.0])
@@ -115,9 +130,9 @@ def test_radiance_that_cannot_be_is_an_error_for_every_caller(monkeypatch):
 
 def test_a_field_file_holds_one_block():
     with pytest.raises(TwilightError, match=r"field_file: holds the field of up to 2 wavelengths, and air has 3"):
-        scene = toy_problem(toy_solver(wavelengths_at_once=2)).scene
+        scene = toy_scene(toy_solver(wavelengths_at_once=2))
         solver = toy_solver(wavelengths_at_once=2)
-        Problem(replace(scene, solver=solver, settings=ToySettings("x.h5")))
+        plan(replace(scene, solver=solver, settings=ToySettings("x.h5")))
 
 
 @pytest.mark.parametrize("name", solvers.SOLVERS)
@@ -153,7 +168,7 @@ def test_the_code_of_a_sweep_is_what_computes_it():
     work = "twilight.studies.sweep.work"
     files = files_of(work, solvers.SOLVERS["zones"], without=DISPLAY)
     names = {file.as_posix().rsplit("twilight/", 1)[-1] for file in files}
-    code = {"studies/sweep/work", "engine/solve", "scene/plan", "solvers/zones/field", "transport/beam"}
+    code = {"studies/sweep/work", "engine/field", "scene/plan", "solvers/zones/field", "transport/beam"}
     assert {f"{name}.py" for name in code} <= names
     assert {"data/opac/mie_ten_types.npz", "data/gases/no2_vandaele1998.csv"} <= names
     others = ("studies/validate/", "studies/camera/", "cli/", "io/", "solvers/cells/", "solvers/montecarlo/",

@@ -24,7 +24,8 @@ SET = {"--set": "ground.albedo=0.7"}
 QUALITY = {"--quality": "draft"}
 OUTPUT = "elsewhere"
 PHOTO = {
-    "--camera": "camera.yaml", "--white-balance": None, "--sun-azimuth": "100", "--profile": "line.csv",
+    "--camera": "camera.yaml", "--field-of-view": "60", "--white-balance": None,
+    "--sun-azimuth": "100", "--profile": "line.csv",
     "--mask": "sky.png", "--no-automatic-mask": None, "--min-elevation": "8", "--glare": "11", "--resolution": "5",
     "--output": "taken/inside", "--set": "climate.ground.albedo=0.7",
 }  # fmt: skip
@@ -63,7 +64,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "sweep": (
-        ["twilight.studies.sweep.sweep.Sweep", "twilight.config.slips.warn_of_slips",
+        ["twilight.studies.sweep.sweep.Sweep", "twilight.config.load.warn_of_slips",
          "twilight.cli.sweep.run_sweep_into", "twilight.cli.sweep.print_plan"],
         ["sweep-compact", "--output", "a.zarr"],
         {
@@ -72,7 +73,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "timeline": (
-        ["twilight.engine.light_setup.field_for", "twilight.studies.timeline.timeline.timeline",
+        ["twilight.engine.light.field_for", "twilight.studies.timeline.timeline.timeline",
          "twilight.studies.timeline.files.write_table", "twilight.cli.timeline._print"],
         ["pure-air", *PLACE, "--at", "2026-06-21", "--output", "x.csv"],
         {
@@ -145,7 +146,8 @@ CASES: dict[str, Case] = {
         ["a.jpg"],
         {
             "--config": "urban", "--sun-elevation": "4", "--types": "urban", "--parameters": "none", "--refine": None,
-            "--no-colour": None, **PHOTO,
+            "--no-colour": None, "--no-brightness": None, "--tone-curve": None, "--no-tone-curve": None,
+            "--no-white-balance": None, **PHOTO,
         },
     ),
     "validate response": (
@@ -167,11 +169,12 @@ CASES: dict[str, Case] = {
     "validate spectra": (
         ["twilight.studies.validate.measured.spectra.read_spectra",
          "twilight.studies.validate.measured.spectra.at_nodes", "twilight.studies.validate.measured.spectra.bases",
-         "twilight.studies.validate.measured.spectra.fit"],
+         "twilight.studies.validate.measured.spectra.on_own_day", "twilight.studies.validate.measured.spectra.fit"],
         ["a.csv"],
         {
             "--config": "urban", "--series": "4", "--suns": "0,-6", "--from-km": "100", "--zenith": "0.2",
-            "--free-calibration": None, "--quality": "standard", "--output": ["--output", "taken/inside"],
+            "--free-calibration": None, "--as-recorded": None, "--quality": "standard",
+            "--output": ["--output", "taken/inside"],
             "--set": "climate.ground.albedo=0.7",
         },
     ),
@@ -217,7 +220,14 @@ def commands(group: Any, before: tuple[str, ...] = ()) -> Iterator[tuple[str, An
 
 
 OPTIONS = {
-    name: {max(one.opts, key=len) for one in command.params if one.param_type_name == "option"} - {"--help"}
+    name: {
+        max(names, key=len)
+        for one in command.params
+        if one.param_type_name == "option"
+        for names in (one.opts, one.secondary_opts)
+        if names
+    }
+    - {"--help"}
     for name, command in commands(typer.main.get_command(app))
 }
 
@@ -238,6 +248,8 @@ def outcome(command: str, mocked: list[str], words: list[str]) -> str:
             mock = getattr(asked, f"call{i}")
             mock.return_value.__iter__.side_effect = lambda: iter([asked.item])
             mock.return_value.drawn, mock.return_value.first.name = None, "name"  # of a sweep
+            if name.endswith("on_own_day"):
+                mock.return_value = asked.measured, [asked.basis], None
             stack.enter_context(patch(name, mock))
         done = CliRunner().invoke(app, [*command.split(), *words])
     said = [done.exit_code, done.stdout, done.stderr, repr(asked.mock_calls)]

@@ -9,7 +9,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 import twilight
 from twilight.io import write_outputs
-from twilight.numerics.orientation import scattering_angle_rad
+from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky import colour
 from twilight.sky.sky import Sky
 

@@ -7,12 +7,12 @@ import pytest
 
 from twilight.config import load, load_climate
 from twilight.engine import run
-from twilight.engine.directions import texture_rows
+from twilight.engine.one_sun import texture_rows
 from twilight.io.picture import render_view, view_directions
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
 from twilight.sky import colour
-from twilight.transport.apparent_rays import ApparentRays, horizon_dip_deg
+from twilight.transport.rays import ApparentRays, horizon_dip_deg
 
 SCENE = {
     "solver.quality": "draft",

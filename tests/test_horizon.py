@@ -13,8 +13,8 @@ from twilight.atmosphere.screen import Screen
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
-from twilight.engine.disc import make_disc
-from twilight.engine.field_cache import field_key
+from twilight.engine.block import field_key
+from twilight.engine.sunbeam import make_disc
 from twilight.scene import resolve
 from twilight.scene.horizon import described
 from twilight.solvers import montecarlo, tables, zones

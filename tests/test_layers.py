@@ -12,10 +12,10 @@ from twilight.solvers.cells.single import make_straight_lines, single_scattering
 from twilight.solvers.zones import prepare
 from twilight.solvers.zones.settings import QUALITIES
 from twilight.transport.beam import prepare_beam
-from twilight.transport.chord import chord_depth
 from twilight.transport.lines import END_DISTANCE, GROUND, new_line, trace_line
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
+from twilight.transport.steps import chord_depth
 
 SEEN = 1e-11
 """Radiance over F0 [sr^-1] below which an error does not count: light scattered once that crosses more than 25 optical

@@ -13,12 +13,10 @@ from typer.testing import CliRunner
 import twilight
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
-from twilight.engine.hemisphere import whole_hemisphere
 from twilight.engine.light import TIMES_BRIGHTER, LightField
-from twilight.engine.light_sources import NightSource
-from twilight.engine.moments import moments_at
-from twilight.engine.surfaces import Surface
-from twilight.engine.towards import Direction, towards
+from twilight.engine.light_sources import NightSource, moments_at
+from twilight.engine.surfaces import Direction, Surface, towards
+from twilight.numerics.directions import whole_hemisphere
 from twilight.sky.night import NightLevels, night_radiance
 
 PLACE = (28.3, -16.5)

@@ -12,7 +12,7 @@ from twilight.engine.night import levels_of
 from twilight.numerics import spectrum
 from twilight.scene.scene import resolve
 from twilight.sky.night import NightLevels, night_radiance
-from twilight.sky.night.pollution import BORTLE_ZENITH_MAG, artificial_zenith_cd_per_m2, gradient, pollution_radiance
+from twilight.sky.night.world import BORTLE_ZENITH_MAG, artificial_zenith_cd_per_m2, gradient, pollution_radiance
 
 NM = np.linspace(380.0, 720.0, 12)
 CITY = {"night.light_pollution": {"bortle_class": 8}}

@@ -13,7 +13,7 @@ from twilight.atmosphere.measured.parts import AirColumn
 from twilight.atmosphere.profiles import PROFILES, load_profile
 from twilight.base.errors import TwilightError
 from twilight.config import load
-from twilight.config.profile import air_profile
+from twilight.config.climate import air_profile
 from twilight.scene.medium import climate_medium
 
 

@@ -9,13 +9,12 @@ from montecarlo_media import hazy_earth
 
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 from twilight.solvers.montecarlo.chunks import observer_ray
-from twilight.solvers.montecarlo.leg import trace
+from twilight.solvers.montecarlo.leg import LENGTH, RESCATTERED, SCATTERED, new_leg, trace
 from twilight.solvers.montecarlo.line_of_sight import (
     LINE_OF_SIGHT_CHORDS,
     LINE_OF_SIGHT_PIECES,
     integrate_line_of_sight,
 )
-from twilight.solvers.montecarlo.pieces import LENGTH, RESCATTERED, SCATTERED, new_leg
 from twilight.solvers.montecarlo.rays import DIRECTION, ORIGIN
 
 SETTINGS = MonteCarloSettings(target_stderr=None, samples=4, max_orders=1, importance_sweeps=0)

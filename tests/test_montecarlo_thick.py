@@ -12,8 +12,8 @@ from scipy.stats import chi2
 from thick_media import cloud, slabs
 
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
+from twilight.solvers.montecarlo.chunks import Tally
 from twilight.solvers.montecarlo.paths import N_ORDERS, TOTAL
-from twilight.solvers.montecarlo.tally import Tally
 
 SUN_COSINE = 0.5
 SUN_DEG = float(np.degrees(np.arcsin(SUN_COSINE)))

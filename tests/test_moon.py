@@ -12,10 +12,9 @@ from numpy.testing import assert_allclose
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.shipped_data import data_numbers
 from twilight.config import load
-from twilight.engine import frames
-from twilight.engine.disc import make_disc
-from twilight.engine.moon import warn_of_the_moon
-from twilight.engine.solve import Problem
+from twilight.engine import frames, solve
+from twilight.engine.night import warn_of_the_moon
+from twilight.engine.sunbeam import make_disc
 from twilight.io.environment import environment_directions, ground_factor, pixel_solid_angle
 from twilight.io.exr import read_latlong_exr, write_rgb_exr
 from twilight.io.moon import moon_facts
@@ -24,10 +23,18 @@ from twilight.numerics import spectrum
 from twilight.scene.moons import moon_of
 from twilight.scene.scene import resolve
 from twilight.sky import colour
-from twilight.sky.bodies import Sites
-from twilight.sky.moon import Moon, MoonDisc, moon_over
-from twilight.sky.moon.disc import disc_integral, surface
-from twilight.sky.moon.light import allen_mag, band_reflectance, disc_reflectance, moon_illuminance_lux
+from twilight.sky.ephemeris import Sites
+from twilight.sky.moon import (
+    Moon,
+    MoonDisc,
+    allen_mag,
+    band_reflectance,
+    disc_integral,
+    disc_reflectance,
+    moon_illuminance_lux,
+    moon_over,
+    surface,
+)
 
 SMALL = {
     "wavelengths.list_nm": [430.0, 490.0, 550.0, 610.0, 670.0],
@@ -183,7 +190,7 @@ def test_moonlit_sky_is_the_suns_looked_up_again():
     sky = next(iter(frames(made, cached=False))).sky
     assert sky.sun_normalised_radiance.max() < 1e-13 < 1e-10 < sky.normalised_radiance.min()
     e, a = np.meshgrid(sky.elevation_deg, sky.azimuth_deg, indexing="ij")
-    alone = Problem(made).solve().radiance(40.0, e, np.mod(a - 150.0, 360.0))
+    alone = solve(made, cached=False).radiance(40.0, e, np.mod(a - 150.0, 360.0))
     moonlight = sky.moon.moon.irradiance_factor(sky.wavelength_nm) * spectrum.solar_irradiance(sky.wavelength_nm)
     assert_allclose(sky.night_radiance, alone * moonlight, rtol=2e-3)
     depth = 0.0973 + 0.030  # at 550 nm of air (Bodhaine et al. 1999) and of 334 DU of ozone (3.3e-21 cm^2)
@@ -258,7 +265,7 @@ def test_zenith_of_moonlit_nights():
     21.92 added; benchmarks/moonlight.csv has all of them.
     """
     settings = {"ground.altitude_km": 1.634, "gases.ozone.column_du": 285.0, "solver.quality": "draft"}
-    solved = Problem(resolve(load("continental-average", settings))).solve()
+    solved = solve(resolve(load("continental-average", settings)), cached=False)
     nm = solved.medium.wavelength_nm
     visible = spectrum.colour_matching_functions("cie1931_2deg")[:, 1] * spectrum.solar_at_visible()
     for phase, altitude, measured in (
@@ -329,7 +336,7 @@ def test_what_is_seen_of_a_low_disc(low_moon):
     e, a = np.arange(0.5 * step, 0.4, step), np.arange(-0.4, 0.4, step)
     light = disc.radiance(e[:, None], a[None, :]).sum(axis=(0, 1)) * np.radians(step) ** 2
     assert_allclose(light * low_moon.solar_irradiance, low_moon.moon.direct_irradiance, rtol=0.02)
-    whole = Problem(scene({"elevation_deg": -30.0}, None)).solve().direct(-0.5).irradiance
+    whole = solve(scene({"elevation_deg": -30.0}, None), cached=False).direct(-0.5).irradiance
     assert (light < 0.5 * whole * low_moon.moon.moon.irradiance_factor(low_moon.wavelength_nm)).all()
 
 

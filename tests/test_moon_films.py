@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from airs import problem_of_field, turbid
+from airs import scene_of_field, turbid
 from closed_sky import FIVE_NM as NM
 from closed_sky import ClosedSky
 
 from twilight.animation.film import Animation
 from twilight.animation.moon import MoonDiscPainter
 from twilight.config import load
-from twilight.engine import Problem
+from twilight.engine import solve
 from twilight.io.exr import read_latlong_exr
 from twilight.scene import resolve
 from twilight.sky.colour import REC709_LUMINANCE
@@ -30,7 +30,7 @@ SKY = ClosedSky(
 def film(path, settings, **options):
     view = {"kind": "perspective", "width": 48, "height": 32, "elevation_deg": 20.0, "field_of_view_deg": 70.0}
     config = load("pure-air", {"observer.view": view, **settings})
-    return Animation(config, path, problem=problem_of_field(SKY), nodes=(17, 13), **options)
+    return Animation(config, path, scene=scene_of_field(SKY), nodes=(17, 13), **options)
 
 
 def luminances(folder):
@@ -39,7 +39,7 @@ def luminances(folder):
 
 def test_sunlit_channels_become_moonlit_ones():
     """One matrix for a whole sky, from noon to the last twilight, against the spectra in moonlight."""
-    solved = Problem(resolve(load("continental-average", {"solver.name": "compact"}))).solve()
+    solved = solve(resolve(load("continental-average", {"solver.name": "compact"})), cached=False)
     channels = Channels(solved.medium.wavelength_nm)
     where = np.meshgrid([0.5, 3.0, 10.0, 30.0, 90.0], [0.0, 10.0, 60.0, 180.0], indexing="ij")
     spectra = np.concatenate(

@@ -11,11 +11,11 @@ from stability_media import Air, medium_of
 from twilight.atmosphere.grid_medium import GridMedium
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.load import load_climate
-from twilight.engine.solve import Problem
+from twilight.engine import plan, solve
 from twilight.scene import Scene
 from twilight.scene.medium import climate_gas_bands, climate_medium
 from twilight.solvers import zones
-from twilight.solvers.zones.layout import lay_out
+from twilight.solvers.zones.grids import lay_out
 from twilight.transport.profile import expected_factors, prepare_profile
 from twilight.transport.scaling import delta_scaled
 
@@ -27,8 +27,7 @@ MOST = 5e-4
 
 def sky(medium, settings, bands=None, suns_deg=SUNS_DEG):
     """Radiance (suns, directions, W)."""
-    problem = Problem(Scene(medium, bands, zones, settings), suns_deg)
-    solved = problem.solve()
+    solved = solve(Scene(medium, bands, zones, settings), suns_deg, cached=False)
     return np.array([solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in suns_deg])
 
 
@@ -97,7 +96,7 @@ def test_neighbours_do_not_move_a_wavelength_below_a_volcanic_cloud():
 @pytest.mark.parametrize("climate", ["urban", "desert", "maritime-tropical", "volcanic-extreme"])
 def test_visible_light_is_one_block(climate):
     medium = climate_medium(load_climate(climate), np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0]))
-    assert Problem(Scene(medium, None, zones, zones.QUALITIES["standard"])).slices == [slice(0, 8)]
+    assert plan(Scene(medium, None, zones, zones.QUALITIES["standard"])).slices == [slice(0, 8)]
 
 
 @pytest.mark.parametrize(
@@ -160,10 +159,10 @@ def test_grid_medium_leaves_out_wavelengths_without_optics():
 def test_only_wavelengths_that_need_other_grids_are_solved_apart():
     """From 360 nm on they share their grids; ozone is thick at 300 nm, less so at 330 nm."""
     medium = climate_medium(load_climate("continental-average"), np.array([300.0, 330.0, 360.0, 450.0, 550.0, 700.0]))
-    problem = Problem(Scene(medium, None, zones, QUICK))
+    problem = plan(Scene(medium, None, zones, QUICK))
     assert problem.slices == [slice(0, 1), slice(1, 2), slice(2, 6)]
     # a file holds one field
-    stored = Problem(Scene(medium, None, zones, replace(QUICK, field_file="field.h5")))
+    stored = plan(Scene(medium, None, zones, replace(QUICK, field_file="field.h5")))
     assert stored.slices == [slice(0, 6)]
 
 
@@ -187,8 +186,8 @@ def test_one_field_for_wavelengths_that_need_different_grids_is_said_to_be_wrong
         warnings.simplefilter("always", TwilightWarning)
         zones.prepare(medium, coarse, sun_elevations_deg=suns)
     assert ["need different grids" in str(w.message) for w in warned] == [True] * said
-    problem = Problem(Scene(medium, None, zones, coarse), suns)
-    assert problem.slices == [slice(0, 1), slice(1, 2)]
+    scene = Scene(medium, None, zones, coarse)
+    assert plan(scene, suns).slices == [slice(0, 1), slice(1, 2)]
     with warnings.catch_warnings():
         warnings.simplefilter("error", TwilightWarning)
-        problem.solve()
+        solve(scene, suns, cached=False)

@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 from twilight.base.errors import TwilightError
 from twilight.config import load
 from twilight.io.netcdf import read_sky, write_sky
-from twilight.numerics.grids import texture_grid
+from twilight.numerics.directions import texture_grid
 from twilight.scene import resolve
 from twilight.sky.night import NightLevels, Place, light, night_radiance, world
-from twilight.sky.night.veil import veil
+from twilight.sky.night.world import veil
 from twilight.sky.sky import Sky
 
 NM = np.arange(380.0, 721.0, 20.0)

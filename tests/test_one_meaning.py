@@ -20,8 +20,7 @@ from twilight.cli.app import app
 from twilight.config import load
 from twilight.config.sun import SunAt
 from twilight.scene.suns import suns_of
-from twilight.sky.bodies import Sites
-from twilight.sky.ephemeris import sun_position
+from twilight.sky.ephemeris import Sites, sun_position
 from twilight.sky.quantities.responses import response
 from twilight.sky.twilight_times import time_of, twilight_times
 from twilight.studies.camera.response import read_response

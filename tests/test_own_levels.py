@@ -4,7 +4,7 @@ import pytest
 
 from twilight.base.errors import TwilightError
 from twilight.config import load
-from twilight.config.profile import air_profile
+from twilight.config.climate import air_profile
 
 COLUMNS = ("altitude_km", "pressure_hpa", "temperature_k", "water_vapour_ppm", "ozone_ppm")
 ROWS = [(0.0, 1013.0, 290.0, 9000.0, 0.03), (10.0, 265.0, 223.0, 80.0, 0.1), (100.0, 3e-4, 195.0, 1.0, 0.5)]

@@ -16,15 +16,16 @@ from twilight.cli.app import app
 from twilight.config import load
 from twilight.engine import run
 from twilight.numerics import spectrum
-from twilight.numerics.grids import texture_grid
+from twilight.numerics.directions import azimuth_elevation, camera_axes, texture_grid
 from twilight.scene import resolve
 from twilight.sky import colour
 from twilight.sky.sky import Sky
 from twilight.studies.camera import CameraModel, write_camera
 from twilight.studies.camera.image import write_exr
 from twilight.studies.validate.photographs.airs import OTHERS, SUN, Airs, Design, with_settings
+from twilight.studies.validate.photographs.estimate import Options, find_air
 from twilight.studies.validate.photographs.estimated import sun_range
-from twilight.studies.validate.photographs.find_air import Options, find_air
+from twilight.studies.validate.photographs.fit import Frame, Freedom
 from twilight.studies.validate.photographs.photo import OBSERVER, Cells
 from twilight.studies.validate.photographs.photograph import Photograph, read_photograph
 
@@ -56,31 +57,34 @@ def toy(elevation, azimuth, aerosol, ozone=320.0, albedo=0.25, sun=25.0, steepne
 class ToyAirs(Airs):
     """Airs whose skies are the toy's, and how many were asked for."""
 
-    def __init__(self, error=0.0):
-        self.design, self.error, self.asked = DESIGN, error, set()
+    error = 0.0
 
-    def log_xyz(self, aerosol_type, values, suns, cells):
+    def __init__(self, error=0.0):
+        self.design, self.error, self.asked, self._splines = DESIGN, error, set(), {}
+
+    def log_xyz(self, aerosol_type, values, sun, elevation, azimuth):
         self.asked.add((aerosol_type, *(values[p.name] for p in DESIGN.parameters)))
         known = {p.name: values[p.name] for p in DESIGN.parameters}
-        where = (cells.elevation_deg, cells.azimuth_deg)
-        return np.log([toy(*where, **known, sun=sun, steepness=STEEPNESS[aerosol_type]) for sun in suns])
-
-    def _errors(self):
-        return self.error, 0.1 * self.error
+        seen = toy(np.clip(elevation, 0.0, 90.0), azimuth, **known, sun=sun, steepness=STEEPNESS[aerosol_type])
+        return np.log(seen)
 
 
 def seen(camera, truth, *, through=picture, cell_deg=6.0, change=lambda rgb: rgb, **more):
     xyz = toy(*np.meshgrid(ELEVATION, AZIMUTH, indexing="ij"), **truth)
     rgb = change(take(GRID, camera, 40.0, xyz=xyz, sun=False, **more))
     shot = Photograph(through(rgb), camera, cell_deg, min_elevation_deg=3.0)
-    return Cells.of(shot.seen(40.0, truth.get("sun", 25.0)).sky, 400)
+    return Cells.of(shot.seen(40.0, truth.get("sun", 25.0)).sky, 240)
+
+
+def framed(cells, low=25.0, high=25.0, camera=(0.0, 0.0, 0.0)):
+    return [Frame(cells, camera, low if low == high else None)]
 
 
 TRUTH = {"aerosol": 0.22, "ozone": 380.0, "albedo": 0.1}
 
 
 def found_in(cells, types=("toy",), low=25.0, high=25.0, error=0.0, **free):
-    return find_air(ToyAirs(error), cells, Options(types, None, low, high, **free))
+    return find_air(ToyAirs(error), framed(cells, low, high), Options(types, None, low, high, Freedom(**free)))
 
 
 def by_name(found):
@@ -103,7 +107,7 @@ def test_known_air_is_recovered(camera):
 def test_few_airs_are_computed():
     """A fit of one type takes no more than a dozen airs, of four types a few more each."""
     airs, cells = ToyAirs(), seen(latlong(), TRUTH)
-    find_air(airs, cells, Options(["toy"], None, 25.0, 25.0))
+    find_air(airs, framed(cells), Options(["toy"], None, 25.0, 25.0))
     assert len(airs.asked) <= 12
 
 
@@ -155,7 +159,7 @@ def test_the_type_that_fits_comes_first_and_one_s_own_is_taken_where_it_cannot_b
     made = found_in(seen(latlong(), TRUTH), ("grey", "toy", "blue"))
     assert made[0].aerosol_type == "toy" and made[0].chi2_above_best == 0.0
     assert all(e.chi2_above_best > 4.0 and not e.parameters for e in made[1:])
-    alike = find_air(ToyAirs(1.0), seen(latlong(), TRUTH), Options(["grey", "toy"], "grey", 25.0, 25.0))
+    alike = find_air(ToyAirs(1.0), framed(seen(latlong(), TRUTH)), Options(["grey", "toy"], "grey", 25.0, 25.0))
     assert [bool(e.parameters) for e in alike if e.aerosol_type == "grey"] == [True]
 
 
@@ -250,16 +254,55 @@ def test_the_command(tmp_path):
 
 
 def test_a_perspective_picture_is_not_taken_as_level(tmp_path):
-    """A camera's file without the angle above the horizontal, and a picture of no camera, are refused in a sentence."""
-    write_exr(tmp_path / "photo.exr", np.full((20, 30, 3), 0.5))
-    camera = {"projection": "perspective", "image": {"width_px": 30, "height_px": 20}}
-    camera["lens"] = {"field_of_view_deg": 70.0}
-    with pytest.raises(TwilightError, match=r"has no orientation\.elevation_deg"):
-        read_photograph(tmp_path / "photo.exr", CameraModel.model_validate(camera))
-    camera["orientation"] = {"elevation_deg": 10.0}
-    assert read_photograph(tmp_path / "photo.exr", CameraModel.model_validate(camera)).cell_deg == 2.0
-    with pytest.raises(TwilightError, match="no panorama of the whole sphere"):
-        twilight.estimate(tmp_path / "photo.exr")
+    """A camera's file without the angle above the horizontal: that is found by the horizon, or free in the fit."""
+    write_exr(tmp_path / "flat.exr", np.full((60, 90, 3), 0.5))
+    data = perspective(90, 60).model_dump(exclude_none=True) | {"orientation": {"azimuth_deg": 70.0}}
+    free = read_photograph(tmp_path / "flat.exr", CameraModel.model_validate(data))
+    assert free.errors_deg[1] > 5.0 and "fitted with the air" in free.remarks[0]
+    sky, camera = preetham(12.0), perspective(240, 160, elevation_deg=14.0)
+    write_exr(tmp_path / "sky.exr", take(sky, camera, 75.0, sun=False))
+    data = camera.model_dump(exclude_none=True) | {"orientation": {"azimuth_deg": 70.0}}
+    seen = read_photograph(tmp_path / "sky.exr", CameraModel.model_validate(data))
+    held = seen.camera.orientation
+    assert held.elevation_deg == pytest.approx(14.0, abs=0.5) and held.roll_deg == pytest.approx(4.0, abs=0.5)
+    assert read_photograph(tmp_path / "sky.exr", camera).errors_deg == (0.0, 0.0, 0.0)
+
+
+def test_the_camera_s_angles_are_fitted():
+    """A camera that was told 2 deg too low and 2 deg to the side is put right by the sky, and the air with it."""
+    camera, truth = perspective(300, 200, elevation_deg=22.0), TRUTH | {"sun": 12.0}
+    cells = seen(camera, truth, cell_deg=3.0)
+    told = (70.0 - 40.0 + 2.0, 20.0, 4.0)
+    frame = Frame(cells, (30.0, 22.0, 4.0), 12.0)
+    azimuth, elevation = azimuth_elevation(frame.own @ camera_axes(*told))
+    wrong = replace(cells, elevation_deg=elevation, azimuth_deg=azimuth)
+    free = Freedom(heading_deg=5.0, pitch_deg=2.0, roll_deg=1.0)
+    made = find_air(ToyAirs(), [Frame(wrong, told, 12.0)], Options(["toy"], None, 12.0, 12.0, free))[0]
+    assert made.values["pitch"] == pytest.approx(2.0, abs=0.6) and made.values["heading"] == pytest.approx(
+        -2.0, abs=1.0
+    )
+    assert made.values["aerosol"] == pytest.approx(0.22, rel=0.2)
+
+
+def test_a_tone_curve_is_undone():
+    """A picture with 1.3 times the contrast: the air comes out right with the curve free, and wrong without."""
+    cells = seen(latlong(), TRUTH, change=lambda rgb: rgb**1.3)
+    bound, free = (found_in(cells, curve=curve, white_balance=True)[0] for curve in (False, True))
+    assert by_name(free)["aerosol"].value == pytest.approx(0.22, rel=0.2) and free.misfit < 0.3 * bound.misfit
+    assert 1.0 / (1.0 - free.curve.first) == pytest.approx(1.0 / 1.3, abs=0.08) or free.curve.first == pytest.approx(
+        0.3 / 1.3, abs=0.1
+    )
+    assert free.costs["curve"] > 1.0
+
+
+def test_a_series_tells_more_than_one_picture():
+    """Two suns of one air: the same camera and air for both, and smaller errors."""
+    two = [Frame(seen(latlong(), TRUTH | {"sun": sun}), sun_deg=sun) for sun in (25.0, 6.0)]
+    options = Options(["toy"], None, 25.0, 25.0, Freedom(white_balance=True))
+    one, both = (by_name(find_air(ToyAirs(0.02), frames, options)[0]) for frames in (two[:1], two))
+    for name in TRUTH:
+        assert both[name].standard_error < one[name].standard_error
+        assert both[name].low_95 <= TRUTH[name] <= both[name].high_95
 
 
 def test_the_sun_counts_where_it_is_given():

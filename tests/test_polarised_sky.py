@@ -13,11 +13,11 @@ from hazy_zones import QUICK
 from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.config import load
-from twilight.engine import Problem
+from twilight.engine import parts, plan, solve
 from twilight.io import read_latlong_exr, read_sky, read_spectral_exr, write_outputs, write_sky, write_spectral_exr
 from twilight.io.picture import view_directions
 from twilight.io.polarisation import polarisation_maps
-from twilight.numerics.grids import texture_centres
+from twilight.numerics.directions import texture_centres
 from twilight.scene import resolve
 from twilight.sky.sky import Sky
 from twilight.solvers.base import BareField, Capabilities
@@ -69,9 +69,9 @@ class RayleighSolver:
 @pytest.fixture(scope="module")
 def solved():
     config = load({"version": 1, "climate": {"version": 1, "name": "air"}, "wavelengths": {"list_nm": NM.tolist()}})
-    problem = Problem(replace(resolve(config), solver=RayleighSolver, settings=None))
-    assert len(problem.slices) == 2
-    return problem.solve()
+    scene = replace(resolve(config), solver=RayleighSolver, settings=None)
+    assert len(parts(plan(scene))) == 2
+    return solve(scene, cached=False)
 
 
 @pytest.fixture(scope="module")
@@ -256,7 +256,7 @@ def test_zones_keeps_the_same_convention():
         {"refraction.model": "none"},
     )
     settings = replace(QUICK, polarisation=True, max_orders=1)
-    field = Problem(resolve(config, solver=(zones, settings))).solve()
+    field = solve(resolve(config, solver=(zones, settings)), cached=False)
     sky = field.sky(SUN_DEG, np.array([15.0, 75.0, 90.0]), np.arange(8) * 45.0)
     expected = rayleigh(SUN_DEG, sky.elevation_deg[:, None], sky.azimuth_deg[None, :])
     found = sky.fractional_stokes[..., 0]

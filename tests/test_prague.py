@@ -17,7 +17,7 @@ from rendering import call
 from twilight.base.errors import TwilightError
 from twilight.base.progress import silent
 from twilight.config import load_climate
-from twilight.engine.answer import Answer
+from twilight.engine.block import Answer
 from twilight.engine.table import fill
 from twilight.numerics.spectrum import solar_at
 from twilight.scene.medium import climate_medium
@@ -46,9 +46,11 @@ class SmoothField:
 
     def __init__(self, medium, brightness):
         self.medium, self.brightness = medium, brightness
-        self.blocks = [SimpleNamespace(term_medium=medium, bands=None)]
         self.scene = SimpleNamespace(medium=medium)
         self.once = ScatteredOnce(medium, None, medium.bottom_km, aerosol=False)
+
+    def of_terms(self, value):
+        return value(self.medium)
 
     def table(self, sun, altitude_km, *, rows_deg, columns_deg, refine):
         def light(rows, columns):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from stability_media import Air, medium_of
 
 from twilight.numerics import spectrum
-from twilight.numerics.grids import texture_grid
+from twilight.numerics.directions import texture_grid
 from twilight.sky.sky import Sky
 from twilight.solvers import zones
 from twilight.solvers.cells.exchange import make_rings, pair_capture, sphere_capture

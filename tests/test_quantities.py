@@ -11,10 +11,17 @@ from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
 from twilight.sky.night import night_radiance
 from twilight.sky.quantities import measure, responses
-from twilight.sky.quantities.catalogue import QUANTITIES, check_of, quantity, unit_of
-from twilight.sky.quantities.colour_temperature import correlated_colour_temperature
-from twilight.sky.quantities.measure import Spectra, check_covered, samples_for, zero_point
-from twilight.sky.quantities.responses import ALPHA_OPIC, Response, erythema, response
+from twilight.sky.quantities.measure import (
+    QUANTITIES,
+    Spectra,
+    check_covered,
+    check_of,
+    quantity,
+    samples_for,
+    unit_of,
+    zero_point,
+)
+from twilight.sky.quantities.responses import ALPHA_OPIC, Response, correlated_colour_temperature, erythema, response
 
 SUN = Spectra(np.ones(2), np.array([300.0, 1000.0]))
 

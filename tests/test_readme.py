@@ -10,7 +10,7 @@ import pytest
 from hazy_zones import SCALAR
 
 from twilight.config import load_climate, load_series
-from twilight.config.library import shipped
+from twilight.config.load import shipped
 from twilight.solvers import zones
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -13,7 +13,7 @@ from twilight.atmosphere.screen import Screen
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
-from twilight.engine.hemisphere import hemisphere
+from twilight.numerics.directions import hemisphere
 from twilight.scene import resolve
 from twilight.solvers import zones
 from twilight.studies.validate.measured import spectra

@@ -17,7 +17,7 @@ from twilight.api.representation import SkySeries, open_dataset
 from twilight.base.errors import TwilightError
 from twilight.io.netcdf import write_sky
 from twilight.io.picture import render_view, view_directions
-from twilight.numerics.orientation import direction
+from twilight.numerics.directions import direction
 from twilight.numerics.projections import PROJECTIONS
 from twilight.sky.disc import Disc
 

@@ -10,7 +10,7 @@ import pytest
 
 from twilight.base.errors import TwilightError
 from twilight.config import load, load_climate, load_series
-from twilight.config.library import shipped
+from twilight.config.load import shipped
 from twilight.engine import run
 from twilight.numerics.phase import HENYEY_GREENSTEIN
 from twilight.scene import resolve

@@ -5,7 +5,7 @@ import pytest
 
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
-from twilight.numerics.grids import texture_grid
+from twilight.numerics.directions import texture_grid
 from twilight.sky.sky import Sky
 
 WAVELENGTHS = np.array([400.0, 500.0, 600.0, 700.0])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twilight.engine.answer import Answer
+from twilight.engine.block import Answer
 from twilight.engine.table import fill, first_columns, first_rows
-from twilight.numerics.orientation import PHASE_ANGLE_RAD, scattering_angle_rad
+from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
 from twilight.sky.table import SkyTable, join, plain_grid, split, stack
 

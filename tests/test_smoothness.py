@@ -9,8 +9,8 @@ from hazy_zones import QUICK
 
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
-from twilight.solvers.zones import layout, prepare
-from twilight.solvers.zones.directions import truncation_needed
+from twilight.solvers.zones import grids, prepare
+from twilight.solvers.zones.air_needs import truncation_needed
 from twilight.solvers.zones.settings import QUALITIES
 from twilight.transport.scaling import delta_scaled
 
@@ -153,8 +153,8 @@ def test_one_more_term_of_a_series_comes_in_without_a_step(monkeypatch):
             )
 
         for name, needs in (("degree_needed", lambda *air: 16.0 + part), ("truncation_needed", truncated)):
-            monkeypatch.setattr(f"twilight.solvers.zones.directions.{name}", needs)
-            monkeypatch.setattr(layout, name, needs)
+            monkeypatch.setattr(f"twilight.solvers.zones.air_needs.{name}", needs)
+            monkeypatch.setattr(grids, name, needs)
         solved = prepare(medium, few)
         return np.array([solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in (10.0, -2.0, -8.0)])
 
@@ -170,8 +170,8 @@ def test_what_the_air_needs_follows_its_humidity():
     needed = []
     for percent in (52.0, 52.8, 53.6, 60.0, 60.8, 61.6):
         medium = humid("maritime-clean", percent, [450.0, 650.0])
-        settings, degree = layout.settings_for(medium, standard)
-        needed.append([degree, *layout.lay_out(medium, delta_scaled(medium, degree), settings).truncation])
+        settings, degree = grids.settings_for(medium, standard)
+        needed.append([degree, *grids.lay_out(medium, delta_scaled(medium, degree), settings).truncation])
     bend = np.diff(np.reshape(needed, (2, 3, 4)), n=2, axis=1)
     assert np.abs(bend).max() < 0.05
     assert np.all(np.array(needed[-1]) > np.array(needed[0]) + 0.2)

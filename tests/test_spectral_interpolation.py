@@ -9,12 +9,12 @@ import pytest
 
 from twilight.atmosphere.grid_medium import GridMedium
 from twilight.config import load
-from twilight.engine.memory import full_cost
-from twilight.engine.solve import Problem
+from twilight.engine import plan, solve
+from twilight.engine.problem import full_cost
 from twilight.scene import resolve
 from twilight.solvers import zones
-from twilight.solvers.zones import spectral_nodes
-from twilight.solvers.zones.spectral_field import STATED_ERROR, STATED_ERROR_IN_BANDS
+from twilight.solvers.zones.constants import MIN_COLUMNS
+from twilight.solvers.zones.spectrum import STATED_ERROR, STATED_ERROR_IN_BANDS, kriging_weights
 
 SMALL = {
     "degree": 4,
@@ -57,7 +57,7 @@ def stokes(scene, wavelengths=None, interpolation=None):
 
 def test_between_bands_it_is_as_near_as_stated():
     scene = scene_of("pure-air", np.linspace(400.0, 580.0, 49))
-    one = Problem(scene, SUNS_DEG).interpolations[0]
+    one = plan(scene, SUNS_DEG).interpolations[0]
     assert 0 < one.n_nodes <= 24 and not one.in_band
     some = np.arange(1, 49, 6)
     assert not set(scene.medium.wavelength_nm[some]) <= set(one.medium.wavelength_nm)
@@ -72,7 +72,7 @@ def test_in_bands_it_is_as_near_as_stated(tmp_path):
     """Among them is 937 nm, where the clearest term is darker than the grid of the range is made for."""
     nm = (688.0, 694.0, 720.0, 730.0, 762.0, 768.0, 820.0, 824.0, 900.0, 930.0, 937.0, 940.0, 970.0, 980.0, 990.0)
     scene = scene_of("pure-air", nm)
-    one = Problem(scene, SUNS_DEG).interpolations[0]
+    one = plan(scene, SUNS_DEG).interpolations[0]
     assert one.in_band and one.n_nodes < scene.bands.weight.size
     some = np.array([3, 8, 12])
     new, old = stokes(scene, some, one), stokes(scene, some)
@@ -90,7 +90,7 @@ def test_of_grey_air_it_is_exact():
     scene = scene_of("pure-air", [550.0])
     grey = replace(scene.medium.select(np.zeros(30, int)), wavelength_nm=np.linspace(400.0, 690.0, 30))
     scene = replace(scene, medium=replace(grey, grid_medium=GridMedium.of(scene.medium)))
-    one = Problem(scene, SUNS_DEG).interpolations[0]
+    one = plan(scene, SUNS_DEG).interpolations[0]
     assert one.n_nodes < 30
     some = np.array([0, 7, 17])
     np.testing.assert_allclose(stokes(scene, some, one), stokes(scene, some), rtol=2e-5, atol=1e-12)
@@ -100,28 +100,28 @@ def test_weights_give_planes_exactly():
     """What is linear in the logarithms of the optical properties, as thin air's light is, would be bent."""
     draw = np.random.default_rng(3)
     nodes, at = draw.normal(size=(20, 3)), draw.normal(size=(50, 3))
-    weight = spectral_nodes.kriging_weights(nodes, at)
+    weight = kriging_weights(nodes, at)
     plane = np.array([0.3, -2.0, 1.0])
     np.testing.assert_allclose((nodes @ plane + 4.0) @ weight, at @ plane + 4.0, atol=1e-6)
 
 
 def test_few_wavelengths_and_off_are_solved_bit_for_bit_as_ever():
-    few = Problem(scene_of("pure-air", np.linspace(400.0, 600.0, spectral_nodes.MIN_COLUMNS)))
-    off = Problem(scene_of("pure-air", np.linspace(400.0, 580.0, 49), "off"))
+    few = plan(scene_of("pure-air", np.linspace(400.0, 600.0, MIN_COLUMNS)))
+    off = plan(scene_of("pure-air", np.linspace(400.0, 580.0, 49), "off"))
     single = scene_of("pure-air", np.linspace(400.0, 580.0, 49))
-    single = Problem(replace(single, settings=replace(single.settings, max_orders=1)))
+    single = plan(replace(single, settings=replace(single.settings, max_orders=1)))
     for problem in (few, off, single):
         assert set(problem.interpolations) == {None}
-    assert any(Problem(scene_of("pure-air", np.linspace(400.0, 600.0, 41))).interpolations)
+    assert any(plan(scene_of("pure-air", np.linspace(400.0, 600.0, 41))).interpolations)
 
 
 def test_blocks_of_the_engine_take_it_and_say_so(tmp_path, monkeypatch):
     monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("TWILIGHT_CACHE_GB", "1")
     scene = scene_of("pure-air", np.linspace(400.0, 585.0, 38))
-    first = Problem(scene, SUNS_DEG, cached=True).solve()
-    again = Problem(scene, SUNS_DEG, cached=True).solve()
-    off = Problem(replace(scene, settings=replace(scene.settings, spectral_interpolation="off")), SUNS_DEG).solve()
+    first = solve(scene, SUNS_DEG)
+    again = solve(scene, SUNS_DEG)
+    off = solve(replace(scene, settings=replace(scene.settings, spectral_interpolation="off")), SUNS_DEG, cached=False)
     assert len(first.blocks) > 1 and all(block.from_disk for block in again.blocks)
     question = (-6.0, ELEVATION_DEG, AZIMUTH_DEG)
     seen, same, solved = (each.radiance(*question) for each in (first, again, off))
@@ -151,7 +151,7 @@ def test_the_ground_has_the_albedo_of_its_wavelength(ground):
     scene = scene_of("pure-air", np.linspace(400.0, 580.0, 49))
     albedo = ground * np.linspace(0.5, 1.0, 49)
     scene = replace(scene, medium=replace(scene.medium, ground_albedo=albedo))
-    one = Problem(scene, SUNS_DEG).interpolations[0]
+    one = plan(scene, SUNS_DEG).interpolations[0]
     some = np.arange(2, 49, 9)
     new, old = stokes(scene, some, one)[..., 0, :], stokes(scene, some)[..., 0, :]
     assert np.percentile(np.abs(new / old - 1.0), 95) < STATED_ERROR

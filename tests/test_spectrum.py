@@ -4,7 +4,7 @@ from scipy.interpolate import CubicSpline
 
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
-from twilight.numerics.splines import spline_matrix
+from twilight.numerics.spectrum import spline_matrix
 
 
 def test_solar_irradiance_over_coarse_bins_keeps_the_total():

@@ -25,7 +25,7 @@ from stability_media import (
 from twilight import solvers
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
-from twilight.engine import Problem
+from twilight.engine import solve
 from twilight.scene import Scene
 from twilight.solvers.cells import CellsSettings
 from twilight.solvers.montecarlo import MonteCarloSettings
@@ -135,7 +135,7 @@ def check(radiance: np.ndarray, names, airs, suns, what: str, error: np.ndarray 
 def extremes_apart():
     """All extremes by `zones` on coarse grids, solved apart where they need other ones: in one field all would have
     those of the thickest."""
-    return Problem(Scene(extremes(), None, solvers.load("zones"), ZONES)).solve()
+    return solve(Scene(extremes(), None, solvers.load("zones"), ZONES), cached=False)
 
 
 @pytest.mark.slow
@@ -270,7 +270,7 @@ def test_extremes_converge_under_refinement(extremes_apart):
     assert some == list(EXTREMES)[: len(some)]
     finer = replace(QUICK, altitude_density=0.6, zenith_density=0.7)
     finest = replace(finer, altitude_density=1.2, zenith_density=1.4, step_density=0.8)
-    fields = [Problem(Scene(medium, None, zones, settings), suns).solve() for settings in (finer, finest)]
+    fields = [solve(Scene(medium, None, zones, settings), suns, cached=False) for settings in (finer, finest)]
     coarse, middle, fine = (
         np.array([solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG)[..., : len(some)] for sun in suns])
         for solved in (extremes_apart, *fields)
@@ -288,7 +288,7 @@ def test_single_precision_of_the_field_is_enough():
     float64: faint and bright wavelengths of one block, nine powers of ten apart, are those of a block of their own."""
     bright, faint = Air(aerosol=1.0, albedo=1.0, ground=1.0), Air(air=1e-9, aerosol=1e-10)
     medium, suns = medium_of(bright, faint, refractivity=0.0), (30.0, -6.0)
-    solved = Problem(Scene(medium, None, solvers.load("zones"), ZONES)).solve()
+    solved = solve(Scene(medium, None, solvers.load("zones"), ZONES), cached=False)
     both = np.array([solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in suns])
     for w, air in enumerate((bright, faint)):
         alone = radiances("zones", medium_of(air, refractivity=0.0), suns)

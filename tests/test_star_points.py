@@ -13,11 +13,11 @@ from scipy.spatial import cKDTree
 
 from twilight.base.errors import TwilightError
 from twilight.config import load, load_climate
-from twilight.config.view import View
+from twilight.config.pictures import View
 from twilight.engine.frames import frames
 from twilight.engine.night import night_light, without_points
 from twilight.engine.view import ViewRadiance
-from twilight.numerics.orientation import azimuth_elevation, direction
+from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
@@ -25,13 +25,13 @@ from twilight.sky.night import NightLevels
 from twilight.sky.night.points import (
     Raster,
     StarSky,
+    bright_stars,
     irradiance_above_air,
     precession,
     resolved_starlight_fraction,
     temperature_k,
 )
 from twilight.sky.night.world import Place
-from twilight.sky.stars import bright_stars
 from twilight.sky.table import SkyTable
 
 NM = np.array([440.0, 550.0, 680.0])
@@ -187,10 +187,10 @@ def test_stars_move_through_a_film(tmp_path):
     for i, (points, smooth, dark) in enumerate(zip(made[True], made[False], made["dark"], strict=True)):
         light = np.where(elevation > 1.0, points - smooth + resolved_starlight_fraction() * (smooth - dark), 0.0)
         when = replace(PLACE, time=begin + timedelta(seconds=1800.0 * i))
-        stars = StarSky.of(one.problem.scene.medium, 0.0).over(when)
+        stars = StarSky.of(one.scene.medium, 0.0).over(when)
         up = stars.elevation_deg > 1.0
         # a star of V = 0 is 3.631e-11 W m^-2 nm^-1 at 550 nm and 2.54e-6 lx (Allen)
-        green = np.interp(550.0, one.problem.scene.medium.wavelength_nm, stars.irradiance[up].sum(axis=0))
+        green = np.interp(550.0, one.scene.medium.wavelength_nm, stars.irradiance[up].sum(axis=0))
         lux = 2.54e-6 / 3.631e-11 * green
         assert np.nansum(light * area) == pytest.approx(lux, rel=0.1)
         brightest = np.argmax(stars.irradiance.sum(axis=-1))

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from star_pictures import render_stars
 
 from twilight.base.errors import TwilightError
-from twilight.numerics.orientation import camera_axes
-from twilight.sky.stars import blended
+from twilight.numerics.directions import camera_axes
+from twilight.sky.night.points import blended
 from twilight.studies.camera import CameraModel
 from twilight.studies.camera.image import read_image
 from twilight.studies.validate.stars.calibrate import calibrate

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from twilight.base.errors import TwilightError
-from twilight.numerics.orientation import azimuth_elevation, direction
-from twilight.sky.stars import Stars, blended, bright_stars
+from twilight.numerics.directions import azimuth_elevation, direction
+from twilight.sky.night.points import Stars, blended, bright_stars
 from twilight.studies.validate.stars.coordinates import (
     StarSite,
     _astropy,

@@ -14,10 +14,10 @@ from twilight.config import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import tables
 from twilight.solvers.tables import mapping as maps
+from twilight.solvers.tables.algorithm import harmonics, make_mapping
 from twilight.solvers.tables.field import ViewRays
-from twilight.solvers.tables.lookup import sunlight
+from twilight.solvers.tables.mapping import sunlight
 from twilight.solvers.tables.passes import depths, fill_depth
-from twilight.solvers.tables.solve import harmonics, make_mapping
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import species_phase
 

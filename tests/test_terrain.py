@@ -9,21 +9,22 @@ from hazy_zones import QUICK
 
 from twilight.base.errors import TwilightError
 from twilight.config import load_climate
+from twilight.config.pictures import Terrain, View
 from twilight.config.scene import Observer
-from twilight.config.terrain import Terrain
-from twilight.config.view import View
-from twilight.engine.solve import Problem
+from twilight.engine import solve
 from twilight.engine.view import landscape, view_radiance
-from twilight.numerics.geometry import distance_to_sphere
 from twilight.scene import Scene
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
+from twilight.solvers.analytic import preetham
+from twilight.solvers.analytic.ground import hemisphere
 from twilight.terrain.aerial_perspective import AerialPerspective, sunlit_air
 from twilight.terrain.heights import Heights, Standpoint, heights_of
 from twilight.terrain.march import ShadowGrid, TerrainAir, first_hits, height_at, shadow_over, sunlight_on_lines
-from twilight.terrain.scene import Viewpoint, add_terrain
+from twilight.terrain.scene import FormulaField, Viewpoint, add_terrain
 from twilight.transport.beam import beam_at, prepare_beam
 from twilight.transport.scaling import species_phase
+from twilight.transport.steps import distance_to_sphere
 
 RADIUS = 6371.0
 
@@ -146,21 +147,40 @@ def test_shadows_only_take_light(air, shadows):
     assert (dark <= clear + 1e-6).all() and (dark < clear - 1e-3).any() and (dark >= 0).all()
 
 
+def test_preethams_air_lies_before_terrain_that_his_sun_lights(air):
+    """Terrain in Preetham's sky would be seen through another air, or lit by another sun."""
+    medium, beam = air
+    field = preetham.prepare(medium, preetham.PreethamSettings(turbidity=3.0), observer_altitude_km=0.5)
+    elevation, azimuth = np.array([-3.0, -8.0, -20.0]), np.array([0.0, 70.0, 180.0])
+    e, a = np.radians(elevation), np.radians(azimuth)
+    rays = np.stack([np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)], axis=-1)[None]
+    sky, place = np.zeros((1, 3, 3), np.float32), Viewpoint(0.5, 30.0, 0.0)
+    dark, white = (
+        add_terrain(sky, rays, flat(0.0), FormulaField(field), medium, beam, place, albedo, "none").radiance[0]
+        for albedo in (0.0, 1.0)
+    )
+    light, passed = field.inscatter(30.0, elevation, azimuth, 0.4999 / -np.sin(e))
+    np.testing.assert_allclose(dark, light, rtol=0.03)
+    sky_e, sky_a, solid = hemisphere()
+    irradiance = (np.sin(np.radians(sky_e)) * solid) @ field.radiance(30.0, sky_e, sky_a) + 0.5 * field.sunlight(30.0)
+    np.testing.assert_allclose(white - dark, passed * irradiance / np.pi, rtol=0.03)
+
+
 def test_a_plain_is_the_ground_that_the_solver_sees(tmp_path):
-    """A solved field, from the problem to the picture: flat terrain at the ground's height with the ground's albedo."""
+    """A solved field, from the scene to the picture: flat terrain at the ground's height with the ground's albedo."""
     medium = turbid(3.0, wavelength_nm=np.array([550.0]))
     sun, view = 12.0, View(kind="perspective", width=24, height=16, field_of_view_deg=30.0, elevation_deg=-16.0)
-    block = Problem(Scene(medium, None, zones, QUICK, observer=Observer(altitude_km=2.0))).block(0)
-    seen = view_radiance(block, view, sun).whole()
+    solved = solve(Scene(medium, None, zones, QUICK, observer=Observer(altitude_km=2.0)), cached=False)
+    seen = view_radiance(solved, view, sun).whole()
     np.save(tmp_path / "plain.npy", np.zeros((16, 16)))
     plain = Terrain(heights=str(tmp_path / "plain.npy"), size_km=200.0, albedo=float(medium.ground_albedo[0]))
-    made = landscape(block, seen, plain, sun)
+    made = landscape(solved, seen, plain, sun)
     assert made.hidden is not None and made.hidden.all()
     np.testing.assert_allclose(made.radiance, seen.radiance, rtol=0.03)
     # mountains: their shadows in the air take light and give none
     crest = Terrain(heights="ridges", size_km=60.0, height_km=1.5, albedo=plain.albedo)
-    shaded = landscape(block, seen, crest, sun)
-    open_ = landscape(block, seen, crest.model_copy(update={"shadows": "none"}), sun)
+    shaded = landscape(solved, seen, crest, sun)
+    open_ = landscape(solved, seen, crest.model_copy(update={"shadows": "none"}), sun)
     assert shaded.hidden is not None and shaded.hidden.any() and np.isfinite(shaded.radiance).all()
     assert (shaded.radiance <= open_.radiance * (1.0 + 1e-6)).all()
 
@@ -265,14 +285,14 @@ def test_air_before_terrain_is_even_across_the_horizon(air):
 
 
 @pytest.fixture(scope="module")
-def hazy_block():
+def hazy_field():
     """Haze with coarse particles, whose phase function has a narrow peak at the sun."""
     medium = climate_medium(load_climate("continental-average"), np.array([450.0, 650.0]))
-    return Problem(Scene(medium, None, zones, QUICK, observer=Observer(altitude_km=0.4))).block(0)
+    return solve(Scene(medium, None, zones, QUICK, observer=Observer(altitude_km=0.4)), cached=False)
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 9))])
-def test_no_pixel_is_black_beside_its_neighbours(hazy_block, seed):
+def test_no_pixel_is_black_beside_its_neighbours(hazy_field, seed):
     """Random mountains, some before the sun: shadows take no more sunlight than there is, at every wavelength.
 
     In a mountain no pixel lies below all its eight neighbours by more than 20 %: a black hole stood where the sun is.
@@ -285,7 +305,7 @@ def test_no_pixel_is_black_beside_its_neighbours(hazy_block, seed):
         seed=seed, distance_km=0.0 if kind == "ridges" else float(random.uniform(8, 25)),
     )  # fmt: skip
     view = View(kind="perspective", width=96, height=64, field_of_view_deg=30.0, elevation_deg=sun)
-    made = landscape(hazy_block, view_radiance(hazy_block, view, sun).whole(), mountain, sun)
+    made = landscape(hazy_field, view_radiance(hazy_field, view, sun).whole(), mountain, sun)
     assert made.hidden is not None and made.hidden.any()
     light = made.radiance.astype(float)
     assert (light > 0.0).all()
@@ -298,9 +318,9 @@ def test_no_pixel_is_black_beside_its_neighbours(hazy_block, seed):
     assert kind == "ridges" or dip[inner].min() > 0.8
 
 
-def test_haze_before_a_plain_has_no_bands(hazy_block):
+def test_haze_before_a_plain_has_no_bands(hazy_field):
     """Below the horizon the light of the haze falls smoothly: as the field itself has it, line by line."""
-    block, sun = hazy_block, 4.0
+    block, sun = hazy_field.blocks[0], 4.0
     elevation = np.linspace(-6.0, -0.9, 120)
     beam = prepare_beam(block.field.grids.scaled.medium)
     aerial, forward = air_before(block.field, block.medium, beam, Viewpoint(0.4, sun, 0.0), elevation, 40.0, 120.0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from twilight.base.errors import TwilightError
-from twilight.config.terrain import Terrain
+from twilight.config.pictures import Terrain
 from twilight.terrain.heights import Standpoint, heights_of
 from twilight.terrain.march import height_at, shadow_over
 

@@ -14,17 +14,21 @@ from twilight.io.eight_bit import to_bytes
 from twilight.io.outputs import write_outputs
 from twilight.numerics import spectrum
 from twilight.sky import colour
-from twilight.sky.tone import Light, Shot, tone_of
-from twilight.sky.tone.camera import SENSORS, Camera, balance, illuminant
-from twilight.sky.tone.eye import (
-    SCOTOPIC_EFFICACY_LM_PER_W,
+from twilight.sky.quantities.measure import adaptation_coefficient
+from twilight.sky.quantities.responses import SCOTOPIC_EFFICACY_LM_PER_W, scotopic_efficiency
+from twilight.sky.tone import (
+    SENSORS,
+    Camera,
     Eye,
+    Light,
+    Shot,
     acuity_cycles_per_deg,
     adapt,
-    adaptation_coefficient,
+    balance,
     cone_threshold,
+    illuminant,
     rod_threshold,
-    scotopic_efficiency,
+    tone_of,
 )
 
 SUN = Light(spectrum.DEFAULT_SOLAR_SPECTRUM, 1.0)

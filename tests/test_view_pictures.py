@@ -5,18 +5,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from airs import problem_of_field, pure_air
+from airs import pure_air, scene_of_field
 from toy_sky import glow_sky
 
 from twilight.base.errors import TwilightError
+from twilight.config.pictures import View
 from twilight.config.scene import Config, Observer
-from twilight.config.view import View
+from twilight.engine import solve
 from twilight.engine.night import NightLight
 from twilight.engine.sunbeam import Direct
 from twilight.engine.view import view_radiance, with_night, with_sun
 from twilight.io.outputs import write_outputs
 from twilight.io.rendered import ViewPixels
-from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import view_rays
 from twilight.solvers.base import BareField
 
@@ -37,10 +38,10 @@ class ClosedView(BareField):
         return np.stack([value, np.where(elevation < -dip, 0.2, 1.0) * value], axis=-1)
 
 
-def block_at(altitude_km):
-    """The field as a block of the engine's, with an observer."""
-    made = problem_of_field(ClosedView(AIR))
-    return replace(made, scene=replace(made.scene, observer=Observer(altitude_km=altitude_km))).block(0)
+def field_at(altitude_km):
+    """The field as the engine's, with an observer."""
+    made = scene_of_field(ClosedView(AIR))
+    return solve(replace(made, observer=Observer(altitude_km=altitude_km)), cached=False)
 
 
 @pytest.mark.parametrize(
@@ -55,12 +56,12 @@ def block_at(altitude_km):
     ],
 )  # fmt: skip
 def test_a_view_shows_what_is_there(altitude, view):
-    block = block_at(altitude)
+    solved = field_at(altitude)
     made = View.model_validate(view)
-    seen = view_radiance(block, made, -19.0).whole()
+    seen = view_radiance(solved, made, -19.0).whole()
     assert seen.radiance.shape == (*made.shape, 2)
     azimuth, elevation = azimuth_elevation(made.rays())
-    exact = block.answer(-19.0, elevation, azimuth, altitude).radiance
+    exact = solved.radiance(-19.0, elevation, azimuth, altitude)
     inside = np.isfinite(seen.radiance[..., 0])
     assert inside.all()
     off = np.abs(seen.radiance / exact - 1.0)
@@ -80,7 +81,7 @@ def test_rows_are_half_a_pixel_apart_where_light_needs_them_and_no_nearer():
             return known * np.exp(-5.0 * np.abs(np.asarray(elevation_deg) - 0.5))[..., None]
 
     view = View.model_validate({"kind": "perspective", "width": 600, "height": 200, "field_of_view_deg": 24.0})
-    made = view_radiance(problem_of_field(Kinked(AIR)).block(0), view, 10.0)
+    made = view_radiance(solve(scene_of_field(Kinked(AIR)), cached=False), view, 10.0)
     assert made.pitch_deg == pytest.approx(0.04, rel=0.03)
     rows = made.table.elevation_deg
     step = np.diff(rows)
@@ -104,8 +105,8 @@ def test_the_night_of_a_view_is_behind_the_sky_and_on_the_ground():
     elevation, azimuth = np.linspace(-2.0, 90.0, 40), np.arange(0.0, 361.0, 5.0)
     shape = 1.0 + np.sin(np.radians(elevation))[:, None] + 0.1 * np.cos(np.radians(azimuth - 70.0))
     night = NightLight(elevation, azimuth, np.stack([shape, 2.0 * shape], axis=-1), np.array([0.3, 0.4]))
-    block, view = block_at(0.0), View.model_validate({"kind": "latlong", "width": 64})
-    plain = view_radiance(block, view, 10.0)
+    solved, view = field_at(0.0), View.model_validate({"kind": "latlong", "width": 64})
+    plain = view_radiance(solved, view, 10.0)
     off = replace(plain, night=night).whole().radiance - plain.whole().radiance
     a, e = azimuth_elevation(view.rays())
     exact = 1.0 + np.sin(np.radians(e)) + 0.1 * np.cos(np.radians(a - 70.0))
@@ -149,7 +150,6 @@ def test_files_of_a_view_need_one(tmp_path):
 def test_pixels_of_a_climate_are_its_field():
     """A picture is within 0.2 % of the field at 95 % of the pixels; those on the horizon are left out."""
     import twilight
-    from twilight.engine.view import join_views
 
     solved = twilight.solve("continental-average", quality="draft")
     for sun, view in (
@@ -158,7 +158,7 @@ def test_pixels_of_a_climate_are_its_field():
         (-5.0, {"kind": "fisheye", "width": 64}),
     ):
         made = View.model_validate(view)
-        seen = join_views([view_radiance(block, made, sun) for block in solved.blocks], None).whole()
+        seen = view_radiance(solved, made, sun).whole()
         azimuth, elevation = azimuth_elevation(made.rays())
         inside = np.isfinite(elevation)
         inside[inside] = np.abs(elevation[inside]) > seen.pitch_deg

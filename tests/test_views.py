@@ -5,7 +5,7 @@ import pytest
 
 from twilight.base.errors import TwilightError
 from twilight.io import picture
-from twilight.numerics.orientation import direction
+from twilight.numerics.directions import direction
 from twilight.numerics.projections import PROJECTIONS, cube_face, view_directions, view_rays
 from twilight.studies.camera import CameraModel
 

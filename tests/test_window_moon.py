@@ -10,9 +10,9 @@ from browser import light_of, open_page
 from closed_sky import ALL_SKY, COARSE, solved
 from closed_sky import EIGHT_NM as NM
 
-from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import view_directions
-from twilight.sky.bodies import Sites
+from twilight.sky.ephemeris import Sites
 from twilight.sky.moon import Moon, moon_over
 from twilight.viewer import view_fields
 from twilight.viewer.colours import Channels

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from airs import as_sky, problem_of_field, turbid
+from airs import as_sky, scene_of_field, turbid
 from browser import open_page, until
 
+from twilight.engine import solve
 from twilight.solvers.base import BareField
 from twilight.viewer import view_fields, view_sky
 from twilight.viewer.tables import PageNodes
@@ -30,7 +31,7 @@ class Even(BareField):
 
 
 def even(medium):
-    return problem_of_field(Even(medium)).solve()
+    return solve(scene_of_field(Even(medium)), cached=False)
 
 
 @pytest.fixture(scope="module")

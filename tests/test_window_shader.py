@@ -17,11 +17,11 @@ from typer.testing import CliRunner
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
-from twilight.engine import Problem
+from twilight.engine import solve
 from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT, SunTables
 from twilight.engine.table import first_columns, first_rows
 from twilight.numerics import spectrum
-from twilight.numerics.orientation import PHASE_COUNT, direction
+from twilight.numerics.directions import PHASE_COUNT, direction
 from twilight.scene import resolve
 from twilight.sky.colour import REC709_LUMINANCE
 from twilight.studies.export.folder import write_folder
@@ -113,7 +113,7 @@ def test_shaders_read_what_python_reads(made, folder, language, webgpu):
 @pytest.mark.parametrize("air", ["continental-average", "pure-air"])
 def test_what_a_card_draws_is_the_field(air, tmp_path, webgpu):
     """The figures of docs/tables.md: luminance in both shaders beside lines of sight that the field is asked for."""
-    solved = Problem(resolve(load(air, {"solver.quality": "draft"})), cached=True).solve()
+    solved = solve(resolve(load(air, {"solver.quality": "draft"})))
     write_folder(tmp_path / "sky", shader_sky(solved, air).files())
     cases = {sun: field_luminance(solved, sun) for sun in (30.0, 2.0, -4.0, -10.0)}
     for language in ("glsl", "wgsl"):

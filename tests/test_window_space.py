@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from airs import problem_of_field, turbid
+from airs import scene_of_field, turbid
 from browser import light_of, open_page
 from scipy.special import erf
 
 import twilight
 from twilight.base.errors import TwilightError
-from twilight.numerics.orientation import azimuth_elevation, direction
+from twilight.engine import solve
+from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.numerics.projections import view_directions, view_rays
 from twilight.solvers.base import BareField
 from twilight.viewer import ground_to_orbit, view_fields
@@ -64,7 +65,7 @@ class Planet(BareField):
 
 @pytest.fixture(scope="module")
 def planet():
-    return problem_of_field(Planet(MEDIUM)).solve()
+    return solve(scene_of_field(Planet(MEDIUM)), cached=False)
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +147,7 @@ class Hazy(BareField):
 @pytest.mark.slow
 def test_the_top_of_the_haze_is_as_sharp_as_in_the_field(tmp_path):
     """At an altitude of the tables, between two of them and above the air, 4 deg across."""
-    hazy = problem_of_field(Hazy(MEDIUM)).solve()
+    hazy = solve(scene_of_field(Hazy(MEDIUM)), cached=False)
     page_file = view_fields([hazy], altitudes_km=[5.0, 10.0, 400.0], nodes=NODES).save(tmp_path / "hazy.html")
     channels = Channels(NM)
     with open_page(page_file, 64, 36) as (page, errors):
@@ -187,7 +188,7 @@ def test_altitudes_of_a_page():
 
 
 def test_a_solver_of_one_altitude_does_not_rise(planet):
-    one = problem_of_field(Planet(MEDIUM), every_observer=False).solve()
+    one = solve(scene_of_field(Planet(MEDIUM), every_observer=False), cached=False)
     with pytest.raises(TwilightError, match="in the air; zones serves all"):
         view_fields([one], altitudes_km=[400.0])
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numba
 import numpy as np
@@ -14,8 +16,8 @@ from hazy_zones import SCALAR as SMALL
 from twilight.atmosphere.medium_table import medium_from_table
 from twilight.base.errors import TwilightError
 from twilight.solvers import cells, zones
-from twilight.solvers.zones.grid import cubic_refinement, even_harmonics, make_angles, zenith_nodes
-from twilight.solvers.zones.solution import normalised
+from twilight.solvers.zones.angles import cubic_refinement, even_harmonics, make_angles, zenith_nodes
+from twilight.solvers.zones.scattering import normalised
 from twilight.transport.beam import beam_at
 
 MIDDLE = replace(
@@ -46,6 +48,18 @@ def middle(hazy):
 @pytest.fixture(scope="module")
 def small(hazy):
     return zones.prepare(hazy, SMALL)
+
+
+def test_every_tuned_number_is_used_and_names_a_test():
+    """A number that nothing reads, or that no test covers, would stay in the table for ever."""
+    tests = "".join(path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("test_*.py"))
+    room = Path(zones.__file__).parent
+    code = "".join(path.read_text(encoding="utf-8") for path in room.glob("*.py") if path.name != "constants.py")
+    rows = zones.tuned_numbers()
+    assert len(rows) > 50
+    for row in rows:
+        assert f"def {row.test}(" in tests, row.name
+        assert re.search(rf"\btuned\.{row.name}\b", code), row.name
 
 
 def test_harmonics_are_orthonormal_and_moments_of_a_harmonic_are_its_own():

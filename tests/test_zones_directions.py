@@ -12,13 +12,12 @@ from twilight.atmosphere.build import build_medium
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.zones.altitudes import altitude_nodes
-from twilight.solvers.zones.directions import RIM_POLAR, directions_needed, rims_km, with_degree
-from twilight.solvers.zones.grid import conserving_angles, even_harmonics, make_angles
-from twilight.solvers.zones.line_integrals import sun_lift
-from twilight.transport.lines import horizon_cosine, with_refraction
+from twilight.solvers.zones.air_needs import altitude_nodes, directions_needed, rims_km, with_degree
+from twilight.solvers.zones.angles import conserving_angles, even_harmonics, make_angles
+from twilight.solvers.zones.constants import RIM_POLAR
+from twilight.solvers.zones.lines_of_sight import sun_lift
+from twilight.transport.lines import horizon_cosine, trace_rays, with_refraction
 from twilight.transport.profile import prepare_profile
-from twilight.transport.ray_bundle import trace_rays
 from twilight.transport.scaling import delta_scaled
 
 STANDARD = zones.QUALITIES["standard"]

@@ -17,13 +17,12 @@ from twilight.base.errors import TwilightWarning
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.zones.altitudes import MAX_INTERVAL_RATIO, altitude_nodes, resolve_layers
-from twilight.solvers.zones.directions import near_edges
-from twilight.solvers.zones.sunlight import make_sunlight
+from twilight.solvers.zones.air_needs import altitude_nodes, near_edges, resolve_layers
+from twilight.solvers.zones.constants import MAX_INTERVAL_RATIO
+from twilight.solvers.zones.first_order import make_sunlight
 from twilight.transport.beam import beam_at, prepare_beam
-from twilight.transport.lines import ALTITUDE
+from twilight.transport.lines import ALTITUDE, trace_rays
 from twilight.transport.profile import prepare_profile
-from twilight.transport.ray_bundle import trace_rays
 
 WAVELENGTH_NM = np.array([550.0])
 STANDARD = zones.QUALITIES["standard"]

@@ -14,9 +14,9 @@ from twilight.base.errors import TwilightWarning
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.zones.altitudes import altitude_nodes, resolve_layers
-from twilight.solvers.zones.aureole import HIGHEST_DEGREE, forward_peak
-from twilight.solvers.zones.directions import with_degree
+from twilight.solvers.zones.air_needs import altitude_nodes, resolve_layers, with_degree
+from twilight.solvers.zones.aureole import forward_peak
+from twilight.solvers.zones.constants import HIGHEST_DEGREE
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
 

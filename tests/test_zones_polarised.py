@@ -14,9 +14,14 @@ from twilight.atmosphere.medium_table import medium_from_table
 from twilight.base.errors import TwilightError
 from twilight.numerics.phase import rayleigh_matrix
 from twilight.solvers import zones
-from twilight.solvers.zones.grid import even_harmonics, make_angles
-from twilight.solvers.zones.spin2_harmonics import scattering_geometry, spin2_degrees_and_orders, spin2_harmonics
-from twilight.transport.matrix_moments import wigner_d
+from twilight.solvers.zones.angles import (
+    even_harmonics,
+    make_angles,
+    scattering_geometry,
+    spin2_degrees_and_orders,
+    spin2_harmonics,
+)
+from twilight.transport.scaling import wigner_d
 
 STRAIGHT = replace(zones.QUALITIES["standard"], refraction=False, bent_lines_of_sight=False, bent_paths=False)
 
@@ -60,7 +65,7 @@ def scattered_by_rotations(matrix, field, weight, here, there) -> np.ndarray:
 
 
 def test_scattering_keeps_every_spin2_harmonic_and_multiplies_it_by_a_moment():
-    """All rules at the head of `spin2_harmonics`, signs included, for a matrix of random moments and for air."""
+    """All rules at the head of `angles`, signs included, for a matrix of random moments and for air."""
     degree = 5
     x, w = np.polynomial.legendre.leggauss(24)
     around = np.arange(32) * 2 * np.pi / 32

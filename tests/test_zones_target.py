@@ -15,8 +15,8 @@ from twilight.base.errors import TwilightWarning
 from twilight.config import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.zones import target
-from twilight.solvers.zones.target import MEASURED_ERRORS, Errors, expected_error, kind_of, quality_for
+from twilight.solvers.zones import solver
+from twilight.solvers.zones.solver import MEASURED_ERRORS, Errors, expected_error, kind_of, quality_for
 
 TABLE = Path(__file__).parents[1] / "benchmarks" / "zones_error.csv"
 KINDS = {
@@ -46,7 +46,7 @@ def errors_of_climates():
     with open(TABLE, newline="", encoding="utf-8") as file:
         for r in csv.DictReader(line for line in file if line[0] != "#"):
             sun = float(r["sun_elevation_deg"])
-            place = 0 if sun >= target.LAST_DAY_DEG else 1 if sun >= target.LAST_TWILIGHT_DEG else 2
+            place = 0 if sun >= solver.LAST_DAY_DEG else 1 if sun >= solver.LAST_TWILIGHT_DEG else 2
             errors = found.setdefault((r["quality"], r["climate"]), [0.0, 0.0, 0.0])
             errors[place] = max(errors[place], float(r["excess_percent"]))
     return found
@@ -81,7 +81,7 @@ def test_the_errors_hold_in_air_that_the_rule_does_not_know():
             if quality == r["quality"] and kind_among(climate) == r["kind"] and climate != r["climate"]
         ]
         assert float(r["got_percent"]) == measured[r["quality"], r["climate"]][place]
-        assert float(r["promised_percent"]) == pytest.approx(target.SAFETY_FACTORS[r["kind"]] * max(others), abs=0.01)
+        assert float(r["promised_percent"]) == pytest.approx(solver.SAFETY_FACTORS[r["kind"]] * max(others), abs=0.01)
         assert float(r["got_percent"]) <= float(r["promised_percent"]), r
 
 
@@ -98,7 +98,7 @@ def test_the_cheapest_quality_that_is_good_enough():
 def test_a_field_is_solved_once_at_the_quality_that_was_chosen(monkeypatch):
     fine = air("continental-average")
     few = replace(SMALL, altitude_density=0.5)
-    monkeypatch.setattr(target, "QUALITIES", {"draft": SMALL, "standard": few, "reference": SMALL})
+    monkeypatch.setattr(solver, "QUALITIES", {"draft": SMALL, "standard": few, "reference": SMALL})
     settings = replace(zones.QUALITIES["standard"], target_error=0.014, max_orders=2, tolerance=0.0)
     field = zones.prepare(fine, settings, sun_elevations_deg=[10.0])
     assert field.settings == replace(few, target_error=0.014, max_orders=2)

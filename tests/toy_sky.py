@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from twilight.numerics.grids import texture_grid
+from twilight.numerics.directions import texture_grid
 from twilight.sky.sky import Sky
 
 SUN_AZIMUTH = 235.0

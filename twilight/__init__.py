@@ -17,7 +17,7 @@ __version__ = "0.1.0"
 _WHERE = {
     "Climate": "twilight.config",
     "Config": "twilight.config",
-    "Direction": "twilight.engine.towards",
+    "Direction": "twilight.engine.surfaces",
     "Field": "twilight.api.calls",
     "Medium": "twilight.atmosphere.medium",
     "Sky": "twilight.api.representation",

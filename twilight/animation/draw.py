@@ -13,7 +13,7 @@ import numpy as np
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
 from twilight.jit.simd import LANES, broadcast, exp, load, store
-from twilight.numerics.orientation import PHASE_COUNT
+from twilight.numerics.directions import PHASE_COUNT
 from twilight.sky.table import DARKEST, SkyTable
 from twilight.viewer.colours import CHANNELS
 from twilight.viewer.textures import NO_LIGHT, padded_columns

@@ -26,22 +26,21 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.base.reading import stored_arrays
 from twilight.base.whole_files import check_file, check_folder, whole_file
+from twilight.config.pictures import View
 from twilight.config.scene import Config
-from twilight.config.view import View
-from twilight.engine import Problem
+from twilight.engine import solve
 from twilight.engine.night import check_stars
 from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT, SunTables, suns_between
 from twilight.engine.table import first_columns, first_rows, with_ground
 from twilight.io.eight_bit import to_bytes
 from twilight.io.journal import locked
 from twilight.io.provenance import configuration_hash
-from twilight.numerics.orientation import azimuth_elevation
+from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import PROJECTIONS
-from twilight.scene import resolve
+from twilight.scene import Scene, resolve
 from twilight.sky.moon import Moon
 from twilight.sky.table import SkyTable
-from twilight.sky.tone import Shot, Tone, tone_of
-from twilight.sky.tone.eye import adapt
+from twilight.sky.tone import Shot, Tone, adapt, tone_of
 from twilight.viewer import check_altitudes, lines
 from twilight.viewer.colours import Channels
 from twilight.viewer.moonlight import MoonColours
@@ -121,7 +120,7 @@ class Animation:
         to_deg: float | None = None,
         frames: int | None = None,
         nodes: tuple[int, int] = (ROW_COUNT, COLUMN_COUNT),
-        problem: Problem | None = None,
+        scene: Scene | None = None,
     ):
         self.config, self.output, self.frames_per_second = config, output, frames_per_second
         self.view = config.observer.view or View(**USUAL_VIEW)
@@ -138,11 +137,8 @@ class Animation:
         lit_from = [*self.line.elevation_deg, *(moon.elevation_deg for moon in self.moons or () if moon.shines)]
         self._lit_deg = min(lit_from), max(lit_from)
         self.suns_deg = suns_between(*self._lit_deg)
-        if problem is None:
-            problem = Problem(resolve(config), tuple(float(s) for s in self.suns_deg), cached=True)
-        self.problem = problem
-        check_altitudes(self.problem.scene, None, config.title)
-        scene = self.problem.scene
+        self.scene = scene = resolve(config) if scene is None else scene
+        check_altitudes(scene, None, config.title)
         self._rows_deg = first_rows(*with_ground(scene, scene.altitude_km), nodes[0])
         self._columns_deg = first_columns(nodes[1])
         if output.suffix:
@@ -193,9 +189,9 @@ class Animation:
         path = self.folder / f"tables-{self._scene[:32]}.npz"
         arrays = stored_arrays(path)
         if arrays is None:
-            solved = self.problem.solve(part_of(progress, 0.0, 0.5, "field"))
+            solved = solve(self.scene, self.suns_deg.tolist(), part_of(progress, 0.0, 0.5, "field"))
             channels = Channels(solved.medium.wavelength_nm, self.config.solar_spectrum, self._measures)
-            altitude = self.problem.scene.altitude_km
+            altitude = self.scene.altitude_km
             tables = SunTables(solved, altitude, rows_deg=self._rows_deg, columns_deg=self._columns_deg)
             spectra = tables.between(*self._lit_deg, part_of(progress, 0.5, 0.5, "tables"))
             table = spectra.seen(channels.of)
@@ -225,7 +221,7 @@ class Animation:
     def _scene(self) -> str:
         """A hash of all that the tables depend on."""
         name, _, settings = self.config.chosen_solver
-        medium = self.problem.scene.medium
+        medium = self.scene.medium
         content = hashlib.sha256()
         for value in (v for k, v in sorted(vars(medium).items()) if isinstance(v, np.ndarray)):
             content.update(np.ascontiguousarray(value).tobytes())
@@ -237,7 +233,7 @@ class Animation:
                 "code": code_digest("twilight.animation.film", solvers.SOLVERS[name]),
                 "medium": content.hexdigest(),
                 "settings": repr(settings),
-                "altitude_km": self.problem.scene.altitude_km,
+                "altitude_km": self.scene.altitude_km,
                 "suns_deg": self.suns_deg.tolist(),
                 "nodes": [self._rows_deg.tolist(), self._columns_deg.tolist()],
                 "solar_spectrum": self.config.solar_spectrum,

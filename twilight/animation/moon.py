@@ -12,8 +12,7 @@ from twilight.animation.timeline import FilmTimeline
 from twilight.config.scene import Config
 from twilight.config.sun import SunInterval
 from twilight.scene.moons import placed_moon
-from twilight.sky.moon import Moon, moon_over
-from twilight.sky.moon.disc import disc_integral, surface, towards_sun
+from twilight.sky.moon import Moon, disc_integral, moon_over, surface, towards_sun
 from twilight.viewer.moonlight import MoonColours
 
 PIECE_DEG = 0.03

@@ -13,7 +13,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Config
 from twilight.config.sun import SunInterval
 from twilight.engine.night import NightLight, levels_of, night_light, star_sky, without_points
-from twilight.numerics.orientation import direction
+from twilight.numerics.directions import direction
 from twilight.sky.night import Place
 from twilight.sky.night.points import Raster, StarSky
 from twilight.viewer.colours import Channels

@@ -9,7 +9,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.extras import is_installed, missing
-from twilight.sky.quantities.catalogue import Of, Quantity, unit_of
+from twilight.sky.quantities.measure import Of, Quantity, unit_of
 
 if TYPE_CHECKING:
     import pandas

@@ -23,14 +23,12 @@ from twilight.api.types import (
 )
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
-from twilight.engine.light import LightField, check_sources
-from twilight.engine.light_setup import field_for
-from twilight.engine.moments import Moments, moments_at
-from twilight.engine.surfaces import Surface
-from twilight.engine.towards import Direction, towards
+from twilight.engine.light import LightField, check_sources, field_for
+from twilight.engine.light_sources import Moments, moments_at
+from twilight.engine.surfaces import Direction, Surface, towards
 from twilight.sky.ephemeris import parse_time
-from twilight.sky.quantities.catalogue import Of, Quantity, check_of, unit_of
-from twilight.sky.quantities.catalogue import quantity as quantity_of
+from twilight.sky.quantities.measure import Of, Quantity, check_of, unit_of
+from twilight.sky.quantities.measure import quantity as quantity_of
 from twilight.sky.twilight_times import time_of
 
 if TYPE_CHECKING:

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
+
 from twilight.api.arguments import config_of
 from twilight.api.representation import Sky
 from twilight.api.types import SceneLike
@@ -18,7 +20,7 @@ from twilight.io.netcdf import read_sky as read_stored
 from twilight.studies.camera import CameraModel, read_camera
 from twilight.studies.camera.image import SUFFIXES
 from twilight.studies.validate.photographs.airs import OTHERS
-from twilight.studies.validate.photographs.estimated import Estimate, estimate_air
+from twilight.studies.validate.photographs.estimated import Estimate, Given, estimate_air
 from twilight.studies.validate.photographs.photograph import Photograph, read_photograph
 
 __all__ = ["Estimate", "estimate", "read_sky"]
@@ -28,15 +30,18 @@ TYPES = ("continental_average", "maritime_clean", "desert", "urban")
 
 
 def estimate(
-    picture: str | Path | Photograph,
+    picture: str | Path | Photograph | Sequence[str | Path | Photograph],
     scene: SceneLike = "continental-average",
     *,
     camera: str | Path | CameraModel | None = None,
-    sun_elevation_deg: float | None = None,
+    field_of_view_deg: float | None = None,
+    sun_elevation_deg: float | Sequence[float] | None = None,
     sun_azimuth_deg: float | None = None,
     types: Sequence[str] = TYPES,
     parameters: Sequence[str] = ("ozone", "albedo"),
-    white_balance: bool = False,
+    white_balance: bool | None = None,
+    tone_curve: bool | None = None,
+    brightness: bool = True,
     colour: bool = True,
     refine: bool = False,
     profile: str | Path | None = None,
@@ -46,29 +51,32 @@ def estimate(
     glare_deg: float = 10.0,
     resolution_deg: float = 3.0,
     settings: Mapping[str, object] | None = None,
-    name: str | None = None,
+    name: str | Sequence[str] | None = None,
     progress: Progress = silent,
 ) -> Estimate:
-    """The air from a photograph of a clear sky.
+    """The air from a photograph of a clear sky, or from several of one evening.
 
     Parameters
     ----------
     picture
-        HDR, EXR, TIFF, PNG, JPEG or RAW.
+        HDR, EXR, TIFF, PNG, JPEG or RAW; several are of one camera that was not moved, and of one air.
     scene
         As of `render`: all that is not estimated.  Its sun counts where it is given: an elevation, a place and time, or
-        several elevations to search between; otherwise all elevations are searched.
+        several elevations to search between; otherwise that of the file's time and place, or all are searched.
     camera
-        File of a camera or its model; None: a panorama of the whole sphere, twice as wide as high.  A picture of any
-        other projection needs its `orientation.elevation_deg`: none is taken as level.
+        File of a camera or its model; None: a panorama of the whole sphere, twice as wide as high, or what the file
+        says.  Where neither says the angle above the horizontal, that is found by the horizon, or with the air.
+    field_of_view_deg
+        Across the width, of a picture whose file does not say the focal length.
     sun_elevation_deg, sun_azimuth_deg
-        Of the sun: true elevation, and azimuth in the camera's azimuths; None: found.
+        Of the sun: true elevation (of every picture of a series), and azimuth in the camera's azimuths; None: found.
     types, parameters
         Aerosol types to try, and what is estimated beside the optical depth: `ozone`, `albedo`.
-    white_balance
-        Gains of red, green and blue are free beside the exposure.
-    colour
-        Whether colours count, or luminance alone.
+    white_balance, tone_curve
+        Gains of red, green and blue, and a curve of two numbers, are free beside the exposure; None: where a camera
+        made a picture to look at (8 or 16 bits of sRGB).
+    brightness, colour
+        Whether differences of brightness over the sky count, and of colour.
     refine
         The fit ends with the sky of the scene's own solver, screen, night and observer; otherwise all is `compact`'s.
     profile, mask, automatic_mask, min_elevation_deg, glare_deg, resolution_deg
@@ -92,7 +100,12 @@ def estimate(
     TwilightError
         For whatever is not allowed or cannot be found in the picture, in one sentence.
     """
-    chosen = {} if sun_elevation_deg is None else {"sun": {"elevation_deg": float(sun_elevation_deg)}}
+    pictures = [picture] if isinstance(picture, str | Path | Photograph) else list(picture)
+    if not pictures:
+        raise TwilightError("picture: none is given")
+    if not (brightness or colour):
+        raise TwilightError("brightness, colour: one of them must count")
+    suns = None if sun_elevation_deg is None else np.atleast_1d(np.asarray(sun_elevation_deg, float)).tolist()
     known = {p.name for p in OTHERS}
     for what, names, allowed in (("types", types, set(get_args(AerosolType))), ("parameters", parameters, known)):
         for one in names:
@@ -100,35 +113,43 @@ def estimate(
                 raise TwilightError(f"{what}: {one} {unknown(one, sorted(allowed), what[:-1])}")
     if not types:
         raise TwilightError("types: names no aerosol type")
-    if isinstance(picture, Photograph):
-        photograph, name = picture, name or "photograph"
-    else:
-        name = name or Path(picture).name
-        photograph = read_photograph(
-            picture,
-            camera if camera is None or isinstance(camera, CameraModel) else read_camera(camera),
-            cell_deg=resolution_deg,
-            profile=profile,
-            mask_image=mask,
-            automatic=automatic_mask,
-            min_elevation_deg=min_elevation_deg,
-            glare_deg=glare_deg,
+    called = [name] * len(pictures) if name is None or isinstance(name, str) else list(name)
+    names, photographs = [], []
+    for one, known_as in zip(pictures, called, strict=True):
+        if isinstance(one, Photograph):
+            names.append(known_as or "photograph")
+            photographs.append(one)
+            continue
+        names.append(known_as or Path(one).name)
+        photographs.append(
+            read_photograph(
+                one,
+                camera if camera is None or isinstance(camera, CameraModel) else read_camera(camera),
+                cell_deg=resolution_deg,
+                profile=profile,
+                mask_image=mask,
+                automatic=automatic_mask,
+                min_elevation_deg=min_elevation_deg,
+                glare_deg=glare_deg,
+                field_of_view_deg=field_of_view_deg,
+            )
         )
-    config = config_of(scene, {**chosen, "texture": {"resolution_deg": photograph.cell_deg}}, settings=settings)
-    found = estimate_air(
-        name,
-        photograph,
-        config,
+    texture = {"resolution_deg": photographs[0].cell_deg}
+    config = config_of(scene, {"texture": texture}, settings=settings)
+    says = Given(
         list(dict.fromkeys(types)),
         parameters,
-        sun_azimuth_deg=sun_azimuth_deg,
-        white_balance=white_balance,
-        with_colour=colour,
-        refine=refine,
-        progress=progress,
+        sun_azimuth_deg,
+        suns,
+        white_balance,
+        tone_curve,
+        brightness,
+        colour,
+        refine,
     )
+    found = estimate_air(names, photographs, config, says, progress)
     if not found.fits:
-        warnings.warn(f"{name}: {found.sentences()[0]}", TwilightWarning, stacklevel=2)
+        warnings.warn(f"{found.picture}: {found.sentences()[0]}", TwilightWarning, stacklevel=2)
     return found
 
 

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twilight.base.progress import Progress
-from twilight.engine.surfaces import Surface
-from twilight.engine.towards import Direction
+from twilight.engine.surfaces import Direction, Surface
 
 if TYPE_CHECKING:
     from twilight.config import Config
@@ -79,7 +78,7 @@ PlaceLike = tuple[float, float] | PvlibLocation | AstropyLocation
 AnglesLike = ArrayLike | AstropyQuantity
 """Angles [deg], or astropy's with their unit; xarray's DataArray is an array."""
 Target = str | Direction | Surface
-"""What light is asked of; text is read by `twilight.engine.towards`."""
+"""What light is asked of; text is read by `twilight.engine.surfaces`."""
 TargetsLike = Target | Sequence[Target] | tuple[AnglesLike, AnglesLike] | AstropyAltAz
 """One target or several, or the elevations and azimuths of directions."""
 

@@ -61,7 +61,7 @@ def prague(
     import numpy as np
 
     from twilight.base.whole_files import check_file
-    from twilight.engine.solve import solve
+    from twilight.engine.field import solve
     from twilight.scene import resolve
     from twilight.studies.export.prague import SUN_DEG, PragueMaker
     from twilight.studies.export.prague_air import airs_of, channel_nodes

@@ -46,8 +46,8 @@ def light(
     """
     from twilight.api.light import light as light_of
     from twilight.engine.surfaces import Surface
-    from twilight.engine.towards import towards as read
-    from twilight.sky.quantities.catalogue import quantity as known
+    from twilight.engine.surfaces import towards as read
+    from twilight.sky.quantities.measure import quantity as known
 
     options.check_range(latitude, "--latitude", -90.0, 90.0)
     options.check_range(longitude, "--longitude", -180.0, 360.0)

@@ -67,7 +67,7 @@ def solver_names(incomplete: str) -> list[str]:
 
 
 def _starting(kind: str, incomplete: str) -> list[str]:
-    from twilight.config.library import shipped
+    from twilight.config.load import shipped
 
     return [name for name in shipped(kind) if name.startswith(incomplete)]
 

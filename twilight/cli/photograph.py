@@ -12,7 +12,10 @@ from twilight.cli.options import argument, flag, option
 Image = Annotated[Path, argument("IMAGE", "HDR, EXR, TIFF, PNG, JPEG or RAW.")]
 CameraFile = Annotated[
     Path | None,
-    option("CAMERA.yaml", "Projection, lens, orientation and response; unset: a panorama twice as wide as high."),
+    option("CAMERA.yaml", "Projection, lens, orientation, response; unset: a panorama (2:1), or what the file says."),
+]
+FieldOfView = Annotated[
+    float | None, option("DEG", "Across the width of a picture whose file does not say the focal length in 35 mm.")
 ]
 WhiteBalance = Annotated[bool, flag("--white-balance", "Free gains of red, green and blue besides the exposure.")]
 Azimuth = Annotated[
@@ -44,6 +47,7 @@ def open_photograph(
     min_elevation_deg: float,
     glare_deg: float,
     resolution_deg: float,
+    field_of_view_deg: float | None = None,
 ) -> Any:
     """The `Photograph` of these options; errors: TwilightError for an option out of range and files that are wrong."""
     from twilight.studies.camera import read_camera
@@ -59,9 +63,10 @@ def open_photograph(
         automatic=automatic,
         min_elevation_deg=min_elevation_deg,
         glare_deg=glare_deg,
+        field_of_view_deg=field_of_view_deg,
     )
-    if camera is None:
-        taken = photograph.camera
+    taken = photograph.camera
+    if camera is None and taken.projection == "latlong":
         print(
             f"twilight: no --camera: {image.name} is taken for a panorama of the whole sphere, "
             f"{taken.image.width_px} x {taken.image.height_px}, north unknown, {taken.response}",

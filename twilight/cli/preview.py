@@ -84,7 +84,7 @@ def _sky(config: Config, sun: str) -> Sky:
 
 def wait_s(config: Config, compiles: bool) -> float | None:
     """Processor seconds until the sky of a configuration is there, about, where they are worth a preview; else None."""
-    from twilight.engine.memory import full_cost  # start-up
+    from twilight.engine.problem import full_cost  # start-up
     from twilight.scene import resolve  # start-up
 
     seconds = full_cost(resolve(config, for_plan=True)).cpu_s

@@ -247,7 +247,7 @@ def _print_plans(cases: list[Any]) -> None:
 
 def _sizes(scene: Any) -> list[str]:
     """What a scene costs; of a solver that does not say what its field costs, the cost of the arrays alone."""
-    from twilight.engine.memory import full_cost
+    from twilight.engine.problem import full_cost
 
     sizes = full_cost(scene)
     blocks = f"{sizes.blocks} of {min(sizes.max_wavelengths, sizes.wavelengths)}"

@@ -56,7 +56,7 @@ def show(
 def _climates() -> None:
     """The climates that come with twilight, with their aerosol optical depth at 550 nm."""
     from twilight.config import load_climate
-    from twilight.config.library import shipped
+    from twilight.config.load import shipped
     from twilight.scene.medium import climate_medium
 
     rows = []
@@ -70,7 +70,7 @@ def _climates() -> None:
 def _configs() -> None:
     """The configurations that come with twilight."""
     from twilight.config import load_series
-    from twilight.config.library import shipped
+    from twilight.config.load import shipped
     from twilight.scene.suns import count_suns
 
     rows = []
@@ -108,6 +108,10 @@ def _solvers(name: str | None) -> None:
         rows = [[key, *(_as_text(preset[key]) for preset in presets.values()), why.get(key, "")] for key in keys]
         if rows:
             print_table([title, *presets, "what it is"], rows, right=tuple(range(1, 1 + len(presets))))
+    tuned = getattr(load(name), "tuned_numbers", None)
+    if tuned is not None:
+        columns = ["tuned number", "value", "unit", "for air", "test", "what it does"]
+        print_table(columns, [[row.name, str(row.value), *row[2:]] for row in tuned()], right=(1,))
 
 
 def _as_text(value: Any) -> str:

@@ -33,8 +33,7 @@ def sweep(
 ) -> None:
     """Compute the skies of a configuration's `vary` section into one dataset for xarray. A rerun continues."""
     from twilight.base.whole_files import check_folder
-    from twilight.config.load import load_axes
-    from twilight.config.slips import warn_of_slips
+    from twilight.config.load import load_axes, warn_of_slips
     from twilight.scene.suns import count_suns
     from twilight.studies.sweep.sweep import Sweep
 

@@ -54,7 +54,7 @@ def timeline(
     from twilight.base.whole_files import check_file
     from twilight.config.load import load
     from twilight.config.validate import unknown
-    from twilight.engine.light_setup import field_for
+    from twilight.engine.light import field_for
     from twilight.sky.ephemeris import parse_time
     from twilight.sky.twilight_times import time_of, today_at, twilight_times
     from twilight.studies.timeline import timeline as work

@@ -7,18 +7,24 @@ from typing import Annotated, Any
 
 from twilight.cli import options
 from twilight.cli import photograph as photo_options
-from twilight.cli.options import flag, option
+from twilight.cli.options import argument, flag, option
 from twilight.cli.terminal import print_table, progress_bar
 
 
 def estimate(
-    image: photo_options.Image,
+    images: Annotated[
+        list[Path], argument("IMAGE...", "HDR, EXR, TIFF, PNG, JPEG or RAW; several: one evening, one still camera.")
+    ],
     config: Annotated[
         str, option("CLIMATE_OR_CONFIG", "All that is not estimated; its sun counts where it is given.")
     ] = "continental-average",
     camera: photo_options.CameraFile = None,
+    field_of_view: photo_options.FieldOfView = None,
     sun_elevation: Annotated[
-        float | None, option("DEG", "True elevation of the sun; unset: the scene's, its disc's, or searched.")
+        str | None,
+        option(
+            "DEG,...", "True elevation of the sun, of every picture; unset: the scene's, Exif's, its disc's, searched."
+        ),
     ] = None,
     types: Annotated[
         str, option("NAMES", "Aerosol types to try, with commas between.")
@@ -27,8 +33,15 @@ def estimate(
         str, option("NAMES", "Besides the aerosol's optical depth: ozone, albedo, or none.")
     ] = "ozone,albedo",
     refine: Annotated[bool, flag("--refine", "End with skies of the scene's own solver, not of compact.")] = False,
-    white_balance: photo_options.WhiteBalance = False,
+    white_balance: Annotated[
+        bool | None,
+        flag("--white-balance/--no-white-balance", "Free gains of red, green and blue; unset: of developed pictures."),
+    ] = None,
+    tone_curve: Annotated[
+        bool | None, flag("--tone-curve/--no-tone-curve", "A free curve of two numbers; unset: of developed pictures.")
+    ] = None,
     no_colour: Annotated[bool, flag("--no-colour", "Use the luminance only.")] = False,
+    no_brightness: Annotated[bool, flag("--no-brightness", "Use the colours only.")] = False,
     sun_azimuth: photo_options.Azimuth = None,
     profile: photo_options.Skyline = None,
     mask: photo_options.MaskImage = None,
@@ -39,53 +52,63 @@ def estimate(
     settings: photo_options.Settings = None,
     output: photo_options.Folder = None,
 ) -> None:
-    """Estimate aerosol, ozone, ground albedo and, where it is not given, the sun's elevation from a photograph.
+    """Estimate aerosol, ozone, ground albedo and, where it is not given, the sun's elevation from photographs.
 
-    Fits skies of the solver compact and compares the best with the photograph.  Says first where that does not fit, and
-    what the photograph cannot tell.  Writes estimate.json, climate.yaml, which holds what was told, and what `twilight
-    validate photo` writes.
+    Fits skies of the solver compact and compares the best with the photographs.  Says first where that does not fit,
+    and what they cannot tell.  Writes estimate.json, climate.yaml, which holds what was told, and what `twilight
+    validate photo` writes, of several pictures in a folder each.
     """
     import twilight
     from twilight.base.progress import part_of
     from twilight.base.whole_files import check_folder, whole_file
-    from twilight.studies.validate.photographs.report import write_json
+    from twilight.studies.validate.photographs.figure import write_json
 
-    options.check_range(sun_elevation, "--sun-elevation", -18.0, 90.0)
+    suns = None if sun_elevation is None else options.parse_numbers(sun_elevation, "--sun-elevation", -18.0, 90.0)
     chosen, names = options.settings_of(settings)
     loaded = options.load_one_scene(config, chosen, names, "validate estimate")
-    photograph = photo_options.open_photograph(
-        image,
-        camera,
-        sun_azimuth,
-        profile=profile,
-        mask=mask,
-        automatic=not no_automatic_mask,
-        min_elevation_deg=min_elevation,
-        glare_deg=glare,
-        resolution_deg=resolution,
-    )
-    folder = options.output_folder(output, "estimate", image.stem, "photo")
+    photographs = [
+        photo_options.open_photograph(
+            image,
+            camera,
+            sun_azimuth,
+            profile=profile,
+            mask=mask,
+            automatic=not no_automatic_mask,
+            min_elevation_deg=min_elevation,
+            glare_deg=glare,
+            resolution_deg=resolution,
+            field_of_view_deg=field_of_view,
+        )
+        for image in images
+    ]
+    folder = options.output_folder(output, "estimate", images[0].stem, "photo")
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with progress_bar() as bar:
         found = twilight.estimate(
-            photograph,
+            photographs,
             loaded,
-            sun_elevation_deg=sun_elevation,
+            sun_elevation_deg=suns,
             sun_azimuth_deg=sun_azimuth,
             types=_names(types),
             parameters=[] if parameters.strip() == "none" else _names(parameters),
             white_balance=white_balance,
+            tone_curve=tone_curve,
+            brightness=not no_brightness,
             colour=not no_colour,
             refine=refine,
-            name=image.name,
+            name=[image.name for image in images],
             progress=part_of(bar, 0.0, 0.9),
         )
         bar("comparing", 0.9)
         write_json(folder / "estimate.json", found.facts())
         with whole_file(folder / "climate.yaml") as temporary:
             temporary.write_text(found.climate_yaml(), encoding="utf-8")
-        write_comparison(found, folder)
+        others = found.other_suns()
+        for k, shown in enumerate(found.shown):
+            where = folder if len(images) == 1 else folder / f"{k + 1:02d}-{Path(shown.name).stem}"
+            where.mkdir(parents=True, exist_ok=True)
+            write_comparison(found, shown, where, others)
     for line in found.sentences():
         print(line)
     _print_tables(found)
@@ -96,26 +119,27 @@ def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-def write_comparison(found: Any, folder: Path) -> None:
-    """Write what `twilight validate photo` writes of the estimate's own sky."""
-    from twilight.studies.validate.photographs.figure import write_figure
-    from twilight.studies.validate.photographs.report import write_dataset, write_json, write_profiles
+def write_comparison(found: Any, shown: Any, folder: Path, others: Any) -> None:
+    """Write what `twilight validate photo` writes of the estimate's own sky of one picture."""
+    from twilight.studies.validate.photographs.figure import write_dataset, write_figure, write_json, write_profiles
 
+    sky = found.sky if shown is found.shown[0] else found.sky_of(shown)
+    seen, comparison = (found.seen, found.comparison) if shown is found.shown[0] else found.compared(shown, sky)
     facts = {
-        "photograph": found.picture,
+        "photograph": shown.name,
         "scene": found.given.title,
-        "sun_elevation_deg": found.sun_elevation_deg,
-        "sun_azimuth_deg": found.sun_azimuth_deg,
-        "masked": found.seen.mask.taken,
-        "figures": found.comparison.figures,
-        "computed_sky": found.sky.provenance,
+        "sun_elevation_deg": shown.sun_elevation_deg,
+        "sun_azimuth_deg": shown.sun_azimuth_deg,
+        "masked": seen.mask.taken,
+        "figures": comparison.figures,
+        "computed_sky": sky.provenance,
     }
-    lines = (f"sun {found.sun_elevation_deg:+.2f} deg, {found.best.aerosol_type}", *found.remarks)
-    drawn = (found.comparison, found.seen.panorama, found.seen.mask)
-    write_figure(folder / "comparison.png", *drawn, title=found.picture, lines=lines)
+    lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {found.best.aerosol_type}", *found.remarks)
+    drawn = (comparison, seen.panorama, seen.mask)
+    write_figure(folder / "comparison.png", *drawn, title=shown.name, lines=lines, others=others)
     write_json(folder / "figures.json", facts)
-    write_profiles(folder / "profiles.csv", found.comparison)
-    write_dataset(folder / "comparison.h5", found.comparison, facts)
+    write_profiles(folder / "profiles.csv", comparison)
+    write_dataset(folder / "comparison.h5", comparison, facts)
 
 
 def _print_tables(found: Any) -> None:

@@ -19,6 +19,7 @@ def photo(
     image: photo_options.Image,
     config: Annotated[str, option("CLIMATE_OR_CONFIG", "The scene to compare with; several suns are tried in turn.")],
     camera: photo_options.CameraFile = None,
+    field_of_view: photo_options.FieldOfView = None,
     white_balance: photo_options.WhiteBalance = False,
     sun_azimuth: photo_options.Azimuth = None,
     profile: photo_options.Skyline = None,
@@ -50,6 +51,7 @@ def photo(
         min_elevation_deg=min_elevation,
         glare_deg=glare,
         resolution_deg=resolution,
+        field_of_view_deg=field_of_view,
     )
     chosen["texture"] = {"resolution_deg": resolution}
     names["texture"] = "--resolution"
@@ -70,9 +72,15 @@ def compare_with_sky(
     from twilight.scene import resolve
     from twilight.scene.suns import count_suns
     from twilight.studies.validate.photographs import photo as comparing
-    from twilight.studies.validate.photographs.figure import summary, write_figure
+    from twilight.studies.validate.photographs.figure import (
+        summary,
+        write_dataset,
+        write_figure,
+        write_json,
+        write_profiles,
+        write_suns,
+    )
     from twilight.studies.validate.photographs.photograph import place_sun
-    from twilight.studies.validate.photographs.report import write_dataset, write_json, write_profiles, write_suns
 
     best: Any = None
     rows = []
@@ -84,7 +92,7 @@ def compare_with_sky(
             sky = frame.sky
             if config.output.polariser_deg is not None:
                 sky = sky.through_polariser(config.output.polariser_deg)
-            azimuth, note = place_sun(photograph, sky.sun_azimuth_deg, sun_azimuth)
+            azimuth, _, note = place_sun(photograph, sky.sun_azimuth_deg, sun_azimuth)
             apparent = (
                 sky.sun_elevation_deg if sky.apparent_sun_elevation_deg is None else sky.apparent_sun_elevation_deg
             )

@@ -24,6 +24,9 @@ def spectra(
     zenith: Annotated[
         float, option("MAG", "By how much the zenith may become fainter, sun at -4 deg and below; inf: by any.")
     ] = 0.1,
+    as_recorded: Annotated[
+        bool, flag("--as-recorded", "Do not divide by the ratio to computed light of the recording's own day.")
+    ] = False,
     free_calibration: Annotated[
         bool, flag("--free-calibration", "A factor for each wavelength, the same for all suns, is free too.")
     ] = False,
@@ -51,11 +54,15 @@ def spectra(
         raise TwilightError(f"--zenith {zenith:g}: must be 0 or more")
     chosen = options.settings_of(settings)[0]
     loaded = load(config, {"solver.quality": quality} | chosen)
-    measured = work.at_nodes(work.read_spectra(recorded, series), high, low)
+    day = high if as_recorded else max(high, work.DAY_DEG[1])
+    measured = work.at_nodes(work.read_spectra(recorded, series), day, low)
     check_folder(output)
     output.mkdir(parents=True, exist_ok=True)
     with progress_bar() as bar:
         bases = work.bases(loaded, measured, starts, bar)
+    factor = None
+    if not as_recorded:
+        measured, bases, factor = work.on_own_day(measured, bases, high)
     fits = sorted((work.fit(measured, basis, zenith, free_calibration) for basis in bases), key=lambda one: one.rms)
     rows = report.fit_rows(fits)
     report.write_fits(fits, output / "fits.csv")
@@ -64,6 +71,11 @@ def spectra(
     report.draw(measured, fits[0], output / "spectra.png", f"{recorded.name} {series or ''}".strip())
     print_table(list(report.FIT_COLUMNS), rows, right=tuple(range(len(report.FIT_COLUMNS))))
     print_table(list(report.RESIDUAL_COLUMNS), report.by_wavelength(measured, fits[0]), right=(0, 1, 2, 3, 4))
+    if factor is not None:
+        told = ", ".join(f"{f:.2f} at {nm:g} nm" for f, nm in zip(factor, measured.wavelength_nm, strict=True))
+        print(f"recorded over computed by the recording's own day, which it was divided by: {told}")
+    elif not as_recorded:
+        print(f"no spectrum with the sun at {work.DAY_DEG[0]:g} deg or above: the light is as it was recorded")
     for line in report.sentences(fits[0]):
         print(line)
     print(f"wrote fits.csv, residuals.csv, spectra.png, evening.yaml to {output}/")

@@ -1,25 +1,100 @@
-"""From a name or a file, and settings on top, to validated configurations."""
+"""From a name or a file, and settings on top, to validated configurations.
+
+Climates and configurations that come with the program are known by name.  Values that are allowed and almost surely a
+slip (a fraction meant as per cent, metres meant as kilometres) are warned of.
+"""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
-from os.path import isfile
+from difflib import get_close_matches
+from os.path import isdir, isfile
 from pathlib import Path
 from typing import Any
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.climate import Climate, climate_files
 from twilight.config.document import dotted, parse_yaml, read_yaml
-from twilight.config.library import find, shipped
 from twilight.config.scene import Config
-from twilight.config.slips import warn_of_slips
 from twilight.config.solver import choose_solver
 from twilight.config.validate import Origins, unknown, validate
 from twilight.config.vary import DRAWING, Axis, axes_of
+
+
+def shipped(kind: str) -> dict[str, Path]:
+    """Name -> file of the shipped `climates` or `configs`, sorted by name.
+
+    An installed package holds the two folders inside itself; a checkout holds them beside the package.
+    """
+    package = Path(__file__).resolve().parents[1]
+    folder = next((f for f in (package / kind, package.parent / kind) if f.is_dir()), None)
+    if folder is None:
+        raise TwilightError(f"the {kind} that come with twilight are missing from this installation: install it again")
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+NOUNS = {"climates": "climate", "configs": "configuration"}
+
+
+def find(
+    target: str | Path,
+    folder: Path = Path(),
+    kinds: tuple[str, ...] = ("climates", "configs"),
+    asked: tuple[str, ...] | None = None,
+) -> Path:
+    """The file that `target` means: a path (relative to `folder`), or the name of something shipped.
+
+    asked: the kinds that an error lists and suggests, where fewer make sense than are found.
+    Errors: TwilightError that lists the nearest names when there is no such thing.
+    """
+    asked = asked or kinds
+    noun = " or ".join(NOUNS[kind] for kind in asked)
+    text = str(target)
+    if "\0" in text or not text:
+        raise TwilightError(f"{text!r} is neither a file nor the name of a {noun}")
+    path = folder / Path(text).expanduser()
+    if isfile(path):  # unlike Path.is_file, False for a name that is too long
+        return path
+    if isdir(path):
+        raise TwilightError(f"{path}: is a folder; give the file of a {noun}")
+    found = next((names[text] for names in map(shipped, kinds) if text in names), None)
+    if found is not None:
+        return found
+    if path.suffix in (".yaml", ".yml", ".json") or "/" in text or "\\" in text:
+        beside = get_close_matches(path.stem, _files_beside(path), n=1)
+        near = get_close_matches(path.stem, [name for kind in asked for name in shipped(kind)], n=1)
+        hint = f"; did you mean {path.parent / _files_beside(path)[beside[0]]}?" if beside else ""
+        hint = hint or (f"; did you mean {near[0]}, which needs no path?" if near else f"; {_lists(asked)}")
+        raise TwilightError(f"{path}: there is no such file{hint}")
+    suggested = [name for kind in asked for name in shipped(kind)]
+    near = get_close_matches(text, suggested, n=1)
+    hint = f"did you mean {near[0]}?" if near else _names(asked)
+    raise TwilightError(f"{text} is not a {noun}; {hint}")
+
+
+def _files_beside(path: Path) -> dict[str, str]:
+    """Names of the documents in the folder of a path by their stems; none where it cannot be read."""
+    try:
+        return {one.stem: one.name for one in path.parent.iterdir() if one.suffix in (".yaml", ".yml", ".json")}
+    except OSError:
+        return {}
+
+
+def _names(kinds: tuple[str, ...]) -> str:
+    """`climates are a, b; configurations are c`, for errors."""
+    return "; ".join(f"{NOUNS[kind]}s are {', '.join(shipped(kind))}" for kind in kinds)
+
+
+def _lists(kinds: tuple[str, ...]) -> str:
+    """Where the names are listed, for errors."""
+    commands = " and ".join(f"`twilight {kind}`" for kind in kinds)
+    return f"{commands} list{'s' * (len(kinds) == 1)} those that come with the program"
+
 
 MAX_CASES = 1000
 """Scenes of a series that is rendered to files; a sweep takes more."""
@@ -305,3 +380,42 @@ def _route(dotted_key: str, where: str) -> tuple[str, ...]:
         return ("climate", *path)
     names: Iterable[str] = {*Config.model_fields, *Climate.model_fields}
     raise TwilightError(f"{where}: {path[0]} {unknown(path[0], names)}")
+
+
+LOWEST_OZONE_DU = 70.0
+"""NASA Ozone Watch has 73 DU as the lowest column measured (30 September 1994)."""
+HIGHEST_CLOSE_VIEW_KM = 100.0
+"""Altitude [km] from which a picture of the upper hemisphere alone is dark: the Karman line."""
+LARGEST_USUAL_DEPTH = 5.0
+"""Vertical optical depth at 550 nm above which a slip is likelier than a dust storm."""
+LOWEST_CO2_PPM = 100.0
+"""Least carbon dioxide that is no slip [ppm]: the last 800 000 years had 172 and more (Luethi et al. 2008)."""
+
+
+def warn_of_slips(config: Config) -> None:
+    """A TwilightWarning for each value of a configuration that is almost surely a slip."""
+    for sentence in slips(config):
+        warnings.warn(sentence, TwilightWarning, stacklevel=3)
+
+
+def slips(config: Config) -> Iterator[str]:
+    """One sentence for each, with the key, its unit and what was perhaps meant."""
+    climate = config.climate
+    if climate.aerosol is not None:
+        humidity = climate.aerosol.relative_humidity_percent
+        if 0.0 < humidity <= 1.0:
+            meant = f"{100 * humidity:g} is {100 * humidity:g} %"
+            yield f"aerosol.relative_humidity_percent is {humidity:g} %, drier than any desert; {meant}"
+        depth = climate.aerosol.optical_depth_550nm
+        if depth is not None and depth > LARGEST_USUAL_DEPTH:
+            yield f"aerosol.optical_depth_550nm is {depth:g}, more than all but the densest smoke and dust"
+    column = climate.gases.ozone.column_du
+    if column is not None and 0.0 < column < LOWEST_OZONE_DU:
+        meant = f"{column:g} mm of ozone are {100 * column:g} DU"
+        yield f"gases.ozone.column_du is {column:g} DU, less than has ever been measured; {meant}"
+    carbon_dioxide = climate.refraction.co2_ppm
+    if 0.0 < carbon_dioxide < LOWEST_CO2_PPM:
+        yield f"refraction.co2_ppm is {carbon_dioxide:g} ppm; the air has 420"
+    altitude = config.observer.altitude_km
+    if altitude >= HIGHEST_CLOSE_VIEW_KM and config.observer.view is None:
+        yield f"observer.altitude_km is {altitude:g} km, above the air; {altitude:g} m are {altitude / 1000:g} km"

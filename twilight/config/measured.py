@@ -37,8 +37,7 @@ from twilight.atmosphere.opac import opac_type
 from twilight.atmosphere.stratosphere import measured_kind
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.air import Air
-from twilight.config.climate import Climate
-from twilight.config.profile import air_profile
+from twilight.config.climate import Climate, air_profile
 from twilight.config.scene import Config
 from twilight.config.sun import SunAt, SunInterval, SunTimes
 from twilight.io.air import KINDS, PlaceAndTime, read_air_file

@@ -1,10 +1,31 @@
-"""The one way from a scene to light: `solve` for any question, `frames` and `run` for whole skies with their record."""
+"""From a scene to light, the one way for whatever shows, stores or measures it.
 
-from twilight.engine.answer import Answer
-from twilight.engine.block import Block
+    Scene --plan--> blocks of wavelengths --solve--> Field --> SkyTable --> Sky
+
+- `problem`: how a scene is solved, its blocks of wavelengths, their memory and time; `block`: one of them, solved.
+- `table` fills a `SkyTable` with light under one sun, `sun_tables` those of many suns; `one_sun` gathers the blocks.
+- `field`: `Field`, which answers for any sun, observer and direction; `solve` solves all blocks, `parts` one by one.
+- `frames`: the skies of a configuration with `view` (pictures from anywhere), `night` (night and moon) and `sunbeam`
+  (the sun's own light and its disc).
+- `light`: the light at places and times, a sum of `light_sources`, on directions and `surfaces`.
+"""
+
+from twilight.engine.field import Field, Part, parts, solve
 from twilight.engine.frames import Frame, frames, run
-from twilight.engine.memory import check_size
-from twilight.engine.solve import Field, Problem, solve
+from twilight.engine.problem import check_size, full_cost, plan
 from twilight.engine.sunbeam import Direct, Sunbeam
 
-__all__ = ["Answer", "Block", "Direct", "Field", "Frame", "Problem", "Sunbeam", "check_size", "frames", "run", "solve"]
+__all__ = [
+    "Direct",
+    "Field",
+    "Frame",
+    "Part",
+    "Sunbeam",
+    "check_size",
+    "frames",
+    "full_cost",
+    "parts",
+    "plan",
+    "run",
+    "solve",
+]

@@ -1,10 +1,17 @@
-"""`Block`: some wavelengths of a scene, solved, that answers for any sun, observer and direction."""
+"""Some wavelengths of a scene, solved: a `Block` answers for any sun, observer and direction with an `Answer`.
+
+Solved fields are cached under a SHA-256 of all that enters, the solver's code included; the solver's own file format
+guards the content of the file.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,24 +19,50 @@ from numpy.typing import ArrayLike
 from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
 from twilight.base import cache
+from twilight.base.digest import code_digest
 from twilight.base.errors import TwilightError
-from twilight.base.progress import Progress
-from twilight.engine.answer import Answer, answer_of_stokes, join, sum_terms
-from twilight.engine.directions import check_question
-from twilight.engine.field_cache import field_key
-from twilight.engine.sunbeam import Direct, Sunbeam
-from twilight.engine.table import fill, first_rows, row_breaks
-from twilight.numerics.grids import half_of
-from twilight.sky.table import SkyTable
+from twilight.base.progress import Progress, silent
+from twilight.engine.problem import VALUES_AT_ONCE, Problem
+from twilight.engine.sunbeam import Direct, Sunbeam, disc_strips
+from twilight.numerics.directions import half_of
 from twilight.solvers.base import Field, Interpolation
 from twilight.transport.scattered_once import ScatteredOnce
 
-if TYPE_CHECKING:
-    from twilight.engine.solve import Problem
 
-VALUES_AT_ONCE = 400_000
-"""Directions times wavelengths of a texture or a view that a solver is asked for at once, by rows: the memory that each
-of them takes is free before the next rows."""
+@dataclass(frozen=True)
+class Answer:
+    """What was found for some directions; sun-normalised [sr^-1].
+
+    radiance: shape of the directions plus (W,), and its standard error where there is one.
+    polarisation: the Stokes parameters Q and U, shape of the directions plus (2, W), where they were asked for and the
+        field has them (signs: `twilight.base.conventions`), and their standard error.
+    """
+
+    radiance: np.ndarray
+    standard_error: np.ndarray | None = None
+    polarisation: np.ndarray | None = None
+    polarisation_error: np.ndarray | None = None
+
+
+def join(answers: Sequence[Answer], axis: int = -1) -> Answer:
+    """One answer from those of all blocks of wavelengths; axis 0: from those of some rows of a texture each."""
+    if len(answers) == 1:
+        return answers[0]
+    parts = zip(*(vars(answer).values() for answer in answers), strict=True)
+    return Answer(*(None if part[0] is None else np.concatenate(part, axis=axis) for part in parts))  # type: ignore[arg-type]
+
+
+def answer_of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Answer:
+    """The answer that holds Stokes parameters (..., 3, W)."""
+    found = Answer(stokes[..., 0, :], None, stokes[..., 1:, :])
+    if error is None:
+        return found
+    return replace(found, standard_error=error[..., 0, :], polarisation_error=error[..., 1:, :])
+
+
+def sum_terms(answer: Answer, bands: GasBands) -> Answer:
+    """The answer for wavelengths from that for the terms of their exponential sums."""
+    return Answer(*(None if part is None else bands.sum_terms(part) for part in vars(answer).values()))  # type: ignore[arg-type]
 
 
 class Block:
@@ -39,17 +72,19 @@ class Block:
     ----------
     problem
         What the block is a part of.
+    index
+        Which of its parts: it is solved for the observer of the scene.
+    progress
+        Called with how far a field is, then and when it has to be solved for another observer.
+
+    Attributes
+    ----------
     wavelengths
         Range of indices into the wavelengths of the problem's scene.
     medium
         The medium at these wavelengths.
     bands
         Exponential sums of these wavelengths, whose terms are solved in place of the wavelengths; None: no gas bands.
-    progress
-        Called with how far a field is that has to be solved for another observer.
-
-    Attributes
-    ----------
     field
         The solver's own field (of the terms), of the observer who was asked for last.
     from_disk
@@ -58,29 +93,18 @@ class Block:
         The medium with a column for each term in place of each wavelength; without bands the medium itself.
     """
 
-    field: Field
-
-    def __init__(
-        self, problem: Problem, wavelengths: slice, medium: Medium, bands: GasBands | None, progress: Progress
-    ):
+    def __init__(self, problem: Problem, index: int, progress: Progress = silent):
         self.problem, self.scene = problem, problem.scene
-        self.wavelengths, self.medium, self.bands = wavelengths, medium, bands
+        self.wavelengths = problem.slices[index]
+        self.medium, self.bands = problem.part(index)
         self.capabilities = problem.scene.capabilities
         self.from_disk = False
-        self.term_medium = medium if bands is None else bands.expand(medium)
+        self.term_medium = self.medium if self.bands is None else self.bands.expand(self.medium)
         self.sunbeam = Sunbeam(self.term_medium, self.capabilities.kind != "transport" or problem.numpy_only_sun)
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
         self._once: ScatteredOnce | None = None
-
-    @classmethod
-    def solve(
-        cls, problem: Problem, wavelengths: slice, medium: Medium, bands: GasBands | None, progress: Progress
-    ) -> Block:
-        """Solve the field of some wavelengths for the observer of the scene; arguments as of the class."""
-        block = cls(problem, wavelengths, medium, bands, progress)
-        block.field = block._prepare(block._altitude_km)
-        return block
+        self.field: Field = self._prepare(self._altitude_km)
 
     def _prepare(self, altitude_km: float) -> Field:
         """The field for an observer, from the cache where it has it."""
@@ -233,31 +257,83 @@ class Block:
         mirrored[:, azimuth_deg > 180.0, 1] *= -1.0
         return Answer(half.radiance[:, back], None, mirrored)
 
-    def table(
-        self,
-        sun_elevation_deg: float,
-        observer_altitude_km: float | None = None,
-        *,
-        rows_deg: np.ndarray | None = None,
-        columns_deg: np.ndarray | None = None,
-        **limits: Any,
-    ) -> SkyTable:
-        """The sky of one sun on nodes that are as close as its light needs: `twilight.engine.table.fill`.
-
-        rows_deg, columns_deg: nodes to begin with, those of another table; None: the usual.  limits: as of `fill`.
-        """
-        altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
-        if self._once is None or self._once.altitude_km != altitude:
-            self._once = ScatteredOnce(self.medium, self.bands, altitude, aerosol=self.capabilities.kind != "formula")
-        rows = first_rows(*row_breaks(self.scene, altitude)) if rows_deg is None else rows_deg
-
-        def light(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> Answer:
-            return self.texture(sun_elevation_deg, elevation_deg, azimuth_deg, altitude)
-
-        return fill(light, self._once, sun_elevation_deg, rows, columns_deg, **limits)
+    def scattered_once(self, altitude_km: float) -> ScatteredOnce:
+        """What aerosol scatters once towards an observer, without which light has no aureole."""
+        if self._once is None or self._once.altitude_km != altitude_km:
+            self._once = ScatteredOnce(
+                self.medium, self.bands, altitude_km, aerosol=self.capabilities.kind != "formula"
+            )
+        return self._once
 
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         """The sun's direct light at an observer."""
         altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
         found = self.sunbeam.at(sun_elevation_deg, altitude)
         return found if self.bands is None else found._replace(irradiance=self.bands.sum_terms(found.irradiance))
+
+    def disc_irradiance(self, sun_elevation_deg: float, altitude_km: float) -> np.ndarray:
+        """Irradiance of level ground by the sun's disc over F0, (W,)."""
+        found = self.sunbeam.strips(sun_elevation_deg, max(altitude_km, self.medium.bottom_km))
+        if found is None:
+            return np.zeros(self.medium.n_wavelengths)
+        elevation, beams = found
+        beams = disc_strips()[1][:, None] * (beams if self.bands is None else self.bands.sum_terms(beams))
+        return np.maximum(np.sin(np.radians(elevation)), 0.0) @ beams
+
+
+def check_question(sun_elevation_deg: Any, elevation_deg: Any, azimuth_deg: Any) -> None:
+    """TwilightError for a sun or directions [deg] that are none."""
+    if not _within(sun_elevation_deg, 90.0) or np.ndim(sun_elevation_deg):
+        raise TwilightError(f"sun_elevation_deg: must be a number between -90 and 90, got {sun_elevation_deg!r}")
+    if not _within(elevation_deg, 90.0 + 1e-9):
+        raise TwilightError("elevation_deg: must be numbers between -90 and 90")
+    if not _within(azimuth_deg, np.inf):
+        raise TwilightError("azimuth_deg: must be finite numbers")
+
+
+def _within(angle_deg: Any, limit_deg: float) -> bool:
+    """Whether all of some angles are finite numbers within -limit_deg to limit_deg."""
+    try:
+        angle = np.asarray(angle_deg, float)
+    except (TypeError, ValueError):
+        return False
+    return bool((np.isfinite(angle) & (np.abs(angle) <= limit_deg)).all())
+
+
+def field_key(
+    solver: str,
+    settings: Any,
+    medium: Medium,
+    suns_deg: Sequence[float] | None,
+    altitude_km: float,
+    interpolation: Interpolation | None = None,
+) -> str:
+    """The key of the field of a problem.
+
+    solver: name of its module; suns_deg: all that will be asked for, None: any; altitude_km: the observer's;
+    interpolation: over the spectrum, by which light scattered more than once follows.
+    """
+    digest = hashlib.sha256(code_digest(solver).encode())
+    about = [solver, asdict(settings), None if suns_deg is None else sorted(suns_deg), altitude_km]
+    digest.update(json.dumps(about, sort_keys=True, default=str).encode())
+    _add(digest, medium)
+    _add(digest, medium.at_grid_wavelengths)
+    if interpolation is not None:
+        _add(digest, interpolation)
+    return digest.hexdigest()
+
+
+def _add(digest: hashlib._Hash, value: object) -> None:
+    """Everything in a medium but the notes and the air at other wavelengths."""
+    if isinstance(value, np.ndarray):
+        digest.update(f"{value.dtype.str}{value.shape}".encode() + np.ascontiguousarray(value).tobytes())
+    elif isinstance(value, tuple):
+        for one in value:
+            _add(digest, one)
+    elif is_dataclass(value):
+        for f in fields(value):
+            if f.compare and f.name != "notes":
+                digest.update(f.name.encode())
+                _add(digest, getattr(value, f.name))
+    else:
+        digest.update(repr(value).encode())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -11,18 +10,21 @@ from typing import Any
 import numpy as np
 
 from twilight import __version__
-from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.errors import TwilightError
 from twilight.base.progress import PhasedProgress, Progress, silent
 from twilight.config.sun import SunAt
-from twilight.engine.answer import Answer, answer_of_table, join, make_sky
-from twilight.engine.block import Block
-from twilight.engine.directions import equal_grid
-from twilight.engine.disc import make_disc
-from twilight.engine.memory import check_size
-from twilight.engine.moon import moon_light, warn_of_the_moon, with_moon
-from twilight.engine.night import NightLight, check_stars, levels_of, night_light, place_of, star_sky, without_points
-from twilight.engine.solve import Problem
-from twilight.engine.sunbeam import Direct, join_direct
+from twilight.engine.field import Field, parts
+from twilight.engine.night import (
+    check_stars,
+    moon_light,
+    night_of_view,
+    night_on_grid,
+    warn_of_the_moon,
+    with_moon,
+)
+from twilight.engine.one_sun import SunLight, equal_grid, is_above_air, merged_grids, warn_of_black
+from twilight.engine.problem import check_size, plan
+from twilight.engine.sunbeam import Direct, join_direct, make_disc
 from twilight.engine.view import (
     ViewRadiance,
     check_terrain,
@@ -35,21 +37,14 @@ from twilight.engine.view import (
 )
 from twilight.io.provenance import configuration_hash
 from twilight.io.rendered import ViewPixels, ViewSource
-from twilight.numerics.spectrum import solar_irradiance
 from twilight.scene.moons import moon_of
 from twilight.scene.record import resolved_configuration
 from twilight.scene.scene import Scene
 from twilight.scene.suns import SceneSun
 from twilight.sky.moon import Moon
-from twilight.sky.night import night_radiance
 from twilight.sky.sky import Sky
-from twilight.sky.table import SkyTable, plain_grid
-from twilight.sky.table import join as join_tables
+from twilight.sky.table import plain_grid
 from twilight.terrain.heights import Standpoint
-from twilight.transport.apparent_rays import horizon_dip_deg
-
-DARK = 1e-12
-"""Radiance over F0 [sr^-1] that counts as none: a thousandth of the darkest night, 1e-7 cd m^-2."""
 
 
 @dataclass(frozen=True)
@@ -105,44 +100,28 @@ def frames(
         check_view(scene.observer.view, scene.capabilities, scene.title)
         if config.terrain is not None:
             check_terrain(scene.capabilities, config.terrain, scene.altitude_km, _standpoint(suns[0]))
-    problem = Problem(scene, known, cached, numpy_only_sun)
+    todo = parts(plan(scene, known, cached=cached, numpy_only_sun=numpy_only_sun))
     set_up_s = 0.0
     found = [_SunResult(moon) for moon in moons]
     meter, steps, several = PhasedProgress(tell), 1 + len(suns), len(suns) > 1
-    fraction = 1.0 / (len(problem.slices) * steps)
-    for b in range(len(problem.slices)):
+    fraction = 1.0 / (len(todo) * steps)
+    for b, part in enumerate(todo):
         begin = time.perf_counter()
         meter.phase("all suns" if several else "", b * steps * fraction, fraction)
-        block = problem.block(b, meter)
+        solved = part.solve(meter)
         set_up_s += time.perf_counter() - begin
         for s, sun in enumerate(suns):
             meter.phase(sun.name if several else "", (b * steps + 1 + s) * fraction, fraction)
-            found[s].take(block, sun)
-            if b == len(problem.slices) - 1:
+            found[s].take(solved, sun)
+            if b == len(todo) - 1:
                 frame = _frame(scene, sun, found[s], set_up_s)
-                _warn_of_black(scene, frame.sky)
+                if scene.observer.view is None or not is_above_air(scene, scene.altitude_km):
+                    without_night = "" if config.night else "add the night sky with night.airglow=1"
+                    warn_of_black(scene, frame.sky, without_night, stacklevel=2)
                 yield frame
                 found[s] = _SunResult(None)
-        del block
+        del solved
     tell("done", 1.0)
-
-
-def _warn_of_black(scene: Scene, sky: Sky) -> None:
-    """TwilightWarning for a sky without light that anybody would see, which says why."""
-    config, top_km = scene.configuration, scene.medium.top_km
-    above = config.climate.medium is None and scene.altitude_km >= top_km
-    if sky.normalised_radiance.max() > DARK or (above and scene.observer.view is not None):
-        return
-    what = "black in every direction" if not sky.normalised_radiance.any() else "darker than a thousandth of any night"
-    if above:
-        why = f"an observer at {scene.altitude_km:g} km is above the air, which ends at {top_km:g} km, and looks up"
-        ask = "take a lower observer.altitude_km"
-    elif config.night is None:
-        why = f"no sunlight reaches it with the sun at {sky.sun_elevation_deg:g} deg"
-        ask = "add the night sky with night.airglow=1"
-    else:
-        why, ask = "there is no light in this air", "see the climate"
-    warnings.warn(f"the sky is {what}: {why}; {ask}", TwilightWarning, stacklevel=3)
 
 
 def _standpoint(sun: SceneSun) -> Standpoint | None:
@@ -154,15 +133,14 @@ def _standpoint(sun: SceneSun) -> Standpoint | None:
 
 @dataclass
 class _SunResult:
-    """What the blocks give for one sun: its table, or plain samples, and the sun itself.
+    """What all wavelengths give for one sun: its sky, what a view shows, and the sun itself.
 
     by_moon: the same under the moon of that moment, where the moon stands high enough to light the air.
     """
 
     moon: Moon | None
     by_moon: _SunResult | None = None
-    tables: list[SkyTable] = field(default_factory=list)
-    samples: list[Answer] = field(default_factory=list)
+    light: SunLight | None = None
     view: list[ViewRadiance] = field(default_factory=list)
     landscape: list[ViewPixels] = field(default_factory=list)
     direct: list[Direct] = field(default_factory=list)
@@ -171,58 +149,49 @@ class _SunResult:
     facts: dict[str, float] = field(default_factory=dict)
     from_disk: bool = True
 
-    def take(self, block: Block, sun: SceneSun) -> None:
-        """Evaluate a block under the sun."""
+    def take(self, solved: Field, sun: SceneSun) -> None:
+        """Evaluate some wavelengths under the sun."""
         begin = time.perf_counter()
-        self._evaluate(block, sun)
+        self._evaluate(solved, sun)
         if self.moon is not None and self.moon.shines:
             self.by_moon = self.by_moon or _SunResult(None)
             azimuth = None if sun.azimuth_deg is None else (sun.azimuth_deg + self.moon.azimuth_deg) % 360.0
             moon = replace(sun, elevation_deg=self.moon.elevation_deg, azimuth_deg=azimuth)
-            self.by_moon._evaluate(block, moon, self.moon.azimuth_deg, _standpoint(sun))
-        self.from_disk &= block.from_disk
-        self.facts.update(block.field.facts)
-        converged = block.field.convergence
-        if converged is not None:  # the worst block of wavelengths
-            for key, here in vars(converged).items():
-                if here is not None:
-                    self.convergence[key] = max(self.convergence.get(key, here), here)
+            self.by_moon._evaluate(solved, moon, self.moon.azimuth_deg, _standpoint(sun))
+        for block in solved.blocks:
+            self.from_disk &= block.from_disk
+            self.facts.update(block.field.facts)
+            converged = block.field.convergence
+            if converged is not None:  # the worst block of wavelengths
+                for key, here in vars(converged).items():
+                    if here is not None:
+                        self.convergence[key] = max(self.convergence.get(key, here), here)
         self.seconds += time.perf_counter() - begin
 
     def _evaluate(
-        self, block: Block, sun: SceneSun, away_deg: float = 0.0, standpoint: Standpoint | None = None
+        self, solved: Field, sun: SceneSun, away_deg: float = 0.0, standpoint: Standpoint | None = None
     ) -> None:
-        """Evaluate a block under a light, away_deg from the azimuth from which directions and standpoint count."""
-        config = block.scene.configuration
-        grid = equal_grid(block.scene)
+        """Evaluate some wavelengths under a light, away_deg from the azimuth from which directions and standpoint
+        count."""
+        scene, config = solved.scene, solved.scene.configuration
+        grid = equal_grid(scene)
         if grid is not None:
-            self.samples.append(block.texture(sun.elevation_deg, grid[0], np.mod(grid[1] - away_deg, 360.0)))
-        else:
-            nodes: dict[str, Any] = {} if not self.tables else _nodes(self.tables[-1])
-            self.tables.append(block.table(sun.elevation_deg, **nodes))
-        if block.scene.observer.view is not None:
+            grid = grid[0], np.mod(grid[1] - away_deg, 360.0)
+        self.light = solved.gather(sun.elevation_deg, grid=grid, before=self.light)
+        if scene.observer.view is not None:
             like = self.view[-1] if self.view else None
-            seen = view_radiance(block, block.scene.observer.view, sun.elevation_deg, away_deg, like)
+            seen = view_radiance(solved, scene.observer.view, sun.elevation_deg, away_deg, like)
             if config.terrain is None:
                 self.view.append(seen)
             else:
                 where = config.terrain, sun.elevation_deg, standpoint or _standpoint(sun), away_deg
-                self.landscape.append(landscape(block, seen.whole(), *where))
-        self.direct.append(block.direct(sun.elevation_deg))
-
-    def on(self, grid: tuple[np.ndarray, np.ndarray], away_deg: float = 0.0) -> Answer:
-        """The light on rows and columns, whose azimuths count from away_deg before that of the light."""
-        if self.samples:
-            return join(self.samples)
-        return answer_of_table(join_tables(self.tables), grid[0], np.mod(grid[1] - away_deg, 360.0))
-
-
-def _nodes(table: SkyTable) -> dict[str, Any]:
-    return {"rows_deg": table.elevation_deg, "columns_deg": table.azimuth_deg}
+                self.landscape.append(landscape(solved, seen.whole(), *where))
+        self.direct.append(solved.direct(sun.elevation_deg))
 
 
 def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> Frame:
-    config = scene.configuration
+    config, light = scene.configuration, found.light
+    assert light is not None
     direct = join_direct(found.direct)
     disc = None
     if config.sun.disc:
@@ -235,18 +204,16 @@ def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> F
         moon = moon_light(scene, found.moon, seen_by_moon, sun.elevation_deg, sun.distance_au)
     grid = equal_grid(scene)
     if grid is None:
-        grid = plain_grid(join_tables(found.tables))
-        if by_moon is not None and found.moon is not None:
-            grid = _merged(grid, plain_grid(join_tables(by_moon.tables)), found.moon.azimuth_deg)
-    night = _night(scene, sun, *grid)
-    if moon is not None and by_moon is not None and found.moon is not None:
-        away = 0.0 if by_moon.samples else found.moon.azimuth_deg
-        moonlight = by_moon.on(grid, away).radiance * moon.irradiance
+        grid = plain_grid(light.table)
+        if by_moon is not None and by_moon.light is not None and found.moon is not None:
+            grid = merged_grids(grid, plain_grid(by_moon.light.table), found.moon.azimuth_deg)
+    night = night_on_grid(scene, sun, *grid)
+    if moon is not None and by_moon is not None and by_moon.light is not None and found.moon is not None:
+        moonlight = by_moon.light.on(grid, found.moon.azimuth_deg).radiance * moon.irradiance
         night = moonlight if night is None else night + moonlight
-    sky = make_sky(
+    sky = light.sky(
         scene.medium,
         grid,
-        found.on(grid),
         direct,
         sun.elevation_deg,
         scene.altitude_km,
@@ -261,31 +228,20 @@ def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> F
         moon=None if moon is None else moon.seen,
         provenance=_provenance(scene, sun, found, set_up_s),
     )
-    night_of_view = _night_of_view(scene, sun)
+    night_in_view = night_of_view(scene, sun)
     moonlit = None
     if moon is not None and by_moon is not None and by_moon.view:
         moonlit = (join_views(by_moon.view, None), moon)
     view: ViewSource | None = None
     if found.view:
-        view = replace(join_views(found.view, direct), night=night_of_view, moon=moonlit)
+        view = replace(join_views(found.view, direct), night=night_in_view, moon=moonlit)
     if found.landscape:
         seen = _whole(found.landscape)
-        seen = seen if night_of_view is None else with_night(seen, night_of_view)
+        seen = seen if night_in_view is None else with_night(seen, night_in_view)
         if moon is not None and by_moon is not None and by_moon.landscape:
             seen = with_moon(seen, _whole(by_moon.landscape).radiance, moon)
         view = with_sun(seen, direct, sun.elevation_deg)
     return Frame(sun.name, sky, view)
-
-
-def _merged(
-    grid: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray], away_deg: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of two grids, the azimuths of the other counted from away_deg; close ones once."""
-    rows, columns = (np.unique(np.round(np.concatenate(two), 3)) for two in (
-        (grid[0], other[0]), (grid[1], np.mod(other[1] + away_deg, 360.0) % 360.0)
-    ))  # fmt: skip
-    columns = columns[columns < 360.0]
-    return rows, columns
 
 
 def _whole(parts: list[ViewPixels]) -> ViewPixels:
@@ -311,52 +267,8 @@ def _provenance(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float)
         record["field_from_disk"] = True  # its run time leaves out solving it
     if found.convergence:
         record["convergence"] = found.convergence
-    if found.tables:
-        record["interpolation_error"] = max(table.error for table in found.tables)
+    if found.light is not None and found.light.tables:
+        record["interpolation_error"] = max(table.error for table in found.light.tables)
     if found.facts:
         record["model"] = found.facts
     return record
-
-
-def _night(scene: Scene, sun: SceneSun, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
-    """Radiance of the night sky (E, A, W) where the configuration asks for it.
-
-    Rows below the horizontal are as at 0 deg down to the horizon, and dark below it.
-    """
-    night = scene.configuration.night
-    if night is None:
-        return None
-    found = night_radiance(
-        scene.medium,
-        np.maximum(elevation_deg, 0.0),
-        azimuth_deg,
-        levels_of(night),
-        sun_elevation_deg=sun.elevation_deg,
-        sun_azimuth_deg=sun.azimuth_deg,
-        place=place_of(sun),
-        observer_altitude_km=scene.altitude_km,
-    )
-    if elevation_deg[0] < 0.0:
-        found[elevation_deg < -horizon_dip_deg(scene.medium, scene.altitude_km)] = 0.0
-    return found
-
-
-def _night_of_view(scene: Scene, sun: SceneSun) -> NightLight | None:
-    """The night in a view, over the sun's irradiance above the air [sr^-1]."""
-    config = scene.configuration
-    if config.night is None or scene.observer.view is None:
-        return None
-    place, altitude = place_of(sun), scene.altitude_km
-    points = None if place is None else star_sky(config.night, scene.medium, altitude)
-    levels = levels_of(config.night)
-    made = night_light(
-        scene.medium,
-        levels if points is None else without_points(levels),
-        altitude,
-        sun_elevation_deg=sun.elevation_deg,
-        sun_azimuth_deg=sun.azimuth_deg,
-        place=place,
-    )
-    if points is not None and place is not None:
-        made = replace(made, stars=points.over(place), sun_azimuth_deg=sun.azimuth_deg or 0.0)
-    return made.over(solar_irradiance(scene.medium.wavelength_nm, config.solar_spectrum, sun.distance_au))

@@ -10,36 +10,37 @@ with G the surface's projection of the ground and A its albedo.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
-from twilight.engine.light_sources import SOURCE_NAMES, SOURCES, Source
-from twilight.engine.moments import Moments
+from twilight.config.load import load
+from twilight.config.scene import Config
+from twilight.engine.field import Field, solve
+from twilight.engine.light_sources import SOURCE_NAMES, SOURCES, Moments, Source
 from twilight.engine.night import levels_of
-from twilight.engine.over_suns import HIGHEST_SUN_DEG, DiscOverSuns, OverSuns
-from twilight.engine.solve import Field
-from twilight.engine.sun_tables import SunTables
-from twilight.engine.surfaces import Surface
-from twilight.numerics import spectrum
+from twilight.engine.sun_tables import check_serves_every_sun
+from twilight.engine.surfaces import ManySuns, Surface
+from twilight.scene import resolve
 from twilight.sky.night import NightLevels
-from twilight.sky.quantities.measure import Spectra
+from twilight.sky.quantities.measure import Quantity, Spectra, check_covered, samples_for
 
 TIMES_BRIGHTER = 1e4
 """A source of the night is left out where sunlight is so many times brighter at every wavelength in everything that is
 asked for: each changes it by less than a ten-thousandth."""
-FEW_LINES = 100
-"""Lines of sight up to which they are computed one by one, for each sun whose table or hemisphere is missing."""
-FEW_SUNS = 2
-"""Moments up to which they are, for each of these suns."""
 LEAST_VIEW_SR = 1e-9
 """A surface that has less than this of a sky of radiance 1 has nothing of it [sr]."""
-ZENITH_DEG = 90.0 - 1e-9
-"""Elevation from which on a direction is the zenith, whatever its azimuth [deg]."""
+MOST_FIELDS = 4
+"""Fields that are held in memory for further questions."""
+AT_ONCE = {"name": "compact", "polarisation": False}
+"""The solver of a configuration that names none and sets nothing of one, where it has the air, the observer and the
+wavelengths."""
 
 
 def check_sources(sources: Sequence[str] | None) -> None:
@@ -50,69 +51,14 @@ def check_sources(sources: Sequence[str] | None) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class LightField:
-    """A solved field that answers for directions and surfaces at many places and times.
-
-    solved: of a solver whose field serves every sun; levels: of the night, None for none.
-    """
-
-    solved: Field
-    levels: NightLevels | None = None
+class LightField(ManySuns):
+    """A solved field that answers for directions and surfaces at many places and times."""
 
     @classmethod
     def of(cls, solved: Field) -> LightField:
         """With the night of the scene's configuration."""
         night = solved.scene.configuration.night
         return cls(solved, None if night is None else levels_of(night))
-
-    @property
-    def wavelength_nm(self) -> np.ndarray:
-        """Wavelengths [nm], (W,)."""
-        return self.solved.medium.wavelength_nm
-
-    @cached_property
-    def solar_irradiance(self) -> np.ndarray:
-        """Of the sun at 1 au [W m^-2 nm^-1], mean over each wavelength's bin, (W,)."""
-        return spectrum.solar_irradiance(self.wavelength_nm, self.solved.solar_spectrum)
-
-    @cached_property
-    def tables(self) -> SunTables:
-        """The sky for many suns."""
-        return SunTables(self.solved)
-
-    @cached_property
-    def over_suns(self) -> OverSuns:
-        """What surfaces and the zenith have of it."""
-        return OverSuns(self.solved, self.tables.suns_deg)
-
-    @cached_property
-    def disc(self) -> DiscOverSuns:
-        """The sun's beam."""
-        return DiscOverSuns(self.solved)
-
-    def sky(self, sun_elevation_deg: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
-        """Sun-normalised radiance [sr^-1], (N, D, W), of N suns (N,) and D directions of each (N, D), 0 to 90 deg high,
-        azimuths from the sun.
-
-        Where few lines of sight are asked for, each is computed; the zenith and others are read from tables.
-        """
-        suns = np.broadcast_to(sun_elevation_deg[:, None], elevation_deg.shape)
-        out = np.zeros((*elevation_deg.shape, self.wavelength_nm.size))
-        zenith = (elevation_deg >= ZENITH_DEG) & (suns <= HIGHEST_SUN_DEG)
-        for some, source in ((zenith, self.over_suns), (~zenith, self.tables)):
-            if not some.any():
-                continue
-            missing = source.missing(suns[some]) if self.tables.suns_deg[0] <= suns[some].min() else 0
-            asked = np.flatnonzero(some.any(axis=1))
-            if some.sum() <= FEW_LINES * missing and asked.size <= FEW_SUNS * missing:
-                for n in asked:
-                    e, a = elevation_deg[n, some[n]], azimuth_deg[n, some[n]]
-                    out[n, some[n]] = self.solved.radiance(float(sun_elevation_deg[n]), e, a)
-            elif source is self.tables:
-                out[some] = self.tables.light(suns[some], elevation_deg[some], azimuth_deg[some])
-            else:
-                out[some] = self.over_suns.zenith(suns[some])
-        return out
 
     def prepare(self, moments: Moments, progress: Progress = silent) -> None:
         """Compute what surfaces and the zenith need of the suns of moments and, where it shines, of the moon."""
@@ -195,3 +141,57 @@ class LightField:
         """Light [W m^-2 nm^-1 (sr^-1)], (..., W), for quantities of it."""
         factor = light / self.solar_irradiance
         return Spectra(factor, self.wavelength_nm, self.solved.solar_spectrum, where="the field")
+
+
+@dataclass(frozen=True)
+class ChosenField:
+    """field: what answers; solver: which solver it is of and why, in a sentence, empty where the configuration says."""
+
+    field: LightField
+    solver: str
+
+
+_fields: dict[str, ChosenField] = {}
+"""Fields by their configuration as JSON, the oldest first."""
+
+
+def field_for(config: Config, quantities: Sequence[Quantity], progress: Progress | None = None) -> ChosenField:
+    """The solved field of a configuration, cached for the next question; its wavelengths, if not given, are chosen.
+
+    Without a `night` of its own it has the usual one; without a `solver` of its own it is by compact where that serves.
+    Errors: TwilightError for a quantity that the wavelengths do not cover, and a solver whose field serves one sun.
+    """
+    if config.moon is not None and config.moon.elevation_deg is not None:
+        raise TwilightError("moon.elevation_deg: light takes the moon from place and time, not from there")
+    responses = [one for which in quantities for one in which.responses()]
+    if config.wavelengths is None and config.climate.medium is None:
+        chosen = list(samples_for(responses))
+        config = load(config.model_dump(mode="json", exclude_unset=True), {"wavelengths": {"list_nm": chosen}})
+    document = json.dumps(config.model_dump(mode="json", exclude_unset=True), sort_keys=True)
+    if document not in _fields:
+        while len(_fields) >= MOST_FIELDS:
+            del _fields[next(iter(_fields))]
+        field, why = _solved(config, progress)
+        field = field if field.levels is not None else replace(field, levels=NightLevels())
+        _fields[document] = ChosenField(field, why)
+    made = _fields[document]
+    for one in responses:
+        check_covered(one, made.field.wavelength_nm, "the field")
+    return made
+
+
+def _solved(config: Config, progress: Progress | None) -> tuple[LightField, str]:
+    if config.solver:
+        return _field(config, progress), ""
+    try:
+        quick = config.model_copy(update={"solver": dict(AT_ONCE)})
+        return _field(quick, progress), "solver: compact, the model of all clear air, for none is named"
+    except TwilightError as error:
+        why = f"solver: {solvers.DEFAULT}, for none is named and compact cannot serve here ({error})"
+    return _field(config, progress), why
+
+
+def _field(config: Config, progress: Progress | None) -> LightField:
+    scene = resolve(config)
+    check_serves_every_sun(scene)
+    return LightField.of(solve(scene, progress=progress))

@@ -1,22 +1,32 @@
-"""The night's light of a scene in any direction: the sky down to the horizon, and the ground that it lights."""
+"""The night in a scene: stars, airglow and what else shines without the sun; the moon's light and its disc.
+
+The moon's sky is the field of the sun, looked up once more, times the moon's own spectrum.
+"""
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.scene import Config, Night
 from twilight.config.sun import SunAt, SunInterval, SunTimes
-from twilight.numerics.orientation import azimuth_elevation, direction
+from twilight.engine.sunbeam import Direct, make_disc
+from twilight.io.rendered import ViewPixels
+from twilight.numerics.directions import azimuth_elevation, direction
+from twilight.numerics.spectrum import solar_irradiance
+from twilight.scene.scene import Scene
 from twilight.scene.suns import SceneSun
+from twilight.sky.moon import PHASE_RANGE_DEG, Moon, MoonDisc, MoonSeen
 from twilight.sky.night import NightLevels, Place, night_radiance
 from twilight.sky.night.points import Raster, StarPoints, StarSky, resolved_starlight_fraction
-from twilight.sky.night.pollution import NATURAL_ZENITH_MAG, artificial_zenith_cd_per_m2
-from twilight.transport.apparent_rays import horizon_dip_deg
+from twilight.sky.night.world import NATURAL_ZENITH_MAG, artificial_zenith_cd_per_m2
+from twilight.transport.rays import horizon_dip_deg
 
 ROWS = 46
 """Elevations from the horizon to the zenith, closer towards the horizon."""
@@ -26,6 +36,12 @@ MEAN_ROWS_DEG = np.arange(3.0, 90.0, 6.0)
 """Elevations of the directions [deg] whose light stands for what falls on the ground."""
 MEAN_COLUMNS_DEG = np.arange(0.0, 360.0, 30.0)
 """Azimuths of these directions [deg]."""
+PIECE_DEG = 0.02
+"""Largest distance of the directions of a pixel whose mean is the disc's light in the pixel [deg]."""
+MOST_PIECES = 24
+"""Most of these directions across a pixel."""
+PIXELS_AT_ONCE = 2048
+"""Pixels whose directions are held at once."""
 
 
 @dataclass(frozen=True)
@@ -139,3 +155,125 @@ def night_light(
     weight = np.sin(2.0 * np.radians(MEAN_ROWS_DEG))
     ground = medium.ground_albedo * (weight @ falling) / weight.sum()
     return NightLight(elevation, azimuth, np.concatenate([half, half[:, :1]], axis=1), ground)
+
+
+def night_on_grid(scene: Scene, sun: SceneSun, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
+    """Radiance of the night sky (E, A, W) where the configuration asks for it.
+
+    Rows below the horizontal are as at 0 deg down to the horizon, and dark below it.
+    """
+    night = scene.configuration.night
+    if night is None:
+        return None
+    found = night_radiance(
+        scene.medium,
+        np.maximum(elevation_deg, 0.0),
+        azimuth_deg,
+        levels_of(night),
+        sun_elevation_deg=sun.elevation_deg,
+        sun_azimuth_deg=sun.azimuth_deg,
+        place=place_of(sun),
+        observer_altitude_km=scene.altitude_km,
+    )
+    if elevation_deg[0] < 0.0:
+        found[elevation_deg < -horizon_dip_deg(scene.medium, scene.altitude_km)] = 0.0
+    return found
+
+
+def night_of_view(scene: Scene, sun: SceneSun) -> NightLight | None:
+    """The night in a view, over the sun's irradiance above the air [sr^-1]."""
+    config = scene.configuration
+    if config.night is None or scene.observer.view is None:
+        return None
+    place, altitude = place_of(sun), scene.altitude_km
+    points = None if place is None else star_sky(config.night, scene.medium, altitude)
+    levels = levels_of(config.night)
+    made = night_light(
+        scene.medium,
+        levels if points is None else without_points(levels),
+        altitude,
+        sun_elevation_deg=sun.elevation_deg,
+        sun_azimuth_deg=sun.azimuth_deg,
+        place=place,
+    )
+    if points is not None and place is not None:
+        made = replace(made, stars=points.over(place), sun_azimuth_deg=sun.azimuth_deg or 0.0)
+    return made.over(solar_irradiance(scene.medium.wavelength_nm, config.solar_spectrum, sun.distance_au))
+
+
+@dataclass(frozen=True, eq=False)
+class MoonLight:
+    """seen: the moon of the sky; irradiance (W,): above the air [W m^-2 nm^-1]; over_sun (W,): over that of the sun."""
+
+    seen: MoonSeen
+    irradiance: np.ndarray
+    over_sun: np.ndarray
+
+
+def warn_of_the_moon(config: Config, moon: Moon) -> None:
+    """TwilightWarning where the moon gives no light, and where its phase is not one that was observed."""
+    if not moon.shines:
+        text = f"stands at {moon.elevation_deg:.1f} deg, below the horizon, and lights nothing"
+    elif moon.phase_angle_deg < PHASE_RANGE_DEG[0]:
+        text = f"is {moon.phase_angle_deg:.2f} deg from opposition: eclipses are not computed, it is as at 1.55 deg"
+    else:
+        return
+    warnings.warn(f"{config.title}: the moon {text}", TwilightWarning, stacklevel=4)
+
+
+def moon_light(
+    scene: Scene, moon: Moon, direct: Sequence[Direct] | None, sun_elevation_deg: float, sun_distance_au: float
+) -> MoonLight:
+    """The moon over a scene; direct: of the blocks of wavelengths, by the sun's beam in its place, None: it is down."""
+    medium = scene.medium
+    over_one_au = moon.irradiance_factor(medium.wavelength_nm)
+    solar = solar_irradiance(medium.wavelength_nm, scene.configuration.solar_spectrum)
+    beam, apparent, disc = np.zeros_like(solar), moon.elevation_deg, None
+    if direct:
+        apparent += direct[-1].bending_deg
+        path = make_disc(medium, moon.elevation_deg, scene.altitude_km, bands=scene.bands, radius_deg=moon.radius_deg)
+        if path.is_seen:
+            disc = MoonDisc(path, moon, sun_elevation_deg)
+            beam = disc.irradiance_factor() * solar
+    return MoonLight(MoonSeen(moon, apparent, beam, disc), over_one_au * solar, over_one_au * sun_distance_au**2)
+
+
+def with_moon(seen: ViewPixels, by_moon: np.ndarray, light: MoonLight) -> ViewPixels:
+    """The view with the moon's light and disc in it; by_moon (H, W, K): the same under the moon as the sun [sr^-1]."""
+    return _with_disc(replace(seen, radiance=(seen.radiance + by_moon * light.over_sun).astype(np.float32)), light)
+
+
+def _with_disc(seen: ViewPixels, light: MoonLight) -> ViewPixels:
+    """The view with the disc: each pixel has the mean of directions `PIECE_DEG` apart."""
+    disc, moon = light.seen.disc, light.seen.moon
+    if disc is None:
+        return seen
+    disc = disc.without_dispersion()
+    lower, upper = disc.edges_deg()
+    middle = direction(moon.azimuth_deg, 0.5 * (lower + upper))
+    rays = seen.rays.astype(float)
+    largest_angle = np.radians(upper - lower + 3.0 * seen.pitch_deg)
+    chord = np.linalg.norm(np.nan_to_num(rays) - middle, axis=-1)
+    near = (chord < 2.0 * np.sin(min(0.5 * largest_angle, 0.5 * np.pi))) & np.isfinite(rays).all(axis=-1)
+    where = np.nonzero(near if seen.hidden is None else near & ~seen.hidden)
+    if not where[0].size:
+        return seen
+    count = int(np.clip(np.ceil(seen.pitch_deg / PIECE_DEG), 2, MOST_PIECES))
+    step = np.radians(seen.pitch_deg) * ((np.arange(count) + 0.5) / count - 0.5)
+    ray = rays[where]
+    right = np.cross(ray, [0.0, 0.0, 1.0])
+    right /= np.maximum(np.linalg.norm(right, axis=-1, keepdims=True), 1e-9)
+    up = np.cross(right, ray)
+    radiance = seen.radiance.copy()
+    covered = np.zeros(seen.shape) if seen.sun is None else seen.sun.copy()
+    over_sun = light.over_sun / moon.irradiance_factor(disc.wavelength_nm)  # for the disc counts from the sun at 1 au
+    for k in range(0, len(ray), PIXELS_AT_ONCE):
+        part = np.s_[k : k + PIXELS_AT_ONCE]
+        here = where[0][part], where[1][part]
+        r, x, y = (v[part][:, None, None] for v in (ray, right, up))
+        pieces = r + x * step[:, None] + y * step[:, None, None]
+        azimuth, elevation = azimuth_elevation(pieces)
+        shown = disc.radiance(elevation, np.mod(azimuth - moon.azimuth_deg + 180.0, 360.0) - 180.0)
+        radiance[here] += (shown.mean(axis=(1, 2)) * over_sun).astype(radiance.dtype)
+        covered[here] = np.maximum(covered[here], (shown.max(axis=-1) > 0.0).mean(axis=(1, 2)))
+    return replace(seen, radiance=radiance, sun=covered)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -17,11 +17,8 @@ from twilight.base import cache
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.engine.table import first_columns, first_rows, row_breaks
+from twilight.scene.scene import Scene
 from twilight.sky.table import SkyTable, stack, sun_weights
-
-if TYPE_CHECKING:
-    from twilight.engine.solve import Field
-    from twilight.scene.scene import Scene
 
 SUN_COUNT = 97
 """Suns from `LOWEST_SUN_DEG` to the zenith, close together about `CENTRE_DEG`."""
@@ -77,6 +74,20 @@ def check_serves_every_sun(scene: Scene) -> None:
         )
 
 
+class Solved(Protocol):
+    """What tables are computed from: a `Field`, which makes some itself."""
+
+    @property
+    def scene(self) -> Scene: ...
+    @property
+    def keys(self) -> tuple[str, ...]: ...
+    @property
+    def cached(self) -> bool: ...
+    @property
+    def sun_range_deg(self) -> tuple[float, float]: ...
+    def table(self, sun_elevation_deg: float, observer_altitude_km: float | None = None, **nodes: Any) -> SkyTable: ...
+
+
 class SunTables:
     """The tables of a solved field, for one observer.
 
@@ -87,7 +98,7 @@ class SunTables:
 
     def __init__(
         self,
-        solved: Field,
+        solved: Solved,
         altitude_km: float | None = None,
         *,
         rows_deg: np.ndarray | None = None,
@@ -97,7 +108,7 @@ class SunTables:
         check_serves_every_sun(scene)
         self.solved = solved
         self.altitude_km = scene.altitude_km if altitude_km is None else altitude_km
-        low, high = getattr(solved.blocks[0].field, "sun_range_deg", (DARK_SUN_DEG, 90.0))
+        low, high = solved.sun_range_deg
         self.suns_deg = sun_nodes(max(low, DARK_SUN_DEG), min(high, 90.0))
         if rows_deg is None:
             rows_deg = first_rows(*row_breaks(scene, self.altitude_km), ROW_COUNT)
@@ -105,7 +116,7 @@ class SunTables:
         self.columns_deg = first_columns(COLUMN_COUNT) if columns_deg is None else columns_deg
         self._made: dict[int, SkyTable] = {}
         self._key = ""
-        if solved.blocks[0].problem.cached:
+        if solved.cached:
             self._key = "".join(solved.keys) + repr(self.altitude_km)
 
     def under(self, sun_elevation_deg: float) -> SkyTable:

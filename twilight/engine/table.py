@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twilight.engine.answer import Answer
-from twilight.numerics.orientation import scattering_angle_rad
+from twilight.engine.block import Answer
+from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky.table import SkyTable, split
-from twilight.transport.apparent_rays import horizon_dip_deg
+from twilight.transport.rays import horizon_dip_deg
 from twilight.transport.scattered_once import ScatteredOnce
 
 if TYPE_CHECKING:

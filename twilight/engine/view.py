@@ -13,24 +13,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.config.terrain import Terrain
-from twilight.config.view import View
-from twilight.engine.block import Block
-from twilight.engine.moon import MoonLight, with_moon
-from twilight.engine.night import NightLight
+from twilight.config.pictures import Terrain, View
+from twilight.engine.field import Field
+from twilight.engine.night import MoonLight, NightLight, with_moon
 from twilight.engine.sunbeam import Direct
 from twilight.engine.table import CLOSEST_ROWS_DEG, first_columns, first_rows, row_breaks
 from twilight.io.rendered import ViewPixels
-from twilight.numerics.orientation import azimuth_elevation, direction
+from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.sky.disc import SOLAR_RADIUS_DEG
 from twilight.sky.table import SkyTable
 from twilight.sky.table import join as join_tables
 from twilight.solvers.base import Capabilities
 from twilight.terrain.aerial_perspective import DEGREE
 from twilight.terrain.heights import Standpoint, heights_of
-from twilight.terrain.scene import Viewpoint, add_terrain, check_above
-from twilight.transport.apparent_rays import horizon_dip_deg
+from twilight.terrain.scene import FormulaField, Viewpoint, add_terrain, check_above
 from twilight.transport.beam import prepare_beam
+from twilight.transport.rays import horizon_dip_deg
 from twilight.transport.scaling import delta_scaled
 
 FIRST_ROWS, FIRST_COLUMNS = 33, 25
@@ -117,43 +115,45 @@ def check_view(view: View, able: Capabilities, title: str) -> None:
 
 
 def view_radiance(
-    block: Block,
+    solved: Field,
     view: View,
     sun_elevation_deg: float,
     light_azimuth_deg: float = 0.0,
     like: ViewRadiance | None = None,
 ) -> ViewRadiance:
-    """What a block of wavelengths shows in a view, without the sun's disc.
+    """What a field shows in a view, without the sun's disc.
 
     light_azimuth_deg: from the sun, of a second light that stands at `sun_elevation_deg` in its place; like: the same
     at other wavelengths, whose rows and columns are taken to begin with.
     """
     pitch = pixel_pitch_deg(view)
-    rows, columns = _first_nodes(block, view, light_azimuth_deg, pitch)
+    rows, columns = _first_nodes(solved, view, light_azimuth_deg, pitch)
     if like is not None:
         rows, columns = like.table.elevation_deg, like.table.azimuth_deg
-    table = block.table(
+    table = solved.table(
         sun_elevation_deg,
         rows_deg=rows,
         columns_deg=columns,
-        refine=not block.capabilities.standard_error,
+        refine=not solved.scene.capabilities.standard_error,
         closest_rows_deg=min(CLOSEST_ROWS_DEG, 0.5 * pitch),
         most=MOST_NODES,
     )
     return ViewRadiance(view, table, pitch, sun_elevation_deg, light_azimuth_deg=light_azimuth_deg)
 
 
-def _first_nodes(block: Block, view: View, light_azimuth_deg: float, pitch_deg: float) -> tuple[np.ndarray, np.ndarray]:
+def _first_nodes(
+    solved: Field, view: View, light_azimuth_deg: float, pitch_deg: float
+) -> tuple[np.ndarray, np.ndarray]:
     """The rows and columns that a view is computed on first."""
     (low, high), (left, right) = _extent(view)
     if light_azimuth_deg or left < 2.0 * pitch_deg:
         left = 0.0  # where the sky is its mirror image
     if light_azimuth_deg or right > 180.0 - 2.0 * pitch_deg:
         right = 180.0
-    altitude = block.scene.altitude_km
-    lowest, breaks = row_breaks(block.scene, altitude)
+    altitude = solved.scene.altitude_km
+    lowest, breaks = row_breaks(solved.scene, altitude)
     if low < lowest:  # from the ground, where a sky ends at the horizontal
-        lowest, breaks = low, [-horizon_dip_deg(block.medium, altitude)]
+        lowest, breaks = low, [-horizon_dip_deg(solved.medium, altitude)]
     rows, columns = first_rows(lowest, breaks, FIRST_ROWS), first_columns(FIRST_COLUMNS)
     return _between(rows, low, high), _between(columns, left, right)
 
@@ -189,33 +189,41 @@ def _extent(view: View) -> tuple[tuple[float, float], tuple[float, float]]:
 def check_terrain(able: Capabilities, terrain: Terrain, altitude_km: float, standpoint: Standpoint | None) -> None:
     """TwilightError for a solver that cannot put terrain before its sky, for heights that cannot be read, and for an
     observer under the ground."""
-    if not (able.finite_segments and able.every_observer and able.kind != "formula"):
-        raise TwilightError("terrain: needs a solver with finite segments and every observer: zones or tables")
+    if not (able.finite_segments and (able.every_observer or able.kind == "formula")):
+        raise TwilightError("terrain: needs finite segments for every observer: zones, tables or preetham")
     check_above(heights_of(terrain, standpoint=standpoint), altitude_km)
 
 
 def landscape(
-    block: Block,
+    solved: Field,
     seen: ViewPixels,
     terrain: Terrain,
     sun_elevation_deg: float,
     standpoint: Standpoint | None = None,
     light_azimuth_deg: float = 0.0,
 ) -> ViewPixels:
-    """What a block of wavelengths shows of a view with terrain in it.
+    """What a field shows of a view with terrain in it.
 
     standpoint: of an observer whose place and sun are known, by which terrain with coordinates is laid.
     light_azimuth_deg: as in `view_radiance`.
     """
-    medium, altitude = block.medium, block.scene.altitude_km
-    place = Viewpoint(altitude, sun_elevation_deg, block.direct(sun_elevation_deg).bending_deg)
-    scaled = getattr(block.field, "scaled", None) or delta_scaled(medium, DEGREE)
-    beam = prepare_beam(scaled.medium)
+    altitude = solved.scene.altitude_km
     heights = heights_of(terrain, standpoint=standpoint).facing(light_azimuth_deg)
     c, s = np.cos(np.radians(light_azimuth_deg)), np.sin(np.radians(light_azimuth_deg))
     rays = seen.rays.astype(float) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    made = add_terrain(seen.radiance, rays, heights, block.field, medium, beam, place, terrain.albedo, terrain.shadows)
-    return ViewPixels(seen.kind, seen.rays, made.radiance, seen.pitch_deg, hidden=np.isfinite(made.distance_km))
+    radiance, w = [], 0
+    for block in solved.blocks:
+        medium = block.medium
+        place = Viewpoint(altitude, sun_elevation_deg, block.direct(sun_elevation_deg).bending_deg)
+        scaled = getattr(block.field, "scaled", None) or delta_scaled(medium, DEGREE)
+        beam = prepare_beam(scaled.medium)
+        sky = seen.radiance[..., w : w + medium.n_wavelengths]
+        w += medium.n_wavelengths
+        field = FormulaField(block.field) if solved.scene.capabilities.kind == "formula" else block.field
+        made = add_terrain(sky, rays, heights, field, medium, beam, place, terrain.albedo, terrain.shadows)
+        radiance.append(made.radiance)
+    shown = np.concatenate(radiance, axis=-1)
+    return ViewPixels(seen.kind, seen.rays, shown, seen.pitch_deg, hidden=np.isfinite(made.distance_km))
 
 
 def with_night(seen: ViewPixels, night: NightLight) -> ViewPixels:

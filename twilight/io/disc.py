@@ -8,7 +8,7 @@ import numpy as np
 
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.io.environment import pixel_of, pixel_solid_angle
-from twilight.numerics.orientation import azimuth_elevation, direction
+from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.sky import colour
 from twilight.sky.disc import Disc
 from twilight.sky.moon import MoonDisc

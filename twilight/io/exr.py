@@ -18,7 +18,7 @@ from twilight.io.environment import environment, environment_directions, ground_
 from twilight.io.facts import header_of
 from twilight.io.provenance import PREFIX, provenance_fields
 from twilight.numerics import spectrum
-from twilight.numerics.primaries import to_rec709
+from twilight.numerics.spectrum import to_rec709
 from twilight.sky import colour
 from twilight.sky.sky import Sky
 

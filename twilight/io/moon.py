@@ -14,7 +14,7 @@ from twilight.io.rendered import Options, Rendered
 from twilight.io.sun import lamps
 from twilight.numerics import spectrum
 from twilight.sky import colour
-from twilight.sky.moon.light import PHASE_RANGE_DEG, moon_illuminance_lux
+from twilight.sky.moon import PHASE_RANGE_DEG, moon_illuminance_lux
 from twilight.sky.sky import Sky
 
 SOURCE = "Kieffer and Stone 2005 (ROLO 311g), without libration; beyond 97 deg of phase continued by Allen 1976"

@@ -16,12 +16,12 @@ from twilight.io.environment import ground_factor
 from twilight.io.provenance import provenance_fields
 from twilight.io.rendered import Options, Rendered
 from twilight.numerics import projections
-from twilight.numerics.orientation import direction
+from twilight.numerics.directions import direction
 from twilight.numerics.projections import PERSPECTIVE_UP_DEG, PROJECTIONS, usual_width
 from twilight.sky import colour
+from twilight.sky.quantities.measure import adaptation_coefficient
 from twilight.sky.sky import Sky
 from twilight.sky.tone import NAMES, Shot, Tone, tone_of
-from twilight.sky.tone.eye import adaptation_coefficient
 
 VIEWS: tuple[str, ...] = ("wide", "panorama", "fisheye")
 DEFAULT_VIEW = "wide"

@@ -45,9 +45,9 @@ COMPILED = not numba.config.DISABLE_JIT  # type: ignore[attr-defined]
 
 def check_numba(version: str) -> None:
     """TwilightError for a version of numba that kernels were not tested with; it names the command that helps."""
-    found = re.match(r"(\d+)\.(\d+)", version)
-    if found is None or not OLDEST_NUMBA <= (int(found[1]), int(found[2])) < UNTESTED_NUMBA:
-        oldest, untested = (".".join(map(str, one)) for one in (OLDEST_NUMBA, UNTESTED_NUMBA))
+    numbers = re.match(r"(\d+)\.(\d+)", version)
+    if numbers is None or not OLDEST_NUMBA <= (int(numbers[1]), int(numbers[2])) < UNTESTED_NUMBA:
+        oldest, untested = (".".join(map(str, bound)) for bound in (OLDEST_NUMBA, UNTESTED_NUMBA))
         raise TwilightError(
             f"numba {version} is installed, and twilight is tested with {oldest} to below {untested}; this installs "
             f'one that works: python -m pip install "numba>={oldest},<{untested}"'
@@ -115,14 +115,26 @@ def njit(
 
 
 def _go_on_without_cache(dispatcher: Any) -> None:
-    """Let a kernel whose machine code cannot be kept, on a disk that is full, run all the same: numba would raise the
-    OSError where the kernel is called for the first time."""
+    """Let a kernel run whose machine code cannot be kept, on a disk that is full, or not be read, for another version
+    kept it, whose modules had other names: numba would raise the error where the kernel is called first."""
     kept = dispatcher._cache
-    save = kept.save_overload
+    load, save = kept.load_overload, kept.save_overload
+
+    def load_or_compile(signature: Any, target: Any) -> Any:
+        try:
+            return load(signature, target)
+        except Exception:  # what unpickling raises depends on what is not there any more
+            return None
 
     def save_or_warn(signature: Any, data: Any) -> None:
         try:
-            save(signature, data)
+            try:
+                save(signature, data)
+            except Exception as error:
+                if isinstance(error, OSError):
+                    raise
+                kept.flush()  # what is there is of another version
+                save(signature, data)
         except OSError as error:
             if not _warned:
                 _warned.append(True)
@@ -133,7 +145,7 @@ def _go_on_without_cache(dispatcher: Any) -> None:
                     stacklevel=2,
                 )
 
-    kept.save_overload = save_or_warn
+    kept.load_overload, kept.save_overload = load_or_compile, save_or_warn
 
 
 _warned: list[bool] = []

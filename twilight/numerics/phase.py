@@ -182,7 +182,7 @@ class PhaseFunction:
             for row, values in zip(ratios, (p12_ratio, p22_ratio, p33_ratio, p34_ratio), strict=True):
                 if values is not None:
                     samples = np.broadcast_to(np.asarray(values, dtype=float), phase.shape)
-                    row[:] = np.stack([np.interp(nodes, angle_rad, one) for one in samples])
+                    row[:] = np.stack([np.interp(nodes, angle_rad, sample) for sample in samples])
         return PhaseFunction.from_log_table(log_table, name, ratios)
 
     @staticmethod

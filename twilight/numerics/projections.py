@@ -1,6 +1,6 @@
 """Views: the direction of every pixel of a picture, by the name of its projection.
 
-A view has its own axes, right, forward and up, turned by where it points (`twilight.numerics.orientation.camera_axes`);
+A view has its own axes, right, forward and up, turned by where it points (`twilight.numerics.directions.camera_axes`);
 azimuths count clockwise from whatever the caller means by 0, for pictures of the sky from the sun.  A new projection
 is one function that gives directions in its own axes for an `ImagePlane`, and its line in `PROJECTIONS`, which the
 configuration, the command line and the pictures ask.
@@ -30,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.numerics.orientation import azimuth_elevation, camera_axes
+from twilight.numerics.directions import azimuth_elevation, camera_axes
 
 WHOLE = (-90.0, 90.0)
 """The band from the nadir to the zenith [deg]."""
@@ -162,14 +162,14 @@ def cube_face(face: str, size: int, rows: tuple[int, int] | None = None) -> np.n
     back or down; the lower edge of `up` and the upper edge of `down` join `front`.  rows: as of
     `ImagePlane`."""
     x, y = ImagePlane(size, size, 90.0, WHOLE, rows).centres
-    one = np.ones_like(x)
+    unity = np.ones_like(x)
     ray = {
-        "front": (x, one, y),
-        "right": (one, -x, y),
-        "back": (-x, -one, y),
-        "left": (-one, x, y),
-        "up": (x, -y, one),
-        "down": (x, y, -one),
+        "front": (x, unity, y),
+        "right": (unity, -x, y),
+        "back": (-x, -unity, y),
+        "left": (-unity, x, y),
+        "up": (x, -y, unity),
+        "down": (x, y, -unity),
     }[face]
     own = np.stack(ray, axis=-1)
     return own / np.linalg.norm(own, axis=-1, keepdims=True)

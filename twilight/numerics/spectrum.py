@@ -3,6 +3,8 @@
 What is smooth in wavelength (a radiance divided by the solar irradiance) is interpolated; what is not (the solar
 spectrum with its Fraunhofer lines) is tabulated at 1 nm and multiplied in afterwards; the product is never
 interpolated.
+
+Linear RGB of any primaries becomes linear Rec. 709 without adaptation to another white: the same light.
 """
 
 from __future__ import annotations
@@ -33,6 +35,8 @@ VISIBLE_NM.flags.writeable = False
 
 STEEPEST_EXPONENT = 8.0
 """Bound on the power of the wavelength with which a spectrum is continued beyond its samples."""
+SAME_MATRIX = 2e-3
+"""Matrices that are nearer to the identity than this in every element stand for Rec. 709 itself, as files round it."""
 
 
 @lru_cache(maxsize=1)
@@ -259,3 +263,54 @@ def integrate(
         part = slice(start, start + 4096)
         out[part] = expand(flat[part], wavelength, target) @ columns.astype(flat.dtype)
     return out.reshape(factor.shape[:-1] + weight.shape[1:])
+
+
+def spline_matrix(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """The cubic spline (not-a-knot) through values at the nodes (N,), as a matrix (X, N) that gives its values at x.
+
+    Two nodes make a line, three a parabola.
+    """
+    nodes, x = np.asarray(nodes, float), np.asarray(x, float)
+    n = nodes.size
+    if n < 4:
+        powers = np.arange(n)
+        shift, scale = nodes[0], max(float(np.ptp(nodes)), 1e-300)
+        to_powers = np.linalg.inv(((nodes[:, None] - shift) / scale) ** powers)
+        return ((x[:, None] - shift) / scale) ** powers @ to_powers
+    h = np.diff(nodes)
+    left, right = np.zeros((n, n)), np.zeros((n, n))  # left @ (second derivatives) = right @ (values)
+    for i in range(1, n - 1):
+        left[i, i - 1 : i + 2] = h[i - 1], 2.0 * (h[i - 1] + h[i]), h[i]
+        right[i, i - 1 : i + 2] = 6.0 / h[i - 1], -6.0 / h[i - 1] - 6.0 / h[i], 6.0 / h[i]
+    left[0, :3] = h[1], -(h[0] + h[1]), h[0]  # one cubic across the second and the last but one node
+    left[-1, -3:] = h[-1], -(h[-2] + h[-1]), h[-2]
+    second = np.linalg.solve(left, right)
+    j = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, n - 2)
+    b = (x - nodes[j]) / h[j]
+    a = 1.0 - b
+    out = ((a**3 - a) * h[j] ** 2 / 6.0)[:, None] * second[j] + ((b**3 - b) * h[j] ** 2 / 6.0)[:, None] * second[j + 1]
+    rows = np.arange(x.size)
+    out[rows, j] += a
+    out[rows, j + 1] += b
+    return out
+
+
+def to_rec709(chromaticities: tuple[float, ...]) -> np.ndarray | None:
+    """Matrix (3, 3) from linear RGB with x, y of red, green, blue and white (8 numbers); None: it is Rec. 709.
+
+    ValueError where these are no primaries.
+    """
+    x, y = np.reshape(np.asarray(chromaticities, dtype=float), (4, 2)).T
+    if not np.isfinite([x, y]).all() or y[3] <= 0.0:
+        raise ValueError("no chromaticities")
+    primaries = np.array([x[:3], y[:3], 1.0 - x[:3] - y[:3]])
+    white = np.array([x[3], y[3], 1.0 - x[3] - y[3]]) / y[3]
+    if abs(np.linalg.det(primaries)) < 1e-6:
+        raise ValueError("primaries on one line")
+    return from_xyz(primaries * np.linalg.solve(primaries, white))
+
+
+def from_xyz(rgb_to_xyz: np.ndarray) -> np.ndarray | None:
+    """The matrix (3, 3) to linear Rec. 709 for one to XYZ (CIE 1931); None: it is Rec. 709."""
+    matrix = xyz_to_rgb_matrix("cie1931_2deg") @ rgb_to_xyz
+    return None if np.abs(matrix - np.eye(3)).max() < SAME_MATRIX else np.asarray(matrix)

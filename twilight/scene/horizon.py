@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from twilight.atmosphere.screen import Screen
-from twilight.config.horizon import Horizon
+from twilight.config.scene import Horizon
 
 
 def screen_of(horizon: Horizon) -> Screen | None:

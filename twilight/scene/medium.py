@@ -24,9 +24,7 @@ from twilight.atmosphere.shipped_optics import WAVELENGTHS_NM
 from twilight.atmosphere.stratosphere import ExtinctionLevels, StratosphereSpec, measured_kind
 from twilight.base.errors import TwilightError
 from twilight.config.aerosol import Aerosol
-from twilight.config.climate import Climate, Ground, Spectrum, TabulatedMedium, climate_files
-from twilight.config.clouds import THINNEST_KM
-from twilight.config.profile import air_profile
+from twilight.config.climate import THINNEST_KM, Climate, Ground, Spectrum, TabulatedMedium, air_profile, climate_files
 from twilight.config.scene import Config, Wavelengths
 
 

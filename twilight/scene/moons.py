@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from twilight.config.moon import MoonSection
 from twilight.config.scene import Config
-from twilight.config.sun import SunAt
-from twilight.numerics.orientation import direction
+from twilight.config.sun import MoonSection, SunAt
+from twilight.numerics.directions import direction
 from twilight.scene.suns import SceneSun
-from twilight.sky.bodies import AU_KM
-from twilight.sky.moon import Moon, moon_over
-from twilight.sky.moon.light import MEAN_DISTANCE_KM
+from twilight.sky.ephemeris import AU_KM
+from twilight.sky.moon import MEAN_DISTANCE_KM, Moon, moon_over
 
 
 def moon_of(config: Config, sun: SceneSun) -> Moon | None:

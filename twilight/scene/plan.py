@@ -9,8 +9,7 @@ import numpy as np
 
 from twilight.atmosphere import bands, gases
 from twilight.base.conventions import EARTH_RADIUS_KM
-from twilight.config.climate import Climate, Gases
-from twilight.config.profile import air_profile
+from twilight.config.climate import Climate, Gases, air_profile
 from twilight.config.scene import PLACED_NM, Config
 from twilight.numerics.spectrum import VISIBLE_NM, colour_matching_functions
 from twilight.scene.medium import climate_medium, cloud_layers, wavelengths_of

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twilight.numerics.orientation import PHASE_COUNT, scattering_angle_rad
+from twilight.numerics.directions import PHASE_COUNT, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix, hermite_weights, linear_weights
 
 DARKEST = 1e-9

@@ -9,6 +9,8 @@ has what `Solver` lists:
   an option of one of these names has one meaning: `polarisation` (true: the field is a `PolarisedField`), `field_file`
   (where the field of one block of wavelengths is stored), `target_error` (the relative systematic error that it is to
   have) and `target_stderr` (a relative standard error that samples are added for);
+- `tuned_numbers()`, where a solver has them: rows of name, value, unit, air, test and meaning of what tunes its
+  algorithm, which `twilight show solvers NAME` prints;
 - `recorded(settings)`, where settings may name files: the same with what is in them in place of their paths;
 - `prepare(medium, settings, *, observer_altitude_km, progress)`, which computes what depends on neither sun nor
   direction and returns a `Field`, or raises TwilightError.
@@ -41,6 +43,7 @@ class Cost:
     bytes_per_wavelength, cpu_s_per_wavelength: of each wavelength; of each block of `block_size` wavelengths, begun or
         full, they count block_size times
     cpu_s_per_direction: of a wavelength in one direction, when the field is evaluated
+    cpu_s_per_sun: of a wavelength under each sun, where the field is solved for one after the other
     cpu_s_per_interpolated: in place of cpu_s_per_wavelength where `spectral_interpolation` serves
     block_size: wavelengths that are computed as one
     band_bytes: added to fixed_bytes where the wavelengths are terms of a gas's exponential sum
@@ -55,6 +58,7 @@ class Cost:
     band_bytes: float = 0.0
     band_cpu_factor: float = 1.0
     cpu_s_per_interpolated: float = 0.0
+    cpu_s_per_sun: float = 0.0
 
     def n_bytes(self, wavelengths: int, in_band: bool = False) -> float:
         """Bytes of a field of so many wavelengths; in_band: or so many terms of an exponential sum."""
@@ -101,8 +105,8 @@ class Capabilities:
     spectral_interpolation: what interpolates light over the spectrum, from (medium, exponential sums of its bands or
         None, indices of wavelengths that share a spectral group, settings), for `prepare` to take as `interpolation`;
         None: each of these wavelengths is solved
-    cost: cost of a field from (medium, settings, sun elevations or None for any, altitude of the observer), None where
-        it is not known; None: it never is
+    cost: cost of a field from (medium, settings, sun elevations or None for any, altitude of the observer); None, or
+        where that gives None: not known
     package: name of a Python package that it needs beside those of twilight, which the extra `peers` installs
     """
 

@@ -28,7 +28,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
 from twilight.base.progress import Progress
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_ranges
-from twilight.transport.matrix_moments import matrix_moments
+from twilight.transport.scaling import matrix_moments
 
 JUMP_KM = 1e-3
 """Thickness of the layer that stands for a jump of a coefficient [km]."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.reading import check_npy
-from twilight.config.terrain import Terrain
+from twilight.config.pictures import Terrain
 from twilight.terrain.geotiff import Land, check_shape, read_geotiff
 
 LOWEST_M, HIGHEST_M = -500.0, 9000.0

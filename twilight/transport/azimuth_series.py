@@ -28,7 +28,7 @@ CHECKED = 1e-3
 FAINT = 1e-16
 """Radiance over F0 that does not count [sr^-1]."""
 
-DARK = -300.0
+LOG_OF_NO_LIGHT = -300.0
 """Logarithm that stands for no light."""
 
 
@@ -85,11 +85,11 @@ def at_azimuth(series, n, cos_azimuth, out):
     series (., M): of `cosine_series`; n: its intervals; cos_azimuth: of the azimuth from the sun.
     """
     out[:] = 0.0
-    before, here = cos_azimuth, 1.0
+    before, current = cos_azimuth, 1.0
     for m in range(n + 1):
         for i in range(out.size):
-            out[i] += here * series[m, i]
-        before, here = here, 2.0 * cos_azimuth * here - before
+            out[i] += current * series[m, i]
+        before, current = current, 2.0 * cos_azimuth * current - before
 
 
 @njit(cache=True)
@@ -117,12 +117,12 @@ def interpolate_azimuth(evaluate: Callable[[RayDirections], np.ndarray], directi
         return evaluate(directions)
     nodes = np.pi * np.arange(SMOOTH + 1) / SMOOTH
     own = [directions.cos_azimuth[a:b] for a, b in zip(directions.first[:-1], directions.first[1:], strict=True)]
-    found = _split(evaluate, directions, [np.cos(nodes) if m else c for c, m in zip(own, many, strict=True)])
+    by_ray = _split(evaluate, directions, [np.cos(nodes) if m else c for c, m in zip(own, many, strict=True)])
     rays = np.flatnonzero(many)
-    there = np.stack([found[r] for r in rays])
-    form = _smooth_form(there)
+    at_nodes = np.stack([by_ray[r] for r in rays])
+    form = _smooth_form(at_nodes)
     guess = _summed(_azimuthal_harmonics(np.cos(nodes[1::2]), SMOOTH // 2), _summed(_series(nodes[::2]), form[:, ::2]))
-    between = there[:, 1::2]
+    between = at_nodes[:, 1::2]
     wrong = np.abs(_from_smooth_form(guess) - between).sum(axis=2) - FAINT
     smooth = ~np.any(wrong > CHECKED * between[:, :, 0], axis=(1, 2))
     coefficients = _summed(_series(nodes), form[smooth])
@@ -134,12 +134,12 @@ def interpolate_azimuth(evaluate: Callable[[RayDirections], np.ndarray], directi
         same = rays[smooth][places]
         lights = _from_smooth_form(_summed(_azimuthal_harmonics(own[same[0]], SMOOTH), coefficients[places]))
         for r, light in zip(same, lights, strict=True):
-            found[r] = light
+            by_ray[r] = light
     rough = set(rays[~smooth].tolist())
     if rough:
         rest = _split(evaluate, directions, [c if r in rough else c[:0] for r, c in enumerate(own)])
-        found = [rest[r] if r in rough else light for r, light in enumerate(found)]
-    return np.concatenate(found)
+        by_ray = [rest[r] if r in rough else light for r, light in enumerate(by_ray)]
+    return np.concatenate(by_ray)
 
 
 def _split(
@@ -147,21 +147,21 @@ def _split(
 ) -> list[np.ndarray]:
     """What `evaluate` gives at other azimuths of each ray, ray by ray."""
     first = np.concatenate([[0], np.cumsum([c.size for c in cosines])])
-    found = evaluate(directions._replace(first=first, cos_azimuth=np.concatenate(cosines)))
-    return np.split(found, first[1:-1])
+    stokes = evaluate(directions._replace(first=first, cos_azimuth=np.concatenate(cosines)))
+    return np.split(stokes, first[1:-1])
 
 
 def _smooth_form(stokes: np.ndarray) -> np.ndarray:
     """Logarithm of I, Q/I and U/I (..., S, W)."""
     form = np.array(stokes, dtype=float)
-    intensity = np.where(form[..., :1, :] > 0.0, form[..., :1, :], np.exp(2.0 * DARK))
+    intensity = np.where(form[..., :1, :] > 0.0, form[..., :1, :], np.exp(2.0 * LOG_OF_NO_LIGHT))
     form[..., 1:, :] /= intensity
     form[..., :1, :] = np.log(intensity)
     return form
 
 
 def _from_smooth_form(form: np.ndarray) -> np.ndarray:
-    intensity = np.where(form[..., :1, :] > DARK, np.exp(form[..., :1, :]), 0.0)
+    intensity = np.where(form[..., :1, :] > LOG_OF_NO_LIGHT, np.exp(form[..., :1, :]), 0.0)
     return np.concatenate([intensity, form[..., 1:, :] * intensity], axis=-2)
 
 

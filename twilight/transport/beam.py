@@ -20,7 +20,7 @@ point, found from a tabulated shift that is proportional to the difference of th
 What jumps or bends strongly at an edge of a layer is in neither table but added in closed form, at every wavelength's
 own ray: :mod:`twilight.transport.beam_edges`.
 
-A screen beyond the horizon (:mod:`twilight.transport.beam_screen`) is a factor on all this, at every wavelength's own
+A screen beyond the horizon (:mod:`twilight.transport.ray_profile`) is a factor on all this, at every wavelength's own
 ray.
 
 What the table leaves out: several images of the sun (mirages; d chi/d i is kept above 0.05), the gap in direction that
@@ -40,12 +40,19 @@ from twilight.jit.kernels import njit
 from twilight.transport import beam_edges, beam_tables
 from twilight.transport import beam_lookup as lookup
 from twilight.transport.beam_edges import Edges
+from twilight.transport.beam_layout import (
+    LimbRays,
+    Segments,
+    Tables,
+    limb_edges,
+    pack,
+    segment_nodes,
+    segments,
+    uniform_in_invariant,
+)
 from twilight.transport.beam_lookup import Beam, beam_at, beam_at_one, lit_at
-from twilight.transport.beam_nodes import LimbRays, limb_edges, segment_nodes, segments, uniform_in_invariant
-from twilight.transport.beam_pack import Segments, Tables, pack
-from twilight.transport.beam_screen import screen_table
 from twilight.transport.beam_tables import BeamAir
-from twilight.transport.ray_profile import AIR, RayProfile, ray_profile, refractivity_at
+from twilight.transport.ray_profile import AIR, RayProfile, ray_profile, refractivity_at, screen_table
 
 __all__ = ["Beam", "beam_at", "beam_at_one", "beam_on_ground", "lit_at", "prepare_beam"]
 

@@ -96,14 +96,14 @@ def _candidates(layout: RayProfile, most: int) -> np.ndarray:
     """Altitudes [km] from the ground up between which the extinction of `layout` neither jumps nor bends strongly."""
     ends = np.array([0.0, 1.0])
     values = [_at(layout, i, ends)[2:] for i in range(1, layout.top_km.size)]
-    found = []
+    candidates = []
     for i in range(len(values)):
         k, slope = values[i]
         above, above_slope = (values[i + 1][0][0], values[i + 1][1][0]) if i + 1 < len(values) else (0.0, 0.0)
         jump, bend = np.max(np.abs(k[1] - above)), np.max(np.abs(slope[1] - above_slope))
         if jump > JUMP_PER_KM or bend > BEND_PER_KM2:
-            found.append((jump / JUMP_PER_KM + bend / BEND_PER_KM2, float(layout.top_km[i + 1])))
-    strongest = sorted(found, reverse=True)[:most]
+            candidates.append((jump / JUMP_PER_KM + bend / BEND_PER_KM2, float(layout.top_km[i + 1])))
+    strongest = sorted(candidates, reverse=True)[:most]
     return np.array(sorted(z for _, z in strongest))
 
 

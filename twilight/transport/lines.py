@@ -1,7 +1,7 @@
 """Lines of sight as a few points each: straight or bent by refraction, short steps where the air changes.
 
-A line is followed by the steps of `ray_steps`.  Within a step optical depth and scattered light are two-point Gauss
-sums.
+A line is followed by the steps of `steps`.  Within a step optical depth and scattered light are two-point Gauss sums.
+A `RayBundle` holds many lines at once: what depends on the air alone, for any sun.
 
 Arguments that the kernels share: profile: `Profile`; altitude_km, z [km]: of the point; psi [rad]: geocentric angle
 from the start of the line; a [rad]: elevation of the line at the point; travelled, s [km]: its length up to there.
@@ -16,16 +16,10 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium, with_joined_refractivity
 from twilight.atmosphere.refraction import ciddor_refractivity
+from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
-from twilight.numerics.geometry import distance_to_sphere
 from twilight.transport.profile import Profile, locate
-from twilight.transport.ray_steps import advance, step, step_length
-
-GAUSS_LOW = 0.5 - 0.5 / math.sqrt(3.0)
-"""The nearer of the two Gauss points of a step, as a fraction of it."""
-
-GAUSS_HIGH = 0.5 + 0.5 / math.sqrt(3.0)
-"""The farther of the two Gauss points of a step, as a fraction of it."""
+from twilight.transport.steps import GAUSS_HIGH, GAUSS_LOW, INSIDE_KM, advance, distance_to_sphere, step, step_length
 
 ALTITUDE, ANGLE, COSINE, DISTANCE = range(4)
 """Columns of `Line.place`."""
@@ -48,15 +42,12 @@ THICK_FINENESS = 1.0
 With 0.4, 1.7 optical depths a step, thick haze was 3 % too bright after tens of orders of scattering.
 """
 
-DARK = 40.0
+OPAQUE_DEPTH = 40.0
 """Optical depth at the clearest wavelength behind which a line is not followed.
 
 In deep twilight light of a far, lit place is brighter by that much.  With 25, 380 nm alone below a volcanic cloud was
 3.5 % off with the sun at -18 deg.
 """
-
-_INSIDE_KM = 1e-9
-"""Coefficients at a stop are those this far inside the interval that the step is in [km]."""
 
 _SAME_KM = 1e-9
 """Distances that differ by less are the same [km]."""
@@ -103,11 +94,11 @@ def with_refraction(profile: Profile, medium: Medium) -> Profile:
     if not medium.has_refraction:
         return profile
     nearest = int(np.argmin(np.abs(medium.wavelength_nm - BENDING_NM)))
-    here, there = ciddor_refractivity(np.array([medium.wavelength_nm[nearest], BENDING_NM]), 288.15, 1013.25)
+    own, at_bending = ciddor_refractivity(np.array([medium.wavelength_nm[nearest], BENDING_NM]), 288.15, 1013.25)
     at_sight = with_joined_refractivity(medium.select(slice(nearest, nearest + 1)))
     z = profile.altitude_km
     low, high = np.maximum(z - GRADIENT_KM, z[0]), np.minimum(z + GRADIENT_KM, z[-1])
-    refractivity = (there / here) * at_sight.at(np.stack([low, high])).refractivity[:, :, 0]
+    refractivity = (at_bending / own) * at_sight.at(np.stack([low, high])).refractivity[:, :, 0]
     return profile._replace(gradient_per_km=np.diff(np.log1p(refractivity), axis=0)[0] / (high - low))
 
 
@@ -178,7 +169,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
         if n >= rows - 2:
             break
         left = max(0.02, min(1.0, 2.0 - 2.0 * n / rows))
-        lowest, highest = stop[j] + _INSIDE_KM, stop[j + 1] - _INSIDE_KM
+        lowest, highest = stop[j] + INSIDE_KM, stop[j + 1] - INSIDE_KM
         inside = max(lowest, min(highest, z))
         fine, thick_fine = left * fineness, left * max(fineness, THICK_FINENESS)
         h = step_length(profile, inside, math.sin(a), travelled - start, fine, thick_fine, depth, darkest)
@@ -198,7 +189,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
             if low_guide >= low_most:
                 darkest += 0.5 * h * (low_guide + high_guide)
             high_guide *= math.exp((GAUSS_LOW - GAUSS_HIGH) * 0.5 * h * (low_guide + high_guide))
-            seen = False
+            is_bright = False
             clearest = 1e300
             for w in range(n_w):
                 k0 = 0.5 * h * (k[i0, w] * (1 - f0) + k[i0 + 1, w] * f0)
@@ -212,7 +203,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
                 low = t * (sigma[i0, w] * (1 - f0) + sigma[i0 + 1, w] * f0)
                 high = t * t1 * (sigma[i1, w] * (1 - f1) + sigma[i1 + 1, w] * f1)
                 passed[w] += tau
-                seen = seen or low + high > negligible[w]
+                is_bright = is_bright or low + high > negligible[w]
                 clearest = min(clearest, passed[w])
                 if two:
                     weight[n, w] = low
@@ -223,7 +214,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
             depth += 0.5 * h * (clear[i0] * (1 - f0) + clear[i0 + 1] * f0)
             depth += 0.5 * h * (clear[i1] * (1 - f1) + clear[i1 + 1] * f1)
             least = clearest
-            if seen:
+            if is_bright:
                 if two:
                     _put(place[n], z0, psi0, a0, s_low)
                     n += 1
@@ -244,7 +235,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
             status = GROUND
         elif j > stop.size - 2 or travelled >= far_km - _SAME_KM:
             status = OUT
-        if status >= 0 or least > DARK:
+        if status >= 0 or least > OPAQUE_DEPTH:
             break
     for w in range(n_w):
         transmittance[w] = math.exp(-passed[w])
@@ -280,3 +271,94 @@ def _put(row, z, psi, a, s):
     row[ANGLE] = psi
     row[COSINE] = math.sin(a)
     row[DISTANCE] = s
+
+
+class RayBundle(NamedTuple):
+    """R rays with P points in all.
+
+    first (R + 1,): where the points of each ray start; place (P, 4), weight (P, W): as in `Line`
+    ground_weight (R, W): transmittance to the ground, 0 for rays that miss it; ground_angle_rad (R,): geocentric angle
+        from the start of the ray to where it meets the ground
+    passed (R, W): transmittance to the end of each ray, whatever it ends on
+    """
+
+    first: np.ndarray
+    place: np.ndarray
+    weight: np.ndarray
+    ground_weight: np.ndarray
+    ground_angle_rad: np.ndarray
+    passed: np.ndarray
+
+
+@njit(cache=True, nogil=True)
+def _trace(profile, altitude_km, cosine, far_km, fineness, pairs, store, rays, begin, end):
+    """Trace rays: count their points into rays.first[r + 1], or store them from rays.first[r] on.
+
+    profile: `Profile`; altitude_km (R,), cosine (R,), far_km (R,), fineness, pairs: as `lines.trace_line` has them;
+    store: keep the points, else count; rays: `RayBundle`, filled; begin, end: the first ray and the one after the last.
+    """
+    line = new_line(profile)
+    for r in range(begin, end):
+        n, status = trace_line(profile, altitude_km[r], cosine[r], fineness, pairs, line, far_km[r])
+        if not store:
+            rays.first[r + 1] = n
+            continue
+        # by loops: an assignment of slices brings the text of numba's error with it, 3 s to compile
+        for k in range(n):
+            for i in range(line.place.shape[1]):
+                rays.place[rays.first[r] + k, i] = line.place[k, i]
+            for w in range(line.weight.shape[1]):
+                rays.weight[rays.first[r] + k, w] = line.weight[k, w]
+        rays.ground_angle_rad[r] = line.end[END_ANGLE]
+        for w in range(line.transmittance.size):
+            rays.passed[r, w] = line.transmittance[w]
+            rays.ground_weight[r, w] = line.transmittance[w] if status == GROUND else 0.0
+
+
+def trace_rays(
+    profile: Profile,
+    altitude_km: np.ndarray,
+    cosine: np.ndarray,
+    fineness: float,
+    *,
+    pairs: bool = False,
+    far_km: np.ndarray | None = None,
+) -> RayBundle:
+    """Rays that start at `altitude_km` (R,) under `cosine` (R,); each is traced twice, to count points and to store.
+
+    pairs: two points for every step; otherwise one for short steps.  far_km (R,): distance at which each ends at the
+    latest; None: none does.
+    """
+    # in C order: the kernel is compiled for each order of its arrays
+    far = np.full(altitude_km.size, np.inf) if far_km is None else np.ascontiguousarray(far_km, dtype=float)
+    n_rays, n_w = altitude_km.size, profile.extinction.shape[1]
+    first = np.zeros(n_rays + 1, np.int64)
+
+    def trace(n_points: int, store: bool) -> RayBundle:
+        rays = RayBundle(
+            first,
+            np.empty((n_points, 4)),
+            np.empty((n_points, n_w)),
+            np.zeros((n_rays, n_w)),
+            np.zeros(n_rays),
+            np.ones((n_rays, n_w)),
+        )
+        in_slices(
+            lambda begin, end: _trace(profile, altitude_km, cosine, far, fineness, pairs, store, rays, begin, end),
+            n_rays,
+        )
+        return rays
+
+    trace(1, False)
+    np.cumsum(first, out=first)
+    return trace(int(first[-1]), True)
+
+
+def species_fraction(medium: Medium, altitude_km: np.ndarray) -> np.ndarray:
+    """Fraction (1 + K, P, W) of air and of each aerosol phase function in the scattering at altitudes (P,) [km]."""
+    at = medium.at(altitude_km)
+    species = np.concatenate([at.air_scattering[None], at.aerosol_scattering[None] * at.aerosol_phase_fraction])
+    total = species.sum(axis=0)
+    fraction = np.where(total > 0, species / np.where(total > 0, total, 1.0), 0.0)
+    fraction[0] = np.where(total > 0, fraction[0], 1.0)
+    return fraction

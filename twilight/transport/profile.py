@@ -194,11 +194,11 @@ def expected_factors(altitude_km: np.ndarray, extinction_per_km: np.ndarray) -> 
     height = altitude_km - altitude_km[0]
     high = height > EXPECTED_SCALE_KM * np.log(EXPECTED_PER_KM / EXPECTED_HIGH_PER_KM)
     ratio = extinction_per_km / expected_extinction(altitude_km)
-    found = [
+    least = [
         next((f for f in factors if np.max(ratio[part], initial=0.0) <= f), None)
         for part, factors in zip((~high, high), EXPECTED_FACTORS, strict=True)
     ]
-    return None if found[0] is None or found[1] is None else (found[0], found[1])
+    return None if least[0] is None or least[1] is None else (least[0], least[1])
 
 
 def _stops(altitude_km: np.ndarray, per_km: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,6 +10,8 @@ from a point outwards to the top.  u vanishes at the lowest point of a ray like 
 the linear estimate of that zero seen from the start of each layer, every integrand is smooth and a few Gauss-Legendre
 nodes per layer are enough.  With n = 1 the bending is exactly 0.
 
+`ApparentRays` follows lines of sight backwards to space: where refraction shows what is beyond the air, and how dimmed.
+
 Differences of x are formed from differences of altitude and of n - 1, never by subtracting two numbers near 6371.
 Where n r does not grow with r (a duct) u^2 can become negative: such a ray cannot leave the air and is ``TRAPPED``.
 
@@ -20,7 +22,7 @@ u_km: n r cos i there; path: `RayPath`, what the ray has collected; below_ground
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -33,8 +35,13 @@ from twilight.transport.ray_profile import (
     index_at,
     index_in,
     layer_above,
+    ray_profile,
+    refractive_radius,
     refractivity_at,
 )
+
+if TYPE_CHECKING:
+    from twilight.atmosphere.medium import Medium
 
 OUTSIDE = 0
 """The ray comes from the open sky."""
@@ -318,3 +325,63 @@ def sun_ray(profile, w, altitude_km, u_km, below_ground):
     bending, tau, _, _, ok = outward(profile, w, lowest, 0.0, FAR_KM)
     near, near_tau, _, _, near_ok = outward(profile, w, lowest, 0.0, altitude_km)
     return bending + near, tau + near_tau, (OUTSIDE if ok and near_ok else TRAPPED)
+
+
+NO_LIGHT = -1.0
+"""Transmittance that marks a line of sight which does not leave the air."""
+
+
+@njit(cache=True)
+def _follow(profile, w, altitude_km, elevation_rad, bending, transmittance):
+    """Fill bending (H,) [rad] and transmittance (H,), or NO_LIGHT, at one wavelength.
+
+    profile: `RayProfile`; w: index of the wavelength; altitude_km: of the observer; elevation_rad (H,): apparent.
+    """
+    n = refractivity_at(profile, w, altitude_km)
+    x = (profile.radius_km + altitude_km) * (1.0 + n)
+    for i in range(elevation_rad.size):
+        angle, tau, status = sun_ray(profile, w, altitude_km, x * math.sin(elevation_rad[i]), np.bool_(False))
+        bending[i] = angle
+        transmittance[i] = (1.0 + n) ** 2 * math.exp(-tau) if status == OUTSIDE else NO_LIGHT
+
+
+class ApparentRays:
+    """Rays of a medium by the apparent elevation under which an observer sees them."""
+
+    def __init__(self, medium: Medium):
+        self.medium = medium
+        self._profile = ray_profile(medium)
+
+    def follow(
+        self, altitude_km: float, elevation_deg: np.ndarray, wavelengths: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """True elevation [deg] and transmittance (H, len(wavelengths)) of apparent elevations (H,) [deg].
+
+        altitude_km: of the observer; wavelengths: indices of wavelengths of the medium.  The transmittance contains the
+        square of the observer's refractive index (a path conserves radiance over n^2), and is 0 where a line of sight
+        meets the ground or stays in a duct; its true elevation is then that without air.
+        """
+        z = max(altitude_km, self.medium.bottom_km)
+        shape = (elevation_deg.size, len(wavelengths))
+        true, passed = np.empty(shape), np.empty(shape)
+        angle, transmittance = np.empty(elevation_deg.size), np.empty(elevation_deg.size)
+        for k, w in enumerate(wavelengths):
+            _follow(self._profile, int(w), z, np.radians(elevation_deg), angle, transmittance)
+            free = transmittance >= 0.0
+            true[:, k] = elevation_deg - np.where(free, np.degrees(angle), 0.0)
+            passed[:, k] = np.where(free, transmittance, 0.0)
+        return true, passed
+
+
+def horizon_dip_deg(medium: Medium, altitude_km: float, level_km: float | None = None) -> float:
+    """How far below the horizontal the refracted ray leaves that touches the ground [deg], in the middle wavelength.
+
+    level_km: the altitude that the ray touches; None: the ground's.  Bouguer's invariant n r cos(elevation) is the same
+    there and at the observer.
+    """
+    bottom, z = medium.bottom_km, max(altitude_km, medium.bottom_km)
+    w = medium.n_wavelengths // 2
+    profile = ray_profile(medium)
+    touching = refractive_radius(profile, w, bottom if level_km is None else level_km)
+    at_observer = refractive_radius(profile, w, z)
+    return float(np.degrees(np.arccos(min(1.0, touching / at_observer))))

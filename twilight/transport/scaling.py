@@ -6,17 +6,23 @@ A degree between M and M + 1 takes f between chi_{M+1} and chi_{M+2}: moment M +
 scattered follows the degree without steps.
 With M = 0 this is f = g: Haber's similarity-reduced isotropic aerosol (eq. 2), in which extinction falls with
 scattering, so that light scattered forward stays on its way instead of being lost.
+
+Polarised light has moments of the phase matrix over generalised spherical functions, one scattering of each degree:
+    b_l = 2 pi int P12 d^l_02 dmu,     even_l +- odd_l = 2 pi int (P22 +- P33) d^l_2,+-2 dmu,
+with Wigner's functions d of the scattering angle.  Reference: Hovenier, van der Mee & Domke 2004, Transfer of Polarized
+Light in Planetary Atmospheres, appendix B.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.numerics.phase import rayleigh_matrix, rayleigh_phase
+from twilight.numerics.phase import rayleigh_matrix, rayleigh_phase, table_angles_rad
 
 
 @dataclass(frozen=True)
@@ -64,6 +70,21 @@ def delta_scaled(medium: Medium, degree: float | None) -> ScaledMedium:
     return ScaledMedium(scaled, moments, f, degree)
 
 
+def with_light_in_peak(
+    light: np.ndarray, whole: np.ndarray, scaled_passed: np.ndarray, passed: np.ndarray
+) -> np.ndarray:
+    """L_s + (1 - T / T_s) (L - L_s): light that a segment of air brings, forward peak and all, [sr^-1].
+
+    Scaled air counts light in the forward peak as passed: what the segment scatters on within the peak of the light
+    from behind, taken as even across the peak, is missing in L_s.
+
+    light: L_s, of the segment in scaled air; whole: L, of the whole line; scaled_passed, passed: transmittance T_s of
+    the scaled and T of the true air of the segment; all of one shape.
+    """
+    lost = np.where(scaled_passed > 0.0, 1.0 - passed / np.where(scaled_passed > 0.0, scaled_passed, 1.0), 0.0)
+    return light + np.maximum(lost, 0.0) * np.maximum(whole - light, 0.0)
+
+
 def species_phase(medium: Medium, forward_fraction: np.ndarray, cos_angle: np.ndarray) -> np.ndarray:
     """Exact phase functions of air and of each aerosol at scattering angles (D,), shape (D, 1 + K, W) [sr^-1].
 
@@ -91,3 +112,58 @@ def _species(air: np.ndarray, aerosol: list[np.ndarray], forward_fraction: np.nd
 def rayleigh_phase_array(cos_angle: np.ndarray, depolarisation: np.ndarray) -> np.ndarray:
     """Rayleigh phase function [sr^-1] at scattering angles (D,) for depolarisation factors (W,), (D, W)."""
     return rayleigh_phase.py_func(cos_angle[:, None], depolarisation[None, :])
+
+
+def wigner_d(highest: int, m: int, n: int, cosine: np.ndarray) -> np.ndarray:
+    """d^l_mn at cosines of any shape for l = 0..highest, shape (highest + 1, ...); 0 where l < max(|m|, |n|)."""
+    x = np.asarray(cosine, dtype=float)
+    out = np.zeros((highest + 1, *x.shape))
+    first = max(abs(m), abs(n))
+    if first > highest:
+        return out
+    minus, plus = abs(m - n), abs(m + n)
+    scale = math.sqrt(math.factorial(2 * first) / (math.factorial(minus) * math.factorial(plus))) / 2.0**first
+    sign = 1.0 if n >= m else (-1.0) ** (m - n)
+    out[first] = sign * scale * (1.0 - x) ** (0.5 * minus) * (1.0 + x) ** (0.5 * plus)
+    for k in range(first, highest):
+        before = out[k - 1] if k > first else 0.0
+        if k == 0:
+            out[1] = x
+            continue
+        up = k * math.sqrt(((k + 1) ** 2 - m * m) * ((k + 1) ** 2 - n * n))
+        down = (k + 1) * math.sqrt((k * k - m * m) * (k * k - n * n))
+        out[k + 1] = ((2 * k + 1) * (k * (k + 1) * x - m * n) * out[k] - down * before) / up
+    return out
+
+
+class MatrixMoments(NamedTuple):
+    """What scattering does to each degree: b, even and odd (1 + K, degree + 1, W), of air and of K scaled aerosols."""
+
+    b: np.ndarray
+    even: np.ndarray
+    odd: np.ndarray
+
+
+def matrix_moments(medium: Medium, forward_fraction: np.ndarray, degree: int) -> MatrixMoments:
+    """Moments of the phase matrices; light in the forward peak, forward_fraction (K, W), keeps its polarisation."""
+    n_w = medium.n_wavelengths
+    out = np.zeros((3, 1 + len(medium.phase_functions), degree + 1, n_w))
+    delta = (1.0 - medium.depolarisation) / (1.0 + 0.5 * medium.depolarisation)
+    out[0, 0, 2] = -3.0 / (5.0 * math.sqrt(6.0)) * delta
+    out[1, 0, 2] = 0.6 * delta
+    # as for Legendre moments: Gauss points on the table's own mesh
+    edges = np.sqrt(table_angles_rad() / np.pi)
+    x, w = np.polynomial.legendre.leggauss(4)
+    u = (0.5 * (edges[1:] + edges[:-1])[:, None] + 0.5 * np.diff(edges)[:, None] * x).ravel()
+    angle = np.pi * u**2
+    weight = 2.0 * np.pi * np.sin(angle) * 2.0 * np.pi * u * (0.5 * np.diff(edges)[:, None] * w).ravel()
+    mu = np.cos(angle)
+    across, same, opposite = (wigner_d(degree, m, n, mu) * weight for m, n in ((0, 2), (2, 2), (2, -2)))
+    for k, (phase, f) in enumerate(zip(medium.phase_functions, forward_fraction, strict=True)):
+        _, p12, p22, p33 = phase.matrix(mu)
+        total, difference = same @ (p22 + p33).T, opposite @ (p22 - p33).T
+        out[0, 1 + k] = (across @ p12.T) / (1.0 - f)
+        out[1, 1 + k] = (0.5 * (total + difference) - f) / (1.0 - f)
+        out[2, 1 + k] = (0.5 * (total - difference) - f) / (1.0 - f)
+    out[:, :, :2] = 0.0
+    return MatrixMoments(*out)

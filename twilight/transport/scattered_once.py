@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twilight.numerics.orientation import PHASE_ANGLE_RAD, scattering_angle_rad
+from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.transport.shells import ALTITUDE_KM, RefractedShells, sublayers
 
 if TYPE_CHECKING:

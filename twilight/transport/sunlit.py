@@ -143,12 +143,12 @@ def _few_azimuths(air, r, elevation, directions, work, moments, series):
                 continue
             cos_azimuth = math.cos(math.pi * j / n)
             d = nearest(directions.cos_azimuth, first, end, cos_azimuth)
-            here = series.values[j * stride]
-            along(air, r, RayView(elevation, to_sun, cos_azimuth), d, work, here)
+            at_node = series.values[j * stride]
+            along(air, r, RayView(elevation, to_sun, cos_azimuth), d, work, at_node)
             if n > 2:
                 _from_series(series, n // 2, cos_azimuth, moments)
             for w in range(brightest.size):
-                light, size = _light_of(air, _INTENSITY, d, here, w)
+                light, size = _light_of(air, _INTENSITY, d, at_node, w)
                 brightest[w] = max(brightest[w], size)
                 if n > 2 and brightest[w] > 0.0:
                     wrong = abs(_light_of(air, _INTENSITY, d, moments, w)[0] - light)

@@ -28,8 +28,8 @@ import numpy as np
 from twilight.jit.kernels import njit
 from twilight.transport.beam import beam_at
 from twilight.transport.beam_lookup import AT_DISPERSION, Beam
-from twilight.transport.lines import ALTITUDE, ANGLE, COSINE, DISTANCE, GAUSS_HIGH, GAUSS_LOW
-from twilight.transport.ray_bundle import RayBundle
+from twilight.transport.lines import ALTITUDE, ANGLE, COSINE, DISTANCE, RayBundle
+from twilight.transport.steps import GAUSS_HIGH, GAUSS_LOW
 
 STEP_ERROR = 5e-5
 """Fraction of all light in a direction that a step which is not cut may be wrong by."""
@@ -222,7 +222,7 @@ def along(air, r, view, d, work, moments):
     r: index of the ray; moments: filled.
     """
     light, logarithm, part, lit, bent = work.light, work.logarithm, work.part, work.lit, work.bent
-    place, weight, here, total = air.rays.place, air.rays.weight, work.at_one, work.total
+    place, weight, irradiance, total = air.rays.place, air.rays.weight, work.at_one, work.total
     fraction, first = air.fraction, air.rays.first
     n_s, n_w = fraction.shape[0], weight.shape[1]
     k0 = first[r]
@@ -233,20 +233,22 @@ def along(air, r, view, d, work, moments):
     for i in range(n):
         k = k0 + i
         # not into a row of `light`: an array made here would be counted in and out at every point
-        lifted = beam_at(air.beam, place[k, ALTITUDE], cos_sun(place[k, ANGLE], view.to_sun, view.cos_azimuth), here)
+        lifted = beam_at(
+            air.beam, place[k, ALTITUDE], cos_sun(place[k, ANGLE], view.to_sun, view.cos_azimuth), irradiance
+        )
         lowered = view.elevation - (math.asin(min(1.0, max(-1.0, place[k, COSINE]))) - place[k, ANGLE])
         bent[i, 0], bent[i, 1] = lifted, lowered
         lit[i] = False
         for w in range(n_w):
-            light[i, w] = here[w]
+            light[i, w] = irradiance[w]
             logarithm[i, w] = -80.0
             source = 0.0
-            if here[w] > 0.0:
+            if irradiance[w] > 0.0:
                 lit[i] = True
-                logarithm[i, w] = max(-80.0, math.log(here[w]))
+                logarithm[i, w] = max(-80.0, math.log(irradiance[w]))
                 for s in range(n_s):
                     source += fraction[s, k, w] * refracted_phase(air, 0, d, s, w, lifted, lowered)
-            part[i, w] = weight[k, w] * here[w] * source
+            part[i, w] = weight[k, w] * irradiance[w] * source
             total[w] += part[i, w]
     for i in range(0, n, 2):
         before, after = max(i - 1, 0), min(i + 2, n - 1)
@@ -283,16 +285,16 @@ def _error(rays, work, k0, before, i, after, all_lit):
         for w in range(total.size):
             if total[w] <= 0.0:
                 continue
-            here = (logarithm[i + 1, w] - logarithm[i, w]) / length
+            slope = (logarithm[i + 1, w] - logarithm[i, w]) / length
             bend = 0.0
             if before < i:
                 gap = place[k, DISTANCE] - place[k0 + before, DISTANCE]
-                bend = abs((logarithm[i, w] - logarithm[before, w]) / gap - here)
+                bend = abs((logarithm[i, w] - logarithm[before, w]) / gap - slope)
             if after > i + 1:
                 gap = place[k0 + after, DISTANCE] - place[k + 1, DISTANCE]
-                bend = max(bend, abs((logarithm[after, w] - logarithm[i + 1, w]) / gap - here))
+                bend = max(bend, abs((logarithm[after, w] - logarithm[i + 1, w]) / gap - slope))
             bend *= length / _BETWEEN
-            step = abs(here) * length / _BETWEEN
+            step = abs(slope) * length / _BETWEEN
             # as bright as the brighter end would make it
             brightest = max(
                 max(part[i, w], part[i + 1, w]),

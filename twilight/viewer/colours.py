@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twilight.numerics import spectrum
-from twilight.sky.tone import Light, Tone
-from twilight.sky.tone.eye import Eye
+from twilight.sky.tone import Eye, Light, Tone
 
 CHANNELS = 4
 """X, Y, Z and scotopic luminance."""

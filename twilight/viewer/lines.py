@@ -8,7 +8,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.engine import Field
 from twilight.numerics.spectrum import wavelength_bounds
 from twilight.sky.night import light
-from twilight.sky.night.veil import veil
+from twilight.sky.night.world import veil
 from twilight.viewer.colours import Channels
 
 NODES = 256

@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from twilight.sky.moon import Moon
-from twilight.sky.moon.light import PHASE_RANGE_DEG
+from twilight.sky.moon import PHASE_RANGE_DEG, Moon
 from twilight.viewer.colours import Channels
 
 PHASES_DEG = np.array([PHASE_RANGE_DEG[0], 15.0, 40.0, PHASE_RANGE_DEG[1]])

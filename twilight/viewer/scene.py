@@ -15,8 +15,8 @@ from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG as LOWEST_TABLE_DEG
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene import Scene
+from twilight.sky.night.points import bright_stars
 from twilight.sky.sky import Sky
-from twilight.sky.stars import bright_stars
 from twilight.sky.table import DARKEST, SkyTable
 from twilight.viewer import lines, space, tables, tones
 from twilight.viewer.colours import Channels
@@ -308,7 +308,7 @@ def check_altitudes(scene: Scene, altitudes_km: Sequence[float] | None, name: st
 
 def _check_suns(solved: Field, name: str) -> None:
     """Raise TwilightError for a field that was not solved for all suns."""
-    low, high = getattr(solved.blocks[0].field, "sun_range_deg", (-90.0, 90.0))
+    low, high = solved.sun_range_deg
     if low > LOWEST_TABLE_DEG or high < 90.0:
         raise TwilightError(f"{name}: its field was solved for suns from {low:g} to {high:g} deg, not for all")
 

@@ -32,7 +32,7 @@ from twilight.engine.sun_tables import LOWEST_SUN_DEG, SunTables, suns_between
 from twilight.engine.table import first_columns
 from twilight.numerics.spectrum import hermite_weights
 from twilight.sky.table import SkyTable
-from twilight.transport.apparent_rays import horizon_dip_deg
+from twilight.transport.rays import horizon_dip_deg
 from twilight.viewer.colours import Channels
 from twilight.viewer.lines import NODES
 from twilight.viewer.tables import PageNodes, between_edges, haze_top_km

@@ -17,7 +17,7 @@ from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG, SunTables
 from twilight.engine.table import first_columns, sudden_edges
 from twilight.sky.table import SkyTable
-from twilight.transport.apparent_rays import horizon_dip_deg
+from twilight.transport.rays import horizon_dip_deg
 
 USUAL_HAZE_TOP_KM = 2.0
 """Height of the haze's top above the ground in air where extinction never falls suddenly [km]."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twilight.numerics.orientation import PHASE_COUNT
+from twilight.numerics.directions import PHASE_COUNT
 from twilight.sky.table import SkyTable
 from twilight.viewer.colours import CHANNELS
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from twilight.io.view import DARKEST_FRACTION
 from twilight.numerics import spectrum
-from twilight.sky import colour
-from twilight.sky.tone import eye
+from twilight.sky import colour, tone
+from twilight.sky.quantities.measure import MESOPIC_RATIO, adaptation_coefficient
 
 LOG10_PHOTOPIC = np.linspace(-6.0, 6.0, 241)
 """Nodes of the eye's tables: logarithms of luminance [cd m^-2]."""
@@ -26,9 +26,9 @@ def eye_tables() -> dict[str, np.ndarray]:
     photopic = 10.0 ** LOG10_PHOTOPIC[:, None]
     scotopic = photopic * 10.0**LOG10_RATIO
     return {
-        "adaptation_coefficient": eye.adaptation_coefficient(photopic, scotopic)[0],
-        "display_gain": np.log(eye.display_gain(photopic, scotopic)),
-        "acuity": eye.acuity_cycles_per_deg(photopic[:, 0]),
+        "adaptation_coefficient": adaptation_coefficient(photopic, scotopic)[0],
+        "display_gain": np.log(tone.display_gain(photopic, scotopic)),
+        "acuity": tone.acuity_cycles_per_deg(photopic[:, 0]),
     }
 
 
@@ -41,12 +41,12 @@ def header() -> dict[str, Any]:
         "highlight_quantile": colour.HIGHLIGHT_QUANTILE,
         "highlights_over_mean": colour.HIGHLIGHTS_OVER_MEAN,
         "darkest_fraction": DARKEST_FRACTION,
-        "display_white": eye.DISPLAY_WHITE_CD_PER_M2,
-        "sigma_cycles": eye.SIGMA_CYCLES,
-        "cones_s": eye.CONES_S,
-        "rods_s": eye.RODS_S,
-        "day": eye.DAY_CD_PER_M2,
-        "night": eye.NIGHT_CD_PER_M2,
+        "display_white": tone.DISPLAY_WHITE_CD_PER_M2,
+        "sigma_cycles": tone.SIGMA_CYCLES,
+        "cones_s": tone.CONES_S,
+        "rods_s": tone.RODS_S,
+        "day": tone.DAY_CD_PER_M2,
+        "night": tone.NIGHT_CD_PER_M2,
         "log10_photopic": [float(LOG10_PHOTOPIC[0]), float(LOG10_PHOTOPIC[-1])],
         "log10_ratio": [float(LOG10_RATIO[0]), float(LOG10_RATIO[-1])],
     }
@@ -63,7 +63,7 @@ def shader_constants() -> str:
         "BURNT_FROM": low,
         "BURNT_TO": high,
         "BURNT_LEAK": colour.BURNT_OUT_LEAK,
-        "MESOPIC_RATIO": eye.MESOPIC_RATIO,
+        "MESOPIC_RATIO": MESOPIC_RATIO,
         "LOG10_PHOTOPIC_FROM": LOG10_PHOTOPIC[0],
         "LOG10_PHOTOPIC_TO": LOG10_PHOTOPIC[-1],
         "LOG10_RATIO_FROM": LOG10_RATIO[0],
@@ -71,7 +71,7 @@ def shader_constants() -> str:
     }
     lines = [f"const float {name} = {float(value)!r};" for name, value in floats.items()]
     lines.append(f"const vec3 Y709 = {_vector(colour.REC709_LUMINANCE)};")
-    lines.append(f"const vec3 NIGHT_BLUE = {_vector(eye.night_blue())};")
+    lines.append(f"const vec3 NIGHT_BLUE = {_vector(tone.night_blue())};")
     columns = spectrum.xyz_to_rgb_matrix("cie1931_2deg").T
     lines.append(f"const mat3 RGB_OF_XYZ = mat3({', '.join(_vector(column) for column in columns)});")
     return "\n".join(lines) + "\n"

@@ -1,21 +1,182 @@
-"""Spectra become numbers: magnitudes, light as eyes and skins see it, photons, colour; integrated at 1 nm.
+"""Spectra become numbers: quantities by name, each with its unit, its source and what it is of.
 
-The factor of a spectrum over the sun's is smooth in wavelength and is interpolated in the logarithm; the solar spectrum
-at 1 nm and the response are multiplied in afterwards (`twilight.numerics.spectrum`).
+Magnitudes, light as eyes and skins see it, photons, colour; integrated at 1 nm.  The factor of a spectrum over the
+sun's is smooth in wavelength and is interpolated in the logarithm; the solar spectrum at 1 nm and the response are
+multiplied in afterwards (`twilight.numerics.spectrum`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Literal
 
 import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
-from twilight.sky.quantities.colour_temperature import correlated_colour_temperature
-from twilight.sky.quantities.responses import ALPHA_OPIC, Response, response, vega
+from twilight.sky.quantities.responses import (
+    ALPHA_OPIC,
+    SCOTOPIC_EFFICACY_LM_PER_W,
+    Response,
+    correlated_colour_temperature,
+    response,
+    vega,
+)
+
+Of = Literal["direction", "surface"]
+MESOPIC_RATIO = 683.0 / 1699.0
+"""V'(555 nm) as CIE 191:2010 has it."""
+MESOPIC_OFFSET = 0.7670
+"""m at 1 cd m^-2 (CIE 191:2010)."""
+MESOPIC_PER_DECADE = 0.3334
+"""Change of m for a factor of ten in luminance (CIE 191:2010)."""
+NEWTON_STEPS = 6
+"""Newton steps for the equation of m: m is within 1e-15 for scotopic over photopic light 0.5 to 6, 0.005 at 0.1."""
+
+
+def adaptation_coefficient(photopic: np.ndarray, scotopic: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """m of CIE 191:2010 (0: night vision, 1: day vision) and the mesopic luminance [cd m^-2] for luminances of one
+    shape; photopic and scotopic [cd m^-2]."""
+    p, s = np.maximum(np.asarray(photopic, float), 1e-12), np.maximum(np.asarray(scotopic, float), 1e-12)
+    m = np.full(np.broadcast_shapes(p.shape, s.shape), 0.5)
+    for _ in range(NEWTON_STEPS):
+        light, weight = m * p + (1.0 - m) * s * MESOPIC_RATIO, m + (1.0 - m) * MESOPIC_RATIO
+        found = np.clip(MESOPIC_OFFSET + MESOPIC_PER_DECADE * np.log10(light / weight), 0.0, 1.0)
+        slope = MESOPIC_PER_DECADE / np.log(10.0) * ((p - s * MESOPIC_RATIO) / light - (1.0 - MESOPIC_RATIO) / weight)
+        inside = (found > 0.0) & (found < 1.0)
+        m = np.clip(m + (found - m) / np.where(inside, np.maximum(1.0 - slope, 0.5), 1.0), 0.0, 1.0)
+    return m, (m * p + (1.0 - m) * s * MESOPIC_RATIO) / (m + (1.0 - m) * MESOPIC_RATIO)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number of a spectrum.
+
+    name: how it is asked for; variable: with its unit, for tables and datasets; unit: of CF; of: the light that it
+    can be of; needs: names of its responses; value: from `Spectra` to an array; about: one line, with the source.
+    """
+
+    name: str
+    variable: str
+    unit: str
+    of: tuple[Of, ...]
+    needs: tuple[object, ...]
+    value: Callable[[Spectra], np.ndarray]
+    about: str
+
+    def responses(self) -> list[Response]:
+        """The responses that wavelengths must cover."""
+        return [response(one) for one in self.needs]
+
+
+def _eyes(name: str, variable: str, unit: str, of: Of, needs: tuple[str, ...], method: str, about: str) -> Quantity:
+    return Quantity(name, variable, unit, (of,), needs, lambda light: getattr(light, method)(), about)
+
+
+def _receptor(name: str) -> Quantity:
+    about = f"equivalent daylight (D65) illuminance, {name.replace('_', '-')}, CIE S 026:2018"
+    return Quantity(
+        name, f"{name}_edi_lux", "lx", ("surface",), (name,), lambda light: light.alpha_opic_edi(name), about
+    )
+
+
+_BOTH: tuple[Of, ...] = ("direction", "surface")
+QUANTITIES = {
+    one.name: one
+    for one in (
+        _eyes("luminance", "luminance_cd_per_m2", "cd m-2", "direction", ("photopic",), "photopic",
+              "photopic luminance, V(lambda) of CIE 1924"),
+        _eyes("scotopic_luminance", "scotopic_luminance_cd_per_m2", "cd m-2", "direction", ("scotopic",), "scotopic",
+              "scotopic luminance, V'(lambda) of CIE 1951"),
+        _eyes("mesopic_luminance", "mesopic_luminance_cd_per_m2", "cd m-2", "direction", ("photopic", "scotopic"),
+              "mesopic", "mesopic luminance, CIE 191:2010"),
+        _eyes("illuminance", "illuminance_lux", "lx", "surface", ("photopic",), "photopic",
+              "illuminance, V(lambda) of CIE 1924"),
+        _eyes("scotopic_illuminance", "scotopic_illuminance_lux", "lx", "surface", ("scotopic",), "scotopic",
+              "scotopic illuminance, V'(lambda) of CIE 1951"),
+        *(_receptor(name) for name in ALPHA_OPIC),
+        _eyes("ppfd", "ppfd_umol_per_m2_s", "umol m-2 s-1", "surface", ("PAR",), "ppfd",
+              "photosynthetic photon flux density, 400 to 700 nm (McCree 1972)"),
+        _eyes("uv_index", "uv_index", "1", "surface", ("erythema",), "uv_index",
+              "UV index, ISO/CIE 17166:2019, from 300 nm on"),
+        Quantity("cct", "cct_k", "K", _BOTH, ("photopic",), lambda light: light.cct_duv[0],
+                 "correlated colour temperature (Ohno 2014)"),
+        Quantity("duv", "duv", "1", _BOTH, ("photopic",), lambda light: light.cct_duv[1],
+                 "distance from Planck's locus in (u, v) of CIE 1960 (Ohno 2014)"),
+    )
+}  # fmt: skip
+"""The quantities that are no magnitude and no light within a response."""
+
+
+def quantity(which: str | Quantity) -> Quantity:
+    """A quantity by its name.
+
+    which: one of `QUANTITIES`, in small letters or large; `in:NAME`, the energy within a response, and `photons:NAME`,
+    its photons; else a band of `responses.response`, whose magnitude is meant, in AB or Vega with `NAME:AB`.
+    Errors: TwilightError for a name that is none.
+    """
+    if isinstance(which, Quantity):
+        return which
+    name = str(which).strip()
+    if name.lower().replace("-", "_") in QUANTITIES:
+        return QUANTITIES[name.lower().replace("-", "_")]
+    kind, colon, rest = name.partition(":")
+    if colon and kind in ("in", "photons"):
+        return _within(kind, rest)
+    band, _, system = name.partition(":")
+    try:
+        found = response(band)
+    except TwilightError as error:
+        raise TwilightError(f"quantity: {error}; or one of {', '.join(QUANTITIES)}") from None
+    if system not in ("", "AB", "Vega"):
+        raise TwilightError(f"quantity: {name}: the system '{system}' is not known; AB and Vega are")
+    usual = system or found.system
+    return Quantity(
+        name,
+        f"magnitude_{_word(found.name)}{'_' + system.lower() if system else ''}_per_arcsec2",
+        "mag arcsec-2",
+        ("direction",),
+        (found,),
+        lambda light: light.magnitude(found, usual),
+        f"surface brightness in {found.name} ({usual}; {found.source})",
+    )
+
+
+def _within(kind: str, name: str) -> Quantity:
+    found = response(name)
+    if kind == "photons":
+        unit, text = "s-1 m-2", "photons"
+        return Quantity(
+            f"photons:{name}", f"photons_{_word(found.name)}_per_s_m2", unit, _BOTH, (found,),
+            lambda light: light.photons(found), f"{text} within {found.name} ({found.source})",
+        )  # fmt: skip
+    return Quantity(
+        f"in:{name}", f"light_in_{_word(found.name)}_w_per_m2", "W m-2", _BOTH, (found,),
+        lambda light: light.within(found), f"energy within {found.name} ({found.source})",
+    )  # fmt: skip
+
+
+def _word(name: str) -> str:
+    return "".join(c if c.isalnum() else "_" for c in name)
+
+
+def unit_of(which: Quantity, of: Of) -> str:
+    """The unit of a quantity; what is radiometric is per steradian of a direction."""
+    radiometric = which.name.startswith(("in:", "photons:"))
+    return f"{which.unit} sr-1" if radiometric and of == "direction" else which.unit
+
+
+def check_of(which: Quantity, of: Of) -> None:
+    """Raise TwilightError for a quantity that a direction, or a surface, does not have."""
+    if of not in which.of:
+        other = "a surface (horizontal, a plane, sphere or cylinder)" if of == "direction" else "a direction"
+        twin = {"illuminance": "luminance", "scotopic_illuminance": "scotopic_luminance"}
+        twin |= {value: key for key, value in twin.items()}
+        hint = f"; {twin[which.name]} is the one of a {of}" if which.name in twin else ""
+        raise TwilightError(f"quantity: {which.name} is of {other}, not of a {of}{hint}")
+
 
 MAX_UNCOVERED = 0.04
 """Largest fraction of a response, weighted with sunlight, beyond the sampled wavelengths, where the spectrum is
@@ -90,14 +251,10 @@ class Spectra:
 
     def scotopic(self) -> np.ndarray:
         """Scotopic luminance [cd m^-2] or illuminance [lx] by V'(lambda) of CIE 1951, (...)."""
-        from twilight.sky.tone.eye import SCOTOPIC_EFFICACY_LM_PER_W  # start-up
-
         return SCOTOPIC_EFFICACY_LM_PER_W * self.weighted(response("scotopic"))
 
     def mesopic(self) -> np.ndarray:
         """Mesopic luminance [cd m^-2] of an eye adapted to this very light, CIE 191:2010 (MES2), (...)."""
-        from twilight.sky.tone.eye import adaptation_coefficient  # start-up
-
         return adaptation_coefficient(self.photopic(), self.scotopic())[1]
 
     def alpha_opic_edi(self, receptor: str) -> np.ndarray:

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
-from twilight.sky.quantities.catalogue import check_of, quantity
-from twilight.sky.quantities.measure import MAX_UNCOVERED, Spectra, check_covered, uncovered
+from twilight.sky.quantities.measure import MAX_UNCOVERED, Spectra, check_covered, check_of, quantity, uncovered
 from twilight.sky.quantities.responses import response
 
 ILLUMINANCES = ("photopic", "scotopic", "s_cone_opic", "m_cone_opic", "l_cone_opic", "rhodopic", "melanopic")
@@ -137,7 +136,7 @@ class SkyLight:
         Parameters
         ----------
         name
-            One of `twilight.sky.quantities.catalogue.QUANTITIES` (mesopic_luminance, ppfd, uv_index, cct, duv ...),
+            One of `twilight.sky.quantities.measure.QUANTITIES` (mesopic_luminance, ppfd, uv_index, cct, duv ...),
             `in:RESPONSE`, `photons:RESPONSE`, or a band.
         elevation_deg, azimuth_deg
             Of the line of sight [deg]; azimuth relative to the sun.

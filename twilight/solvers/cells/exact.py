@@ -15,8 +15,8 @@ from twilight.solvers.cells.settings import CellsSettings
 from twilight.solvers.cells.single import unit_vectors
 from twilight.solvers.cells.stencils import make_mesh, make_stencils
 from twilight.transport.beam import Beam
+from twilight.transport.lines import species_fraction
 from twilight.transport.profile import Profile
-from twilight.transport.ray_bundle import species_fraction
 from twilight.transport.scaling import ScaledMedium
 
 SOURCE_VALUES = 25_000_000

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
-from twilight.solvers.base import Cost, check_choices, check_ranges
+from twilight.solvers.base import check_choices, check_ranges
 
 
 @dataclass(frozen=True)
@@ -117,28 +115,3 @@ QUALITIES: dict[str, CellsSettings] = {
         tolerance=0.0,
     ),
 }
-
-
-SET_UP_S = (0.19, 2.15e-4)
-"""Processor seconds of a wavelength: of any, and times the product of its angles and density; as all figures here of
-`draft` and `standard`, eight wavelengths (`benchmarks/compare.csv`)."""
-SET_UP_BYTES = (1.55e7, 2.0e4)
-"""Bytes of a wavelength, likewise."""
-DIRECTION_S = 3.9e-7
-"""Processor seconds of a direction and wavelength times that product."""
-
-
-def cost(
-    medium: Medium, settings: CellsSettings, sun_elevations_deg: Sequence[float] | None, observer_altitude_km: float
-) -> Cost | None:
-    """Cost of a field; None: not known of Haber's system, and of single scattering."""
-    if settings.multiple_scattering != "exact":
-        return None
-    angles = settings.polar_directions * settings.azimuth_directions * settings.azimuth_nodes
-    size = angles * settings.node_density
-    return Cost(
-        fixed_bytes=0.0,
-        bytes_per_wavelength=SET_UP_BYTES[0] + SET_UP_BYTES[1] * size,
-        cpu_s_per_wavelength=SET_UP_S[0] + SET_UP_S[1] * size,
-        cpu_s_per_direction=DIRECTION_S * size,
-    )

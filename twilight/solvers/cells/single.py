@@ -11,9 +11,8 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.threads import in_slices
 from twilight.transport.azimuth_series import RayDirections
 from twilight.transport.beam import Beam
-from twilight.transport.lines import ALTITUDE
+from twilight.transport.lines import ALTITUDE, RayBundle, species_fraction, trace_rays
 from twilight.transport.profile import Profile
-from twilight.transport.ray_bundle import RayBundle, species_fraction, trace_rays
 from twilight.transport.scaling import ScaledMedium, species_phase
 from twilight.transport.sunlit import scattered_once
 from twilight.transport.sunlit_ray import Phases, SunlitAir

@@ -13,7 +13,7 @@ import numpy as np
 
 from twilight.base.blas import one_blas_thread
 from twilight.numerics.phase import PhaseFunction, rayleigh_matrix, rayleigh_phase
-from twilight.numerics.splines import spline_matrix
+from twilight.numerics.spectrum import spline_matrix
 from twilight.solvers.compact.air_columns import AirColumns
 from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, ClearAirModel
 from twilight.solvers.compact.diffuse_light import diffuse_light, line_of_sight_radiance

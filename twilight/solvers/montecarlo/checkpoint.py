@@ -25,7 +25,7 @@ FREE_SETTINGS = ("time_limit_s",)
 
 @dataclass(frozen=True)
 class RunState:
-    """Where a run stands: the sums of `tally.Tally`, the chunks used, and the batch that comes next.
+    """Where a run stands: the sums of `chunks.Tally`, the chunks used, and the batch that comes next.
 
     round_plan (P, W, 2): samples planned for the present round; round_index, batch_index: number of the round, and of
     its next batch.

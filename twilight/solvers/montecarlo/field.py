@@ -1,7 +1,14 @@
-"""The prepared solver: air, direct beam and importance function of one medium, for any sun and any direction."""
+"""The prepared solver: air, direct beam and importance function of one medium, for any sun and any direction.
+
+A question is a `Run`: rounds of jobs, batches of a round, sums in a fixed order.
+"""
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,19 +20,211 @@ from twilight.base.progress import Progress
 from twilight.base.threads import in_slices
 from twilight.solvers.base import BareField, observer_at
 from twilight.solvers.montecarlo.air import MonteCarloAir, prepare_air
-from twilight.solvers.montecarlo.beam_table import prepare_beam_table
-from twilight.solvers.montecarlo.chunks import Pixels, line_of_sight_transmittance
+from twilight.solvers.montecarlo.checkpoint import Checkpoint, RunState, fingerprint
+from twilight.solvers.montecarlo.chunks import (
+    N_ARMS,
+    ChunkJobs,
+    ChunkSums,
+    MonteCarloResult,
+    Pixels,
+    StokesResult,
+    Tally,
+    line_of_sight_transmittance,
+    run_chunks,
+)
 from twilight.solvers.montecarlo.importance import ImportanceTables
 from twilight.solvers.montecarlo.importance_solution import solve_importance
-from twilight.solvers.montecarlo.run import Run, pixels_of, stop_after
-from twilight.solvers.montecarlo.screen import screen_in_space
+from twilight.solvers.montecarlo.kernel import GOLDEN, N_STOKES, mix
+from twilight.solvers.montecarlo.paths import N_ORDERS
 from twilight.solvers.montecarlo.settings import MonteCarloSettings
-from twilight.solvers.montecarlo.sunlight import SolarBeam
-from twilight.solvers.montecarlo.tally import MonteCarloResult, StokesResult
+from twilight.solvers.montecarlo.sunlight import SolarBeam, prepare_beam_table, screen_in_space
 from twilight.transport.beam import prepare_beam
 
+BATCH_SAMPLES = 4096
+"""Samples of a batch, about: between batches sums are added, progress is reported and the state saved."""
+FIRST_SAMPLES = 2
+"""Samples of an arm that are taken whatever the time limit: without them there is no standard error."""
+ADAPTIVE_ROUNDS = 2
+"""Rounds in which the arms set each other's number of samples."""
+LATE_ROUNDS = 6
+"""Rounds for pixels that still miss the error asked for."""
 FARTHEST_KM = 1e7
 """Distance [km] at which a segment has left all air."""
+
+
+@contextmanager
+def stop_after(seconds: float | None) -> Iterator[np.ndarray]:
+    """A flag (1,) for kernels that turns from 0 to 1 after so many seconds; None: never."""
+    stop = np.zeros(1, dtype=np.uint8)
+    if seconds is None:
+        yield stop
+        return
+    timer = threading.Timer(max(0.0, seconds), stop.fill, (1,))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield stop
+    finally:
+        timer.cancel()
+
+
+def pixels_of(sun_deg, elevation_deg, azimuth_deg, far_km, altitude_km: float, wavelength_nm) -> Pixels:
+    """`Pixels`, whose key is a hash of the geometry: a pixel's answer does not depend on its neighbours in the call."""
+    key = np.zeros(sun_deg.size, dtype=np.uint64)
+    parts = [sun_deg, elevation_deg, azimuth_deg, np.full(sun_deg.size, altitude_km)]
+    if np.isfinite(far_km).any():
+        parts.append(far_km)
+    for part in parts:
+        bits = np.ascontiguousarray(part + 0.0).view(np.uint64)
+        key = mix.py_func((key ^ bits) + GOLDEN)
+    wavelength_key = np.round(1000.0 * wavelength_nm).astype(np.uint64)
+    angles = (np.radians(sun_deg), np.radians(elevation_deg), np.radians(azimuth_deg))
+    return Pixels(key, *angles, float(altitude_km), wavelength_key, np.asarray(far_km, dtype=float))
+
+
+class Run:
+    """Samples of one question: `all_rounds` takes them, `tally` holds their sums."""
+
+    def __init__(self, field: Field, pixels: Pixels, checkpoint: str | Path | None, batch_order: Callable | None):
+        self.field = field
+        self.pixels = pixels
+        self.settings = field.settings
+        self.batch_order = batch_order
+        self.started = time.monotonic()
+        self.n_stokes = N_STOKES if self.settings.polarised else 1
+        self.tally = Tally(pixels.key.size, field.medium.n_wavelengths, self.n_stokes)
+        self.chunks_used = np.zeros_like(self.tally.count)
+        self.checkpoint = None
+        self.skip_rounds, self.skip_batches = 0, 0
+        if checkpoint is not None:
+            self.checkpoint = Checkpoint(Path(checkpoint), fingerprint(field.medium, field.settings, pixels))
+            state = self.checkpoint.load()
+            if state is not None:
+                self.tally.count, self.tally.sums, self.tally.squares = state.count, state.sums, state.squares
+                self.tally.high, self.tally.limited = state.high, state.limited
+                self.chunks_used, self.round_plan = state.chunks_used, state.round_plan
+                self.skip_rounds, self.skip_batches = state.round_index, state.batch_index
+
+    def all_rounds(self) -> bool:
+        """Take all samples; False if a limit ended the run before the target."""
+        limit = self.settings.time_limit_s
+        rounds = self._rounds()
+        with stop_after(None if limit is None else max(0.0, limit - (time.monotonic() - self.started))) as stop:
+            for index in range(self.skip_rounds, len(rounds)):
+                resumed = index == self.skip_rounds and self.skip_batches > 0
+                extra = self.round_plan if resumed else self._extra(rounds[index])
+                if limit is not None and index > 0 and stop[0]:
+                    return False
+                # the first round is taken whatever the time limit
+                flag = np.zeros_like(stop) if index == 0 else stop
+                if not self._one_round(index, len(rounds), extra, self.skip_batches if resumed else 0, flag):
+                    return False
+        if self.field.progress:
+            self._report(len(rounds) - 1, len(rounds), 1.0)
+        if self.checkpoint:
+            self.checkpoint.remove()
+        target = self.settings.target_stderr
+        return target is None or bool(np.all(self.tally.relative_error() <= 2.0 * target))
+
+    def _rounds(self) -> list[str]:
+        """What the rounds are for: "first" (with a time limit), "pilot" or "all", "adaptive", "late"."""
+        start = [] if self.settings.time_limit_s is None else ["first"]
+        if self.settings.target_stderr is None:
+            return [*start, "all"]
+        return [*start, "pilot"] + ["adaptive"] * ADAPTIVE_ROUNDS + ["late"] * LATE_ROUNDS
+
+    def _extra(self, purpose: str) -> np.ndarray:
+        """Samples (P, W, 2) that a round adds."""
+        settings, count = self.settings, self.tally.count
+        fixed = {"first": FIRST_SAMPLES, "all": -(-settings.samples // N_ARMS), "pilot": settings.pilot_samples}
+        if purpose in fixed:
+            return np.maximum(fixed[purpose] - count, 0)
+        assert settings.target_stderr is not None
+        wanted = self.tally.wanted(settings.target_stderr, settings.max_samples, purpose == "late")
+        return np.maximum(wanted - count, 0)
+
+    def _one_round(self, index: int, n_rounds: int, extra: np.ndarray, first_batch: int, stop: np.ndarray) -> bool:
+        """Take `extra` samples; False if time ran out, which the flag `stop` (1,) tells."""
+        jobs = self._jobs(extra)
+        size = jobs.samples.size
+        edges = np.flatnonzero(np.diff(np.cumsum(jobs.samples) // BATCH_SAMPLES)) + 1
+        edges = np.unique(np.concatenate([[0], edges, [size]]))
+        todo = list(range(first_batch, edges.size - 1))
+        if self.batch_order is not None:
+            todo = [first_batch + int(b) for b in self.batch_order(len(todo))]
+        waiting: dict[int, tuple[ChunkJobs, ChunkSums]] = {}
+        next_batch = first_batch
+        try:
+            for number, b in enumerate(todo):
+                part = ChunkJobs(*(a[edges[b] : edges[b + 1]] for a in jobs))
+                sums = self._walk(part, stop)
+                waiting[b] = (part, sums)
+                if np.any(sums.samples < part.samples):
+                    # cut short: it counts for the answer, and is taken up whole by who goes on
+                    if self.checkpoint:
+                        self.checkpoint.save(self._state(index, next_batch, extra))
+                    for done in waiting.values():
+                        self.tally.add(*done)
+                    return False
+                while next_batch in waiting:
+                    self.tally.add(*waiting.pop(next_batch))
+                    next_batch += 1
+                self._report(index, n_rounds, (number + 1) / len(todo))
+                if self.checkpoint:
+                    self.checkpoint.save_if_due(self._state(index, next_batch, extra))
+        except KeyboardInterrupt:
+            if self.checkpoint:
+                self.checkpoint.save(self._state(index, next_batch, extra))
+            raise
+        self.chunks_used += -(-extra // self.settings.chunk_samples)
+        return True
+
+    def _jobs(self, extra: np.ndarray) -> ChunkJobs:
+        """The chunks of `extra` samples (P, W, 2); all first chunks come before all second ones."""
+        parts = []
+        left = extra.copy()
+        step = 0
+        while np.any(left > 0):
+            pixel, wavelength, arm = np.nonzero(left > 0)
+            samples = np.minimum(left[pixel, wavelength, arm], self.settings.chunk_samples)
+            chunk = (self.chunks_used[pixel, wavelength, arm] + step) * N_ARMS + arm
+            parts.append(ChunkJobs(pixel, wavelength, arm, chunk, samples))
+            left[pixel, wavelength, arm] -= samples
+            step += 1
+        if not parts:
+            return ChunkJobs(*(np.zeros(0, dtype=np.int64) for _ in ChunkJobs._fields))
+        return ChunkJobs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+    def _walk(self, jobs: ChunkJobs, stop: np.ndarray) -> ChunkSums:
+        field = self.field
+        size = jobs.samples.size
+        sums = np.zeros((size, self.n_stokes, N_ORDERS + 1))
+        counts = np.zeros((2, size), dtype=np.int64)
+        chunk_sums = ChunkSums(sums, np.zeros_like(sums), np.zeros((size, 2)), *counts)
+        walk = self.settings.walk(field.medium.has_refraction)
+        seed = np.uint64(self.settings.seed)
+
+        def work(begin: int, end: int) -> None:
+            air, sight_air = field.air, field.line_of_sight_air
+            run_chunks(
+                air, sight_air, field.sun, field.importance, walk, seed, self.pixels, jobs, begin, end, chunk_sums, stop
+            )
+
+        in_slices(work, size)
+        return chunk_sums
+
+    def _state(self, index: int, next_batch: int, extra: np.ndarray) -> RunState:
+        t = self.tally
+        return RunState(t.count, t.sums, t.squares, t.high, t.limited, self.chunks_used, extra, index, next_batch)
+
+    def _report(self, index: int, n_rounds: int, fraction: float) -> None:
+        if self.field.progress:
+            with np.errstate(all="ignore"):
+                error = np.nanmedian(self.tally.relative_error())
+            self.field.progress(
+                f"montecarlo: round {index + 1} of {n_rounds}, median standard error {100 * error:.2g} %",
+                (index + fraction) / n_rounds,
+            )
 
 
 def prepare(
@@ -156,8 +355,8 @@ class Field(BareField):
 
     def inscatter(self, sun_elevation_deg, elevation_deg, azimuth_deg, distance_km) -> tuple[np.ndarray, np.ndarray]:
         """As `SegmentField.inscatter`: (sun-normalised radiance [sr^-1], transmittance), shape (..., W) each."""
-        found, passed = self.inscatter_with_error(sun_elevation_deg, elevation_deg, azimuth_deg, distance_km)
-        return found.radiance, passed
+        scattered, passed = self.inscatter_with_error(sun_elevation_deg, elevation_deg, azimuth_deg, distance_km)
+        return scattered.radiance, passed
 
     def inscatter_with_error(
         self, sun_elevation_deg, elevation_deg, azimuth_deg, distance_km

@@ -6,21 +6,44 @@ approximate radiance serves as well, for every choice is divided by its probabil
 the mean.  The light of a spherical atmosphere in a parallel beam depends on altitude, local solar zenith angle and
 direction only, so that one table serves every observer and every sun.  `importance_solution` fills it.
 
+Altitudes of the tables are dense at the ground, beside the edges of layers, and in thick air.
+
 Arguments that kernels share: `kernel`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from twilight.jit.kernels import njit
-from twilight.solvers.montecarlo.air import N_SAMPLING, N_SMOOTH, SPECIES, MonteCarloAir, interpolate
-from twilight.solvers.montecarlo.importance_altitudes import THICK, table_altitudes, thick_altitudes
+from twilight.solvers.montecarlo.air import N_SAMPLING, N_SMOOTH, SCATTERING, SPECIES, MonteCarloAir, interpolate
 from twilight.solvers.montecarlo.kernel import INNER
 
+N_ALTITUDES = 20
+"""Altitudes at quadratic distances from the ground."""
+LAYER_FACTOR = 3.0
+"""Factor by which scattering changes within LAYER_KM at an edge of a layer."""
+LAYER_KM = 0.5
+"""Distance [km] over which that change is looked for, and least distance between two edges."""
+LAYER_ABOVE_KM = 3.0
+"""Height [km] above the ground from which edges count: below, altitudes are dense in any case."""
+MOST_EDGES = 8
+"""Most edges; the strongest ones get altitudes of the tables on both sides."""
+BESIDE_KM = 0.05
+"""Distance [km] of those altitudes from the edge."""
+THICK = 3.0
+"""Vertical diffusion depth (see `diffusion_depth`) from which air counts as thick: light in it diffuses."""
+THICK_STEP = 1.2
+"""Largest diffusion depth between altitudes of the tables in thick air."""
+THICK_EDGE = 0.1
+"""Diffusion depth between the edge of thick air and the altitude next to it."""
+MOST_THICK = 30
+"""Most altitudes added for thick air."""
 N_ROOTS = 1024
 """Steps of the root of the relative height in which altitudes are looked up."""
 N_ROOTS_THICK = 16384
@@ -32,7 +55,7 @@ N_SOURCE_ROWS = 12
 N_SOURCE_AZIMUTHS = 10
 """Cells of the source function in the sine of half the azimuth from the sun."""
 N_SOURCE = N_SOURCE_ROWS * N_SOURCE_AZIMUTHS
-DARK = -80.0
+LOG_OF_NO_LIGHT = -80.0
 """Logarithm of the light [sr^-1] that stands for none."""
 SUN_ZENITH_DEG = np.concatenate(
     [
@@ -52,6 +75,66 @@ AZIMUTH_EDGES_RAD = np.radians(np.concatenate([_HALF_DEG, 360.0 - _HALF_DEG[-2::
 N_AZIMUTHS = AZIMUTH_EDGES_RAD.size - 1
 N_DIRECTIONS = (ABOVE_HORIZON_DEG.size - 1) * N_AZIMUTHS
 """Number D of cells of directions: rows of N_AZIMUTHS cells of azimuth from the sun."""
+
+
+def table_altitudes(air: MonteCarloAir) -> np.ndarray:
+    """Altitudes [km] of the tables: quadratic, dense at the ground, and beside the edges of layers."""
+    z = air.level_km
+    bottom, depth = z[0], z[-1] - z[0]
+    quadratic = bottom + depth * np.linspace(0.0, 1.0, N_ALTITUDES) ** 2
+    scattering = np.log(np.maximum(air.table[:, :, SCATTERING], 1e-12))
+    # the change over LAYER_KM around each level: from just above the level below to just below the one above
+    lower = np.maximum(np.searchsorted(z, z - 0.5 * LAYER_KM, side="right") - 1, 0)
+    upper = np.minimum(np.searchsorted(z, z + 0.5 * LAYER_KM, side="left"), z.size - 1)
+    step = np.abs(np.diff(scattering, axis=1)).max(axis=0)
+    change = np.abs(scattering[:, upper] - scattering[:, lower]).max(axis=0)
+    # where levels are far apart, nothing happens between them
+    change[z[upper] - z[lower] > 4 * LAYER_KM] = 0.0
+    change[(z < bottom + LAYER_ABOVE_KM) | (z > z[-1] - 2 * BESIDE_KM)] = 0.0
+    edges: list[float] = []
+    for i in np.argsort(-change, kind="stable"):
+        if change[i] < np.log(LAYER_FACTOR) or len(edges) == MOST_EDGES:
+            break
+        k = lower[i] + int(np.argmax(step[lower[i] : upper[i]]))
+        edge = float(0.5 * (z[k] + z[k + 1]))
+        if all(abs(edge - other) > LAYER_KM for other in edges):
+            edges.append(edge)
+    beside = [edge + side * BESIDE_KM for edge in edges for side in (-1.0, 1.0)]
+    return np.unique(np.concatenate([quadratic, beside]))
+
+
+def diffusion_depth(air: MonteCarloAir, asymmetry: Sequence[np.ndarray]) -> np.ndarray:
+    """Diffusion depth (W, N): integral from the ground to every level of (1 - g) x scattering coefficient.
+
+    asymmetry: mean cosines g (W,) of the aerosols' phase functions.
+    """
+    z = air.level_km
+    scattering = air.table[:, :, SCATTERING].copy()
+    if not air.isotropic_events:
+        for k, g in enumerate(asymmetry):
+            scattering -= np.clip(g, 0.0, 0.999)[:, None] * air.table[:, :, SPECIES + 1 + k]
+    steps = 0.5 * (scattering[:, 1:] + scattering[:, :-1]) * np.diff(z)
+    return np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
+
+
+def thick_altitudes(level_km: np.ndarray, depth: np.ndarray, altitude_km: np.ndarray) -> np.ndarray:
+    """Altitudes [km] to add to those of the tables (A,) where the depth between two of them is more than THICK_STEP.
+
+    level_km (N,); depth (W, N): `diffusion_depth`.  None where the air is not THICK.
+    """
+    which = depth[:, -1] > THICK
+    if not which.any():
+        return np.zeros(0)
+    most = depth[which].max(axis=0)
+    step = max(THICK_STEP, most[-1] / MOST_THICK)
+    added: list[float] = []
+    at = np.interp(altitude_km, level_km, most)
+    for begin, end in pairwise(at):
+        if end - begin > step:
+            inside = np.linspace(begin, end, int(np.ceil((end - begin) / step)) + 1)[1:-1]
+            added += [begin + THICK_EDGE, *inside, end - THICK_EDGE]
+    rises = np.concatenate([[True], np.diff(most) > 0.0])
+    return np.interp(added, most[rises], level_km[rises])
 
 
 class ImportanceTables(NamedTuple):
@@ -128,10 +211,10 @@ def empty_importance(air: MonteCarloAir, depth: np.ndarray) -> ImportanceTables:
         place,
         cos_sun,
         np.clip(np.searchsorted(cos_sun, starts, side="right") - 1, 0, cos_sun.size - 2).astype(np.int64),
-        np.full(shape, DARK),
-        np.full((*shape, N_SOURCE), DARK, dtype=np.float32),
-        np.full((n_wavelengths, cos_sun.size), DARK),
-        np.full((*shape, N_DIRECTIONS), DARK, dtype=np.float32),
+        np.full(shape, LOG_OF_NO_LIGHT),
+        np.full((*shape, N_SOURCE), LOG_OF_NO_LIGHT, dtype=np.float32),
+        np.full((n_wavelengths, cos_sun.size), LOG_OF_NO_LIGHT),
+        np.full((*shape, N_DIRECTIONS), LOG_OF_NO_LIGHT, dtype=np.float32),
         np.broadcast_to((solid_angle / (4 * np.pi)).astype(np.float32)[:, None], (*shape, N_DIRECTIONS)).copy(),
         float(ground_radius),
         rows,

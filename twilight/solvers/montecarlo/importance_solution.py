@@ -28,20 +28,19 @@ from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
 from twilight.solvers.montecarlo.air import N_SMOOTH, SPECIES, MonteCarloAir, prepare_air
 from twilight.solvers.montecarlo.importance import (
-    DARK,
+    LOG_OF_NO_LIGHT,
     N_AZIMUTHS,
     N_DIRECTIONS,
+    THICK,
     ImportanceTables,
     altitude_index,
+    diffusion_depth,
     empty_importance,
     source_directions,
     sun_index,
 )
-from twilight.solvers.montecarlo.importance_altitudes import THICK, diffusion_depth
-from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.leg import trace
-from twilight.solvers.montecarlo.matrix import any_normal
-from twilight.solvers.montecarlo.pieces import (
+from twilight.solvers.montecarlo.kernel import INNER, any_normal
+from twilight.solvers.montecarlo.leg import (
     DEPTH,
     LEG_PIECES,
     LENGTH,
@@ -50,6 +49,7 @@ from twilight.solvers.montecarlo.pieces import (
     LegOptions,
     new_leg,
     rescattered_light,
+    trace,
 )
 from twilight.solvers.montecarlo.rays import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE, altitude_at
 from twilight.solvers.montecarlo.sunlight import SolarBeam
@@ -111,7 +111,7 @@ def _linear(
     if stop[0]:
         return
     light = np.linalg.solve(np.eye(n + n_sun) - kernel, source)
-    floor = math.exp(DARK)
+    floor = math.exp(LOG_OF_NO_LIGHT)
     importance.log_source[w] = np.log(np.maximum(light[:n], floor)).reshape(-1, n_sun, 1)
     importance.log_ground[w] = np.log(np.maximum(light[n:], floor))
 
@@ -133,7 +133,7 @@ def _store(importance: ImportanceTables, w: int, phase: np.ndarray, radiance: np
     """Fill the tables of one wavelength from radiance (A, Z, D); phase: of `_source_phase`."""
     weighted = radiance * importance.solid_angle[:, None, :]
     total = weighted.sum(axis=-1)
-    floor = math.exp(DARK)
+    floor = math.exp(LOG_OF_NO_LIGHT)
     importance.log_mean[w] = np.log(np.maximum(total / (4 * np.pi), floor))
     source = np.einsum("asd,azd->azs", phase, weighted)
     importance.log_source[w] = np.log(np.maximum(source, floor))

@@ -17,8 +17,7 @@ from twilight.jit.kernels import njit
 from twilight.solvers.montecarlo.air import EXTINCTION, SCATTERING, column, locate
 from twilight.solvers.montecarlo.importance import log_source_light
 from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.leg import enter_air, meet_ground
-from twilight.solvers.montecarlo.pieces import (
+from twilight.solvers.montecarlo.leg import (
     BASE,
     CHORD,
     DEPTH,
@@ -35,6 +34,8 @@ from twilight.solvers.montecarlo.pieces import (
     START,
     UPPER,
     depth_within,
+    enter_air,
+    meet_ground,
     no_room,
     without_ground,
 )

@@ -22,7 +22,6 @@ import numpy as np
 
 from twilight.jit.kernels import njit
 from twilight.solvers.montecarlo.air import locate
-from twilight.solvers.montecarlo.directions import DirectionWorkspace, choose_direction, local_frame
 from twilight.solvers.montecarlo.events import (
     ALTITUDE,
     FRACTION,
@@ -34,13 +33,15 @@ from twilight.solvers.montecarlo.events import (
     ORDER,
     POINT,
     WEIGHT,
+    DirectionWorkspace,
     begin_leg,
+    choose_direction,
     choose_point,
     event_weight,
+    local_frame,
 )
-from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.leg import trace
-from twilight.solvers.montecarlo.pieces import (
+from twilight.solvers.montecarlo.kernel import INNER, uniform
+from twilight.solvers.montecarlo.leg import (
     CHORD,
     FIRST,
     LAST,
@@ -50,8 +51,8 @@ from twilight.solvers.montecarlo.pieces import (
     Leg,
     LegOptions,
     rescattered_light,
+    trace,
 )
-from twilight.solvers.montecarlo.random import uniform
 from twilight.solvers.montecarlo.rays import (
     DIRECTION,
     ORIGIN,

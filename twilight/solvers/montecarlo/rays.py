@@ -193,16 +193,16 @@ def begin_chord(air, w, bent, sag_km, ray):
         return Chord(z, r, mu, 1e9, 0.0)
     scale = air.earth_radius_km / REFERENCE_RADIUS_KM
     sine = math.sqrt(max(0.0, (1.0 - mu) * (1.0 + mu)))
-    here = curvature(air, w, z, sine)
-    if mu > 0.0 and abs(here) < LEAST_CURVATURE / scale:
+    at_start = curvature(air, w, z, sine)
+    if mu > 0.0 and abs(at_start) < LEAST_CURVATURE / scale:
         return Chord(z, r, mu, 1e9, 0.0)
     height = z - air.level_km[0]
     rise = max((RISE_KM if abs(mu) < STEEP else STEEP_RISE_KM) * scale, RISE_PER_HEIGHT * height)
     length = CHORD_KM * scale + CHORD_PER_HEIGHT * height
     if abs(mu) * length > rise:
         length = rise / abs(mu)
-    if abs(here) * length * length > 8.0 * sag_km:
-        length = math.sqrt(8.0 * sag_km / abs(here))
+    if abs(at_start) * length * length > 8.0 * sag_km:
+        length = math.sqrt(8.0 * sag_km / abs(at_start))
     middle = altitude_at(z, r, mu, 0.5 * length)
     half_bending = 0.5 * length * curvature(air, w, middle, sine * r / (air.earth_radius_km + middle))
     bend_down(ray, r, mu, half_bending)

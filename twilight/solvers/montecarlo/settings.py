@@ -10,8 +10,8 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.solvers.base import Cost, check_choices, check_ranges
+from twilight.solvers.montecarlo.leg import LegOptions
 from twilight.solvers.montecarlo.paths import WalkOptions
-from twilight.solvers.montecarlo.pieces import LegOptions
 
 ALL_ORDERS = 1_000_000_000
 """Highest order of scattering where `max_orders` is None."""

@@ -1,6 +1,17 @@
 """Sunlight scattered once: at a point of the air, at the ground, and the phase functions of a leg towards the sun.
 
-Arguments that kernels share: `kernel`.
+The walk looks the sunbeam up in a table of its own, which may be rough: `leg.trace` corrects it without bias.  The
+logarithm of the irradiance is tabulated bilinearly over altitude and, for a sun above the horizontal, its cosine; for a
+lower sun over the height of the straight ray's lowest point above that of the ray that touches the shadow, because the
+limb's features lie at nearly fixed heights there.
+
+What lies beyond the horizon, the screen (`twilight.atmosphere.screen`), is here the air between two distances from the
+observer, along the ground.  From a point in sunlight the refracted ray is followed towards the sun step by step in
+space, and its least altitude over that air is what T is taken at: no invariant, no tangent altitude and no symmetry
+about the sun's axis, on which the sunbeam's own tables rest.  The observer stands at (0, 0, r), and x points to the
+sun, y to its right.
+
+Arguments that kernels share: `kernel`; screen: `ScreenInSpace`, not empty.
 """
 
 from __future__ import annotations
@@ -8,17 +19,233 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
-from twilight.solvers.montecarlo.air import SPECIES, column, interpolate
-from twilight.solvers.montecarlo.beam_table import SolarBeamTable
-from twilight.solvers.montecarlo.kernel import INNER
-from twilight.solvers.montecarlo.matrix import components, double_angle, species_polarising
-from twilight.solvers.montecarlo.rays import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE
-from twilight.solvers.montecarlo.screen import ScreenInSpace, passing_in_space
+from twilight.solvers.montecarlo.air import SPECIES, MonteCarloAir, column, interpolate
+from twilight.solvers.montecarlo.kernel import INNER, components, double_angle, species_polarising
+from twilight.solvers.montecarlo.rays import CHORD_COLUMNS, DIRECTION, LONGEST_KM, ORIGIN, REFERENCE, curvature
 from twilight.transport.beam import Beam, beam_at_one
 
+N_ALTITUDE = 64
+"""Steps of the root of the relative height."""
+N_HIGH = 32
+"""Steps of a sun above the horizontal."""
+N_LOW = 128
+"""Steps of a lower sun."""
+COSINE_SCALE = 0.05
+"""Cosine of the zenith angle below which the steps of a sun above the horizontal are dense."""
+BLACK = -2000.0
+"""Logarithm of irradiance / F0 that stands for the shadow."""
+STEP_KM = 2.0
+"""Length of a step below the highest altitude of the screen [km]."""
+STEP_PER_HEIGHT = 0.3
+"""Growth of a step with the height above it [km per km]."""
+NOT_MET = 1e9
+"""Least altitude of a ray that does not cross the screen's air [km]."""
 BENDING_STEP_RAD = 0.01
 """Step [rad] of the sun's bending by which the slope of a phase function is taken."""
+
+
+class SolarBeamTable(NamedTuple):
+    """Tables of the direct beam over W wavelengths and A = N_ALTITUDE + 1 altitudes.
+
+    edge_km (W, A): lowest point [km] of the straight ray that touches the shadow.
+    high (W, A, N_HIGH + 1, 2), low (W, A, N_LOW + 1, 2): logarithm of irradiance / F0, and bending [rad].
+    """
+
+    bottom_km: float
+    depth_km: float
+    radius_km: float
+    edge_km: np.ndarray
+    high: np.ndarray
+    low: np.ndarray
+
+
+def prepare_beam_table(air: MonteCarloAir, beam) -> SolarBeamTable:
+    """Tabulate a beam for the altitudes of the air."""
+    n_w = air.table.shape[0]
+    table = SolarBeamTable(
+        float(air.shell_km[0]),
+        float(air.shell_km[-1] - air.shell_km[0]),
+        float(air.earth_radius_km),
+        np.empty((n_w, N_ALTITUDE + 1)),
+        np.empty((n_w, N_ALTITUDE + 1, N_HIGH + 1, 2), dtype=np.float32),
+        np.empty((n_w, N_ALTITUDE + 1, N_LOW + 1, 2), dtype=np.float32),
+    )
+    in_slices(lambda a, b: _fill(beam, table, a, b), table.edge_km.size)
+    return table
+
+
+@njit(**INNER)
+def _entry(beam, z, cosine, w, row):
+    """Fill row (2,): logarithm of irradiance / F0, and bending [rad].
+
+    z [km]: altitude; cosine: of the true sun's zenith angle there.
+    """
+    irradiance, bending = beam_at_one(beam, z, cosine, w)
+    row[0] = math.log(irradiance) if irradiance > 1e-300 else BLACK
+    row[1] = bending
+
+
+@njit(cache=True, nogil=True)
+def _fill(beam, table, first, end):
+    """Fill rows of the table: every altitude of every wavelength is one, counted through altitudes first.
+
+    table: `SolarBeamTable`; first, end: the first row and the one after the last.
+    """
+    for job in range(first, end):
+        w = job // (N_ALTITUDE + 1)
+        a = job % (N_ALTITUDE + 1)
+        # just inside the air, so that no altitude counts as space
+        z = table.bottom_km + table.depth_km * min((a / N_ALTITUDE) ** 2, 1.0 - 1e-12)
+        r = table.radius_km + z
+        dark = -1.0
+        lit = 0.0
+        for _ in range(60):
+            middle = 0.5 * (dark + lit)
+            irradiance, _ = beam_at_one(beam, z, middle, w)
+            if irradiance > 1e-300:
+                lit = middle
+            else:
+                dark = middle
+        drop = lowest_drop(r, lit)
+        table.edge_km[w, a] = z - drop
+        for n in range(N_LOW + 1):
+            # height above the edge's lowest point, quadratic: y = (n / N)^2 of the whole drop
+            d = drop * (1.0 - (n / N_LOW) ** 2)
+            sine = 1.0 - d / r
+            _entry(beam, z, max(lit, -math.sqrt(max(0.0, (1.0 - sine) * (1.0 + sine)))), w, table.low[w, a, n])
+        for n in range(N_HIGH + 1):
+            t = n / N_HIGH
+            _entry(beam, z, COSINE_SCALE * t / (1.0 + COSINE_SCALE - t), w, table.high[w, a, n])
+
+
+@njit(inline="always", **INNER)
+def lowest_drop(r, cosine):
+    """How far [km] the lowest point of a straight line lies below a point at the radius r [km]: r (1 - sine).
+
+    cosine: of the line's angle to the vertical at the point.
+    """
+    c2 = cosine * cosine
+    return r * c2 / (1.0 + math.sqrt(max(0.0, 1.0 - c2)))
+
+
+@njit(inner=True, **INNER)
+def tabulated_beam(edge_km, high, low, radius_km, z, root, cosine):
+    """(logarithm of irradiance / F0, bending [rad]) at a point of the air; BLACK in the shadow.
+
+    edge_km (A,), high (A, N_HIGH + 1, 2), low (A, N_LOW + 1, 2): of `SolarBeamTable` at one wavelength, as arrays
+    because this is the innermost loop; radius_km: of the Earth; z [km]: altitude; root: of the altitude above the
+    ground over the depth of the air; cosine: of the true sun's zenith angle.
+    """
+    x = root * N_ALTITUDE
+    a = min(int(x), N_ALTITUDE - 1)
+    x = min(1.0, x - a)
+    if cosine >= 0.0:
+        y = cosine * (1.0 + COSINE_SCALE) / (cosine + COSINE_SCALE) * N_HIGH
+        b = min(int(y), N_HIGH - 1)
+        t = high
+    else:
+        edge = edge_km[a] * (1.0 - x) + edge_km[a + 1] * x
+        height = z - lowest_drop(radius_km + z, cosine) - edge
+        if height < 0.0 or edge >= z:
+            return BLACK, 0.0
+        y = math.sqrt(height / (z - edge)) * N_LOW
+        b = min(int(y), N_LOW - 1)
+        t = low
+    y -= b
+    w00 = (1.0 - x) * (1.0 - y)
+    w01 = (1.0 - x) * y
+    w10 = x * (1.0 - y)
+    w11 = x * y
+    light = w00 * t[a, b, 0] + w01 * t[a, b + 1, 0] + w10 * t[a + 1, b, 0] + w11 * t[a + 1, b + 1, 0]
+    bending = w00 * t[a, b, 1] + w01 * t[a, b + 1, 1] + w10 * t[a + 1, b, 1] + w11 * t[a + 1, b + 1, 1]
+    return light, bending
+
+
+class ScreenInSpace(NamedTuple):
+    """T (N,) by altitude_km (N,), none where nothing screens; from_km, to_km: from the observer; bent: rays are.
+
+    power (W,): of T.
+    """
+
+    altitude_km: np.ndarray
+    transmission: np.ndarray
+    from_km: float
+    to_km: float
+    bent: bool
+    power: np.ndarray
+
+
+def screen_in_space(medium: Medium, bent: bool) -> ScreenInSpace:
+    """The screen of a medium."""
+    screen = medium.screen
+    if screen is None:
+        return ScreenInSpace(np.zeros(0), np.zeros(0), 0.0, 0.0, bent, np.zeros(0))
+    z, passed = np.array(screen.altitude_km), np.array(screen.transmission)
+    power = screen.powers(medium.wavelength_nm)
+    return ScreenInSpace(z, passed, screen.from_km, min(screen.to_km, LONGEST_KM), bent, power)
+
+
+@njit(inner=True, **INNER)
+def least_altitude(air, screen, w, x, y, z, dx, dy, dz):
+    """Least altitude [km] over the screen's air of the ray from a point (x, y, z) [km] in a direction (dx, dy, dz)."""
+    radius = air.earth_radius_km
+    highest = screen.altitude_km[screen.altitude_km.size - 1]
+    least = NOT_MET
+    travelled = 0.0
+    r = math.sqrt(x * x + y * y + z * z)
+    h0, d0 = r - radius, radius * math.atan2(math.sqrt(x * x + y * y), z)
+    while travelled < LONGEST_KM:
+        mu = (x * dx + y * dy + z * dz) / r
+        if mu >= 0.0 and h0 > highest:
+            break
+        step = STEP_KM + STEP_PER_HEIGHT * max(0.0, h0 - highest)
+        half = 0.0
+        sine = math.sqrt(max(0.0, (1.0 - mu) * (1.0 + mu)))
+        if screen.bent and sine > 1e-6:
+            middle = h0 + 0.5 * step * (mu + 0.5 * step * sine * sine / (2.0 * r))
+            half = 0.5 * step * curvature(air, w, middle, sine)
+            # towards the Earth, in the vertical plane: half of the bending before the step, half of it after
+            c, s = math.cos(half), math.sin(half) / sine
+            dx, dy, dz = (c + s * mu) * dx - s * x / r, (c + s * mu) * dy - s * y / r, (c + s * mu) * dz - s * z / r
+        x, y, z = x + step * dx, y + step * dy, z + step * dz
+        r = math.sqrt(x * x + y * y + z * z)
+        h1, d1 = r - radius, radius * math.atan2(math.sqrt(x * x + y * y), z)
+        first, last = max(min(d0, d1), screen.from_km), min(max(d0, d1), screen.to_km)
+        if first <= last:
+            slope = (h1 - h0) / (d1 - d0) if d1 != d0 else 0.0
+            least = min(least, h0 + slope * (first - d0), h0 + slope * (last - d0))
+        if half != 0.0:
+            mu = (x * dx + y * dy + z * dz) / r
+            sine = math.sqrt(max(1e-12, (1.0 - mu) * (1.0 + mu)))
+            c, s = math.cos(half), math.sin(half) / sine
+            dx, dy, dz = (c + s * mu) * dx - s * x / r, (c + s * mu) * dy - s * y / r, (c + s * mu) * dz - s * z / r
+        h0, d0 = h1, d1
+        travelled += step
+    return least
+
+
+@njit(**INNER)
+def passing_in_space(air, screen, w, x, y, z, sx, sy, sz):
+    """T of the beam from the apparent sun (sx, sy, sz) to a point (x, y, z) [km]."""
+    h = least_altitude(air, screen, w, x, y, z, sx, sy, sz)
+    altitude, transmission = screen.altitude_km, screen.transmission
+    last = altitude.size - 1
+    if h <= altitude[0]:
+        passed = transmission[0]
+    elif h >= altitude[last]:
+        passed = transmission[last]
+    else:
+        k = 0
+        while altitude[k + 1] < h:
+            k += 1
+        f = (h - altitude[k]) / (altitude[k + 1] - altitude[k])
+        passed = (1.0 - f) * transmission[k] + f * transmission[k + 1]
+    return passed ** screen.power[w]
 
 
 class SolarBeam(NamedTuple):

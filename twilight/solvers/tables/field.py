@@ -1,4 +1,8 @@
-"""The sky read from the tables: `prepare` and `Field`, the interface of all solvers."""
+"""Bruneton and Neyret 2008, sec. 5: the sky read from the tables by eq. 16; `prepare` and `Field`.
+
+What is read is C_M, S of each aerosol scattered once, and C_* = S_R + S_multiple / P_R (sec. 4, "Angular precision").
+Aerial perspective is S at the observer less T times S at the far end.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +17,12 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.base.threads import in_slices
 from twilight.solvers.base import BareField, Convergence, observer_at
+from twilight.solvers.tables.algorithm import QUALITIES, TablesSettings, rayleigh_at, solve, stored
 from twilight.solvers.tables.mapping import Mapping, grid
 from twilight.solvers.tables.passes import depths, read
-from twilight.solvers.tables.settings import QUALITIES, TablesSettings
-from twilight.solvers.tables.solve import rayleigh_at, solve, stored
-from twilight.transport.beam_screen import passing_at
 from twilight.transport.profile import prepare_profile
-from twilight.transport.ray_profile import ray_profile
-from twilight.transport.scaling import delta_scaled, species_phase
+from twilight.transport.ray_profile import passing_at, ray_profile
+from twilight.transport.scaling import delta_scaled, species_phase, with_light_in_peak
 
 LOWEST_JUDGED_SUN_DEG = -6.0
 """Suns above this [deg] are those whose irradiance of the ground by the sky says how far the orders have converged."""
@@ -69,7 +71,7 @@ class Field(BareField):
         return mu_s > math.sin(math.radians(LOWEST_JUDGED_SUN_DEG))
 
     def _store(self) -> None:
-        """Fill `parts`, what is interpolated: C_* = S_R + S_multiple / P_R, and S of each aerosol scattered once."""
+        """Fill `parts`, what is interpolated: C_* and the C_M of each aerosol."""
         tables = self.tables
         rayleigh = rayleigh_at(grid(tables.mapping)[3], self.medium.depolarisation)
         parts = [tables.single[0] + (tables.multiple / rayleigh).astype(np.float32), *tables.single[1:]]
@@ -123,12 +125,11 @@ class Field(BareField):
         light, shape = np.maximum(light, 0.0), (*near.shape, -1)
         if peak_passes:
             return light.reshape(shape), passed.reshape(shape)
-        seen = np.exp(-self._depths(self.profile, near, left))
+        true = np.exp(-self._depths(self.profile, near, left))
         whole = self.inscattered(near)
         whole[near.ground] += self._ground(near)
-        lost = np.where(passed > 0.0, 1.0 - seen / np.where(passed > 0.0, passed, 1.0), 0.0)
-        light += np.maximum(lost, 0.0) * np.maximum(whole - light, 0.0)
-        return light.reshape(shape), seen.reshape(shape)
+        light = with_light_in_peak(light, whole, passed, true)
+        return light.reshape(shape), true.reshape(shape)
 
     def inscattered(self, rays: ViewRays) -> np.ndarray:
         """S (D, W) of rays."""

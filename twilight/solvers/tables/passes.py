@@ -1,14 +1,15 @@
-"""The passes of Algorithm 4.1: T, single scattering, J, E and S, each over all texels.
+"""The assignments of Algorithm 4.1 (`algorithm`), one kernel each: T, DS, DJ, DE and DS, over all texels.
 
-A texel of S is a ray; its points are the same for every sun.  Sums over incident light go through spherical harmonics
-about the local vertical: with L_lm those of the light at a point and chi_l the moments of a phase function,
+Eq. 5, 7, 11 and 15 of Bruneton and Neyret 2008.  A texel of S is a ray; its points are the same for every sun.  Sums
+over incident light go through spherical harmonics about the local vertical: with L_lm those of the light at a point and
+chi_l the moments of a phase function,
 
     J(v) = sum_l sigma chi_l (2 l + 1)/(4 pi) sum_m (2 - delta_m0) P_lm(mu) cos(m phi) L_lm,
 
 which is the integral of the phase function times the light for all directions at once.
 
 Arguments that the kernels share: profile: `transport.profile.Profile`; mapping: `Mapping`; depth (r, mu, W): -ln T as
-`fill_depth` makes it; screen: of `transport.beam_screen.screen_table`; height, height_km [km]: above the ground; mu,
+`fill_depth` makes it; screen: of `transport.ray_profile.screen_table`; height, height_km [km]: above the ground; mu,
 mu_s, nu: cosines of Algorithm 4.1, of the view's zenith angle, the sun's and the angle between them; ground: whether a
 view ends there; fineness: density of the steps along a ray; out: filled for the r begin..end.
 """
@@ -21,18 +22,19 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.jit.kernels import njit
-from twilight.numerics.geometry import distance_to_sphere
-from twilight.solvers.tables.lookup import irradiance, scattering, sunlight
 from twilight.solvers.tables.mapping import (
     distance_to_ground_km,
     distance_to_top_km,
     horizon_km,
+    irradiance,
     possible_nu,
+    scattering,
+    sunlight,
     texel_height_km,
     view_cosine,
 )
-from twilight.transport.chord import chord_depth
 from twilight.transport.lines import ALTITUDE, DISTANCE, new_line, per_scattering, trace_line, weight_by_species
+from twilight.transport.steps import chord_depth, distance_to_sphere
 
 CLEAR_KM = 1e-7
 """How far above or below the ground the lowest point of a ray along the horizon is put."""
@@ -114,7 +116,7 @@ def depths(profile, mapping, height_km, mu, ground, length_km, out):
 
 @njit(cache=True, nogil=True)
 def fill_depth(profile, mapping, depth, begin, end):
-    """-ln T (r, mu, W) at the texels of T, for those of r from begin to end."""
+    """T <- transmittance to the top (eq. 5): -ln T (r, mu, W) at the texels of T, for those of r from begin to end."""
     far = horizon_km(mapping, mapping.thickness_km)
     for i in range(begin, end):
         height = texel_height_km(mapping, i, mapping.n_t_r)
@@ -139,7 +141,8 @@ def trace_view(profile, mapping, height_km, mu, ground, fineness, line):
 
 @njit(cache=True, nogil=True)
 def fill_single(profile, mapping, depth, screen, texels, fineness, out, begin, end):
-    """Light scattered once (1 + K, r, mu_s, nu, mu, W), without its phase function, by air and by each aerosol.
+    """DS <- S[L0] (eq. 11): light scattered once (1 + K, r, mu_s, nu, mu, W), by air and by each aerosol, without phase
+    functions.
 
     texels: `Texels`.
     """
@@ -200,7 +203,7 @@ def incident(mapping, incoming, cosines, light, height, mu, mu_s, nu, ground, sc
 
 @njit(cache=True, nogil=True)
 def fill_source(profile, mapping, depth, screen, incoming, scatterers, lit_ground, texels, directions, out, begin, end):
-    """J (r, mu_s, nu, mu, W) from the last order: all species, and the ground lit by it.
+    """DJ <- J[T a/pi DE + DS] (eq. 7): J (r, mu_s, nu, mu, W) of the last order, with the ground that it lights.
 
     incoming: `Incoming`; scatterers: `Scatterers`; lit_ground: `LitGround`; texels: `Texels`; directions:
     `SphereQuadrature`.
@@ -248,11 +251,11 @@ def fill_source(profile, mapping, depth, screen, incoming, scatterers, lit_groun
                                 scratch[w] += sunlit[w] * mu_g
                         for w in range(n_w):
                             light[w] += math.exp(-tau[w]) * albedo[w] / math.pi * scratch[w]
-                    before, here = 1.0, c
+                    before, current = 1.0, c
                     for n in range(degree + 1):
                         for w in range(n_w):
                             amplitude[n, w] += before * light[w]
-                        before, here = here, 2.0 * c * here - before
+                        before, current = current, 2.0 * c * current - before
                 for e in range(n_coefficient):
                     factor = azimuth_weight * node_weight[i, q] * polar[i, q, e]
                     for w in range(n_w):
@@ -269,18 +272,18 @@ def fill_source(profile, mapping, depth, screen, incoming, scatterers, lit_groun
                     nu = possible_nu(mu, mu_s, nus[k])
                     c = min(1.0, max(-1.0, (nu - mu * mu_s) / across)) if across > 1e-12 else 1.0
                     light[:] = 0.0
-                    before, here = 1.0, c
+                    before, current = 1.0, c
                     for n in range(degree + 1):
                         for w in range(n_w):
                             light[w] += before * amplitude[n, w]
-                        before, here = here, 2.0 * c * here - before
+                        before, current = current, 2.0 * c * current - before
                     for w in range(n_w):
                         out[i, j, k, m, w] = max(0.0, light[w])
 
 
 @njit(cache=True, nogil=True)
 def fill_irradiance(mapping, incoming, node_mu, node_weight, azimuth, out, begin, end):
-    """E (r, mu_s, W) of the last order of light from the sky.
+    """DE <- E[DS] (eq. 15): E (r, mu_s, W) of the last order of light from the sky.
 
     incoming: `Incoming`; node_mu, node_weight (Q,): over the upper hemisphere; azimuth (A,) [rad]: over half a turn.
     """
@@ -303,7 +306,7 @@ def fill_irradiance(mapping, incoming, node_mu, node_weight, azimuth, out, begin
 
 @njit(cache=True, nogil=True)
 def fill_scattering(profile, mapping, source, logarithmic, texels, fineness, out, begin, end):
-    """S (r, mu_s, nu, mu, W): the line integral of J, interpolated between its texels.
+    """DS <- integral of T DJ (eq. 11): S (r, mu_s, nu, mu, W), J interpolated between its texels.
 
     source (r, mu_s, nu, mu, W): J, or, where logarithmic, ln J; texels: `Texels`.
     """

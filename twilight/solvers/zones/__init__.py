@@ -1,12 +1,12 @@
 """Zones: cells that are rings about the direction of the sun; one solve serves every sun and every observer."""
 
 from twilight.solvers.base import Capabilities
-from twilight.solvers.zones.cost import cost
+from twilight.solvers.zones.constants import table as tuned_numbers
 from twilight.solvers.zones.field import Field
-from twilight.solvers.zones.layout import spectral_groups
+from twilight.solvers.zones.grids import spectral_groups
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
-from twilight.solvers.zones.solver import load, prepare
-from twilight.solvers.zones.spectral_field import interpolation
+from twilight.solvers.zones.solver import cost, load, prepare
+from twilight.solvers.zones.spectrum import interpolation
 
 CAPABILITIES = Capabilities(
     finite_segments=True,
@@ -19,4 +19,4 @@ CAPABILITIES = Capabilities(
     cost=cost,
 )
 
-__all__ = ["CAPABILITIES", "QUALITIES", "Field", "ZonesSettings", "load", "prepare"]
+__all__ = ["CAPABILITIES", "QUALITIES", "Field", "ZonesSettings", "load", "prepare", "tuned_numbers"]

@@ -23,26 +23,14 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
-from twilight.numerics.geometry import distance_to_sphere
+from twilight.solvers.zones import constants as tuned
 from twilight.transport.azimuth_series import RayDirections
 from twilight.transport.beam import Beam, beam_at
-from twilight.transport.chord import chord_depth
-from twilight.transport.lines import ALTITUDE, ANGLE, DISTANCE
+from twilight.transport.lines import ALTITUDE, ANGLE, DISTANCE, RayBundle
 from twilight.transport.profile import Profile, locate
-from twilight.transport.ray_bundle import RayBundle
 from twilight.transport.scaling import ScaledMedium
+from twilight.transport.steps import chord_depth, distance_to_sphere
 
-HIGHEST_DEGREE = 400
-"""Degree to which convolutions of the peak are followed; the peak itself is taken from its table."""
-MAX_UNRESOLVED = 0.1
-"""Moment of the peak at that degree above which convolutions are followed to ICE_DEGREE."""
-ICE_DEGREE = 2400
-"""The same beside ice crystals, whose peak is a tenth of a degree wide: with 400 the sky 0.3 to 2 deg from the sun is
-8 % too dark to 7 % too bright.  From half of it on terms fade to 0, or the series would end in rings around the sun."""
-MIN_FRACTION = 1e-6
-"""Forward fraction f below which an aerosol has no peak."""
-STRONG_FRACTION = 0.01
-"""Forward fraction from which on the moments of a peak are taken as they are."""
 MIN_DEPTH = 1e-4
 """Optical depth x of scattering in the peak below which the peak is not widened."""
 LEAST_TERM = 1e-9
@@ -68,30 +56,30 @@ def forward_peak(medium: Medium, scaled: ScaledMedium, profile: Profile) -> Forw
     profile: of the scaled medium.
     """
     f = scaled.forward_fraction
-    if not f.size or f.max() < MIN_FRACTION or not medium.has_aerosol:
+    if not f.size or f.max() < tuned.MIN_PEAK_FRACTION or not medium.has_aerosol:
         return None
-    n_followed, strong = scaled.moments.shape[1], f > STRONG_FRACTION
+    n_followed, strong = scaled.moments.shape[1], f > tuned.STRONG_FRACTION
 
     def moments_to(degree: int) -> np.ndarray:
-        made = np.ones((degree + 1, *f.shape))
+        moments = np.ones((degree + 1, *f.shape))
         for k, phase in enumerate(medium.phase_functions):
             chi = phase.legendre_moments(degree).T
             # halos and rainbows make moments that exceed f; of a small f they are errors of the quadrature
             low, high = np.where(strong[k], -2.0, 0.0), np.where(strong[k], 2.0, 1.0)
-            made[n_followed:, k] = np.clip(chi[n_followed:] / np.maximum(f[k], MIN_FRACTION), low, high)
-        return made
+            moments[n_followed:, k] = np.clip(chi[n_followed:] / np.maximum(f[k], tuned.MIN_PEAK_FRACTION), low, high)
+        return moments
 
-    moments = moments_to(HIGHEST_DEGREE)
-    end = np.ones(HIGHEST_DEGREE + 1)
-    if np.any(moments[-1][strong] > MAX_UNRESOLVED):
-        moments = moments_to(ICE_DEGREE)
-        end = np.sin(np.minimum(1.0, 2.0 - 2.0 * np.arange(ICE_DEGREE + 1) / ICE_DEGREE) * 0.5 * np.pi) ** 2
+    moments = moments_to(tuned.HIGHEST_DEGREE)
+    end = np.ones(tuned.HIGHEST_DEGREE + 1)
+    if np.any(moments[-1][strong] > tuned.MAX_UNRESOLVED):
+        moments = moments_to(tuned.ICE_DEGREE)
+        end = np.sin(np.minimum(1.0, 2.0 - 2.0 * np.arange(tuned.ICE_DEGREE + 1) / tuned.ICE_DEGREE) * 0.5 * np.pi) ** 2
     # just below a jump, the air below it
     altitude_km = profile.altitude_km
     inside = altitude_km - np.where(np.diff(altitude_km, append=np.inf) <= 0.0, 1e-9, 0.0)
     at = medium.at(inside)
     removed = at.aerosol_extinction - scaled.medium.at(inside).aerosol_extinction
-    strength = np.where(f > MIN_FRACTION, f / (1.0 - f), 0.0)
+    strength = np.where(f > tuned.MIN_PEAK_FRACTION, f / (1.0 - f), 0.0)
     return ForwardPeak(
         moments, end, strength, profile._replace(extinction=np.ascontiguousarray(np.maximum(0.0, removed)))
     )
@@ -112,7 +100,7 @@ def widen(beam, peak, rays, fraction, directions, cosine, narrow, out, begin, en
     top_km = air.altitude_km[air.altitude_km.size - 1]
     light, depth = np.empty(n_w), np.empty(n_w)
     series = np.empty((n_l, n_k, n_w))
-    sums, lower, here = np.empty((n_k, n_w, AT_ONCE)), np.empty(AT_ONCE), np.empty(AT_ONCE)
+    sums, lower, legendre = np.empty((n_k, n_w, AT_ONCE)), np.empty(AT_ONCE), np.empty(AT_ONCE)
     for r in range(begin, end):
         by_kind = np.zeros((n_k, n_w))
         total, x = np.zeros(n_w), np.zeros(n_w)
@@ -172,17 +160,17 @@ def widen(beam, peak, rays, fraction, directions, cosine, narrow, out, begin, en
             for start in range(directions.first[r], directions.first[r + 1], AT_ONCE):
                 count = min(AT_ONCE, directions.first[r + 1] - start)
                 # directions innermost: their sums and Legendre polynomials are neighbours in memory
-                sums[:], lower[:], here[:] = 0.0, 0.0, 1.0
+                sums[:], lower[:], legendre[:] = 0.0, 0.0, 1.0
                 for n in range(last):
                     for k in range(n_k):
                         for w in range(n_w):
                             of_degree = series[n, k, w]
                             if abs(of_degree) > LEAST_TERM:
                                 for j in range(count):
-                                    sums[k, w, j] += here[j] * of_degree
+                                    sums[k, w, j] += legendre[j] * of_degree
                     for j in range(count):
-                        following = ((2 * n + 1) * cosine[v, start + j] * here[j] - n * lower[j]) / (n + 1)
-                        lower[j], here[j] = here[j], following
+                        following = ((2 * n + 1) * cosine[v, start + j] * legendre[j] - n * lower[j]) / (n + 1)
+                        lower[j], legendre[j] = legendre[j], following
                 for j in range(count):
                     for k in range(n_k):
                         for w in range(n_w):

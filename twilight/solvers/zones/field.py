@@ -12,21 +12,26 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.base.threads import in_slices
 from twilight.solvers.base import BareField, Convergence, observer_at
+from twilight.solvers.zones import constants as tuned
+from twilight.solvers.zones.angles import scattering_geometry
 from twilight.solvers.zones.aureole import forward_peak, widen_peaks
-from twilight.solvers.zones.field_grids import FieldGrids
-from twilight.solvers.zones.line_integrals import lift_and_lowering, sun_lift, view_multiple
-from twilight.solvers.zones.lines_of_sight import LineCache, LinesOfSight, trace_lines_of_sight
+from twilight.solvers.zones.grids import FieldGrids, visible_arc_deg
+from twilight.solvers.zones.lines_of_sight import (
+    LineCache,
+    LinesOfSight,
+    lift_and_lowering,
+    sun_lift,
+    trace_lines_of_sight,
+    view_multiple,
+)
 from twilight.solvers.zones.ray_points import LANES, block_values, make_ray_points
-from twilight.solvers.zones.solution import Solution
-from twilight.solvers.zones.spin2_harmonics import scattering_geometry
+from twilight.solvers.zones.scattering import Solution
 from twilight.solvers.zones.storage import Stored, save
-from twilight.solvers.zones.zenith_range import LAST_ZENITH_DEG, visible_arc_deg
 from twilight.transport.azimuth_series import RayDirections, interpolate_azimuth, unique_directions
 from twilight.transport.beam import Beam
-from twilight.transport.lines import with_refraction
+from twilight.transport.lines import trace_rays, with_refraction
 from twilight.transport.profile import prepare_profile
-from twilight.transport.ray_bundle import trace_rays
-from twilight.transport.scaling import species_phase, species_polarising_phase
+from twilight.transport.scaling import species_phase, species_polarising_phase, with_light_in_peak
 from twilight.transport.sunlit import scattered_once
 from twilight.transport.sunlit_ray import Phases, SunlitAir
 
@@ -77,7 +82,7 @@ class Field(BareField):
     def _suns_seen_from(self, observer_altitude_km: float) -> tuple[float, float]:
         first, last = self.grids.zenith_range_deg
         around = visible_arc_deg(self.medium, observer_altitude_km)
-        lowest = -90.0 if last >= LAST_ZENITH_DEG else 90.0 + around - last
+        lowest = -90.0 if last >= tuned.LAST_ZENITH_DEG else 90.0 + around - last
         return lowest, 90.0 if first <= 0.0 else 90.0 - around - first
 
     def _check_sun(self, sun_elevation_deg: float, observer_altitude_km: float) -> None:
@@ -130,11 +135,8 @@ class Field(BareField):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Light scattered in between the observer and a distance, and the transmittance of that air.
 
-        The field counts light in the narrow forward peak of aerosol as passed.  With T_s the transmittance of that
-        scaled air and T the true one, a segment that brings L_s of the light L of its whole line then gives
-            L_s + (1 - T / T_s) (L - L_s)
-        where peak_passes is false: light from behind that the segment scatters on within the peak, taken as even across
-        it.
+        The field counts light in the narrow forward peak of aerosol as passed; where peak_passes is false, the light
+        from behind that the segment scatters on within the peak is added (`scaling.with_light_in_peak`).
 
         Parameters
         ----------
@@ -175,10 +177,8 @@ class Field(BareField):
             return light, scaled
         clear = prepare_profile(self.medium)
         true = passed(with_refraction(clear, self.medium) if self.settings.bent_lines_of_sight else clear)
-        lost = np.where(scaled > 0.0, 1.0 - true / np.where(scaled > 0.0, scaled, 1.0), 0.0)
-        if lost.any():
-            behind = self._evaluate(*line)[..., 0, :] - light
-            light = light + np.maximum(lost, 0.0) * np.maximum(behind, 0.0)
+        if np.any(true < scaled):
+            light = with_light_in_peak(light, self._evaluate(*line)[..., 0, :], scaled, true)
         return light, true
 
     @property
@@ -245,8 +245,8 @@ class Field(BareField):
         out = np.zeros((place.size, n_stokes, self.medium.n_wavelengths))
         for block, solution in enumerate(self.solutions):
             part = slice(block * LANES, min((block + 1) * LANES, out.shape[2]))
-            seen = self._multiple(lines, directions, block, solution, n_stokes)
-            out[:, :, part] = seen[:, :, : part.stop - part.start]
+            several = self._multiple(lines, directions, block, solution, n_stokes)
+            out[:, :, part] = several[:, :, : part.stop - part.start]
         self._add_single(lines, directions, row_elevation, row_elevation[row_of], lift, out)
         self._cached_lines.trim()
         result = out[of_place]
@@ -269,9 +269,12 @@ class Field(BareField):
         lowering_rad = np.repeat(ray_lowering, np.diff(directions.first))
         # the sun and the ray as they are, the sun lifted, the ray lowered
         suns = [directions.zenith_rad - lifted for lifted in (0.0, lift_rad, 0.0)]
-        seen = [elevation - lowered for lowered in (0.0, 0.0, lowering_rad)]
+        elevations = [elevation - lowered for lowered in (0.0, 0.0, lowering_rad)]
         cosine = np.array(
-            [np.sin(e) * math.cos(t) + np.cos(e) * math.sin(t) * cos_azimuth for t, e in zip(suns, seen, strict=True)]
+            [
+                np.sin(e) * math.cos(t) + np.cos(e) * math.sin(t) * cos_azimuth
+                for t, e in zip(suns, elevations, strict=True)
+            ]
         )
         p11 = species_phase(self.medium, scaled.forward_fraction, cosine.ravel())
         p11 = p11.reshape(*cosine.shape, *p11.shape[1:])
@@ -282,7 +285,8 @@ class Field(BareField):
             p12 = species_polarising_phase(self.medium, scaled.forward_fraction, cosine.ravel()).reshape(p11.shape)
             # elevations below the horizon too: sine and cosine of the zenith angle are cos e and sin e
             rotations = [
-                scattering_geometry(np.sin(e), cos_azimuth, sin_azimuth, t)[1:] for t, e in zip(suns, seen, strict=True)
+                scattering_geometry(np.sin(e), cos_azimuth, sin_azimuth, t)[1:]
+                for t, e in zip(suns, elevations, strict=True)
             ]
             stokes += [p12 * np.array(part)[..., None, None] for part in zip(*rotations, strict=True)]
         unbent, lifted_sun, lowered_ray = np.stack(stokes, axis=1)

@@ -1,7 +1,7 @@
 """The next order of scattering: Stokes parameters at every node in every direction from the light of the order before.
 
 Along a ray the source function of I is J = mean radiance x sum_lm Y_lm (chi_l r_lm + b_l e_lm), that of Q and U is as
-in `spin2_harmonics`.  The logarithm of the mean and the moments r, e, b relative to it are interpolated between nodes,
+in `angles`.  The logarithm of the mean and the moments r, e, b relative to it are interpolated between nodes,
 which is right where the field falls by e within a degree.  The vertical plane through a ray is the same all along it,
 straight or bent by refraction: Q and U add up as they are.
 
@@ -94,8 +94,8 @@ def fill_slab_source(point, k, light, grid, series, low, high, source):
         for m in range(min(highest + 1, series.azimuthal_orders)):
             total = broadcast(ZERO)
             for _ in range(m, series.degree + 1):
-                here = g * load(ratio, (node, t, c)) + f * load(ratio, (node + 1, t, c))
-                total += load(by_harmonic, c) * here
+                moment = g * load(ratio, (node, t, c)) + f * load(ratio, (node + 1, t, c))
+                total += load(by_harmonic, c) * moment
                 c += 1
             store(amplitude, (t * per_interval, m), total)
     if series.spin2_orders > 0:
@@ -215,12 +215,12 @@ def sum_intensity(amplitudes, j, b0, b1, c, highest):
     j: row of amplitudes, b0, b1: weights of this row and of the next; highest: largest order that counts.
     """
     amplitude = b0 * load(amplitudes, (j, 0)) + b1 * load(amplitudes, (j + 1, 0))
-    before, here = ONE, c
+    before, current = ONE, c
     twice = TWO * c
     for m in range(1, highest + 1):
-        y0, y1 = b0 * here, b1 * here
+        y0, y1 = b0 * current, b1 * current
         amplitude += y0 * load(amplitudes, (j, m)) + y1 * load(amplitudes, (j + 1, m))
-        before, here = here, twice * here - before
+        before, current = current, twice * current - before
     return amplitude
 
 

@@ -12,17 +12,13 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.jit.simd import LANES
-from twilight.solvers.zones.grid import Truncation, even_harmonics
-from twilight.solvers.zones.spin2_harmonics import spin2_harmonics
-from twilight.transport.lines import ALTITUDE, ANGLE, COSINE
-from twilight.transport.matrix_moments import MatrixMoments, matrix_moments
-from twilight.transport.ray_bundle import RayBundle, species_fraction
-from twilight.transport.scaling import ScaledMedium
+from twilight.solvers.zones import constants as tuned
+from twilight.solvers.zones.angles import Truncation, even_harmonics, spin2_harmonics
+from twilight.transport.lines import ALTITUDE, ANGLE, COSINE, RayBundle, species_fraction
+from twilight.transport.scaling import MatrixMoments, ScaledMedium, matrix_moments
 
 POINTS_AT_ONCE = 8192
 """Points that are made at once: intermediate arrays take several times the memory of the result."""
-GEOMETRY_STEPS = 160
-"""Geocentric angles at which the solar zenith angle and the azimuth along rays are tabulated."""
 
 
 def block_wavelengths(n: int, block: int) -> np.ndarray:
@@ -81,11 +77,11 @@ def make_ray_points(
     """scattering: of the scaled medium; step_rad: of the geocentric angles of the geometry table."""
     n_points = rays.place.shape[0]
 
-    def made(piece: slice) -> RayPoints:
+    def of_piece(piece: slice) -> RayPoints:
         some = rays._replace(place=rays.place[piece], weight=rays.weight[piece])
         return _points(some, scattering, nodes_km, step_rad, series, block)
 
-    first = made(slice(0, POINTS_AT_ONCE))
+    first = of_piece(slice(0, POINTS_AT_ONCE))
     if n_points <= POINTS_AT_ONCE:
         return first
     # without polarisation there is no matrix of every point
@@ -94,7 +90,7 @@ def make_ray_points(
     )
     for start in range(0, n_points, POINTS_AT_ONCE):
         piece = slice(start, start + POINTS_AT_ONCE)
-        for whole, part in zip(out, made(piece) if start else first, strict=True):
+        for whole, part in zip(out, of_piece(piece) if start else first, strict=True):
             if whole.shape[0] == n_points:
                 whole[piece] = part
     return out
@@ -188,8 +184,8 @@ def make_ray_geometry(
     zenith_rad: np.ndarray, azimuth: np.ndarray, fine_rad: np.ndarray, longest_rad: float
 ) -> RayGeometry:
     """Table up to the geocentric angle longest_rad; azimuth (F,) [rad]; fine_rad: the fine grid of zenith angles."""
-    step = longest_rad / (GEOMETRY_STEPS - 2)
-    psi = np.arange(GEOMETRY_STEPS)[:, None, None] * step
+    step = longest_rad / (tuned.GEOMETRY_STEPS - 2)
+    psi = np.arange(tuned.GEOMETRY_STEPS)[:, None, None] * step
     t, f = zenith_rad[None, :, None], azimuth[None, None, :]
     ahead = -np.sin(psi) * np.cos(t) + np.cos(psi) * np.sin(t) * np.cos(f)
     up = np.cos(psi) * np.cos(t) + np.sin(psi) * np.sin(t) * np.cos(f)

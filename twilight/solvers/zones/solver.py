@@ -1,4 +1,11 @@
-"""prepare: solve a field, at a quality or to a target error, or read it from a file."""
+"""prepare: solve a field, at a quality or to a target error, or read it from a file; its cost before it is solved.
+
+Settings for a target error are those of the cheapest quality that has it in air of this kind, known before anything is
+solved.  The errors of the qualities were measured beside Monte-Carlo references in thirteen climates
+(`benchmarks/zones_error.py`).  They depend on how low the sun is and on what kind of particles there are, which is
+known beforehand: fine ones, coarse ones (dust and sea salt, whose phase functions need the degree to grow), or some
+high up.
+"""
 
 from __future__ import annotations
 
@@ -7,25 +14,54 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightWarning
 from twilight.base.progress import Progress, silent
-from twilight.solvers.base import Convergence, observer_at
-from twilight.solvers.zones.directions import thin_layers
+from twilight.solvers.base import Convergence, Cost, observer_at
+from twilight.solvers.zones import constants as tuned
+from twilight.solvers.zones.air_needs import degree_needed, thin_layers
+from twilight.solvers.zones.angles import Truncation, zenith_nodes
 from twilight.solvers.zones.field import Field
-from twilight.solvers.zones.field_grids import FieldGrids
-from twilight.solvers.zones.layout import has_terms, spectral_groups
+from twilight.solvers.zones.grids import FieldGrids, has_terms, lay_out, settings_for, spectral_groups, zenith_range
+from twilight.solvers.zones.orders import reduced_depth, solve
+from twilight.solvers.zones.ray_points import LANES
+from twilight.solvers.zones.scattering import Solution
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
-from twilight.solvers.zones.solution import Solution
-from twilight.solvers.zones.solve import solve
-from twilight.solvers.zones.spectral_field import SpectralInterpolation
+from twilight.solvers.zones.spectrum import SpectralInterpolation
 from twilight.solvers.zones.storage import field_hash, read, stored_hash
-from twilight.solvers.zones.target import settings_to_solve
-from twilight.solvers.zones.zenith_range import LAST_ZENITH_DEG, zenith_range
+from twilight.transport.scaling import delta_scaled
 
+POINTS_PER_RAY = 95.0
+"""Points of a ray between nodes at step_density 1: `draft` and `standard` in continental air have 93 to 98."""
+BAND_POINTS_FACTOR = 2.3
+"""The same in a band of a gas, over that without."""
+RAY_BYTES = 8
+"""Bytes of a point of a ray for each wavelength of a field."""
+WORKING_COPIES = 4.0
+"""Copies of an order's radiances and moments while it is scattered."""
+BLOCK_BYTES = 15e6
+"""Bytes of a block of LANES wavelengths beside its moments: the sunbeam's tables, and what is left of making it."""
+BLOCK_S = 0.5
+"""Processor seconds of the tables of a block of LANES wavelengths (measured as ROOT_S)."""
+ROOT_S = 2.1e-4
+"""Processor seconds of a block per root of nodes x directions x moments: within 25 % of `continental-average`
+at `draft` and at `standard`, `maritime-clean` at `draft`, `pure-air` and `desert` at `standard`; half of `urban`."""
+THICK_S = 1.2e-5
+"""Processor seconds of a block per altitude, radiance of a later order and zenith angle, THICK_ZENITHS more, in air so
+thick that all later orders are solved at once: `draft` below stratus of depth 25, one sun and all suns."""
+THICK_ZENITHS = 5
+BAND_CPU_FACTOR = 1.7
+"""Processor time of terms of a gas's exponential sum over that of as many wavelengths."""
+INTERPOLATED_S = 0.06
+"""Processor seconds of a wavelength whose light is interpolated over the spectrum: its sunbeam, above all."""
+DIRECTION_S = 5.5e-6
+"""Processor seconds of a direction and wavelength, scalar."""
+POLARISED_DIRECTION_S = 1e-5
+"""Processor seconds of a direction and wavelength, polarised."""
 MAX_COMPARED_DEPTH = 100.0
 """Vertical optical depth of scattering, forward peaks left out, up to which thick air of conservative scattering was
 compared with doubling (`tests/test_zones_thick.py`)."""
@@ -38,6 +74,144 @@ HIGH_KM = 10.0
 MAX_DEPTH_RATIO = 1000.0
 """Ratio of the optical depths of two wavelengths beyond which the grid that serves both may be wrong for the thinner:
 at draft by 0.25 % where it is 10, 0.6 % at 100, 1.3 % at 1000, sun at -6 deg."""
+
+
+class _OrderSizes:
+    """Sizes of the early or the late orders of scattering: polar angles, radiances of a node, moments, and bytes of a
+    point of a ray in a block of LANES wavelengths."""
+
+    def __init__(self, polar: int, around: int, degree: int, spin2_degree: int):
+        series = Truncation.of(degree, spin2_degree, around)
+        harmonics = sum(series.degree + 1 - m for m in range(series.azimuthal_orders))
+        n_spin2 = sum(series.spin2_degree + 1 - max(m, 2) for m in range(series.spin2_orders))
+        self.polar = polar + max(7 * polar // 10, 2)
+        self.radiances = self.polar * around * (3 if spin2_degree else 1)
+        self.moments = harmonics + 2 * n_spin2
+        matrix = 3 * (spin2_degree + 1) * LANES if spin2_degree else 0
+        self.point_bytes = 4 * ((degree + 1) * LANES + self.moments + matrix + 3 * LANES + 5)
+
+
+def cost(
+    medium: Medium, settings: ZonesSettings, sun_elevations_deg: Sequence[float] | None, observer_altitude_km: float
+) -> Cost:
+    """Cost of a field in the air of the medium's first wavelength, whose grids are about those of the others."""
+    monochromatic = medium.select(slice(0, 1))
+    settings, _ = settings_to_solve(medium, settings, sun_elevations_deg)
+    settings, degree = settings_for(monochromatic, settings)
+    scaled = delta_scaled(monochromatic, degree)
+    grids = lay_out(monochromatic, scaled, settings)
+    d, altitudes = grids.directions, grids.altitude_km.size
+    suns = zenith_nodes(
+        *zenith_range(monochromatic, sun_elevations_deg, observer_altitude_km), settings.zenith_density
+    ).size
+    spin2_degree, late_spin2_degree = (
+        (d.polarisation_degree, d.late_polarisation_degree) if settings.polarisation else (0, 0)
+    )
+    early = _OrderSizes(d.polar_directions, d.azimuth_directions, d.degree, spin2_degree)
+    late = _OrderSizes(d.late_polar_directions, d.late_azimuth_directions, d.late_degree, late_spin2_degree)
+    each = 4 * LANES
+    radiance = altitudes * suns * early.radiances * each
+    light = (tuned.FINE_PER_INTERVAL * (altitudes - 1) + 1) * suns * early.moments * each
+    of_a_ray = POINTS_PER_RAY * settings.step_density * altitudes
+    points = of_a_ray * (early.polar * early.point_bytes + late.polar * late.point_bytes)
+    rays = of_a_ray * (early.polar + late.polar) * RAY_BYTES
+    seconds = BLOCK_S + ROOT_S * math.sqrt(altitudes * suns * early.radiances * early.moments)
+    if reduced_depth(scaled, grids.profile).max() > tuned.SLOW_DEPTH:
+        seconds += THICK_S * altitudes * (suns + THICK_ZENITHS) * late.radiances
+    return Cost(
+        fixed_bytes=points + WORKING_COPIES * (radiance + light),
+        bytes_per_wavelength=(light + BLOCK_BYTES) / LANES + rays,
+        cpu_s_per_wavelength=seconds / LANES,
+        cpu_s_per_direction=POLARISED_DIRECTION_S if spin2_degree else DIRECTION_S,
+        block_size=LANES,
+        band_bytes=(BAND_POINTS_FACTOR - 1.0) * points,
+        band_cpu_factor=BAND_CPU_FACTOR,
+        cpu_s_per_interpolated=INTERPOLATED_S,
+    )
+
+
+class Errors(NamedTuple):
+    """Largest errors [%] that 95 % of the radiances stay within, over the climates of a kind.
+
+    day: sun above LAST_DAY_DEG; twilight: above LAST_TWILIGHT_DEG; deep: below
+    """
+
+    day: float
+    twilight: float
+    deep: float
+
+
+LAST_DAY_DEG = -7.5
+"""Sun elevation [deg] down to which the errors of +30 to -6 deg hold."""
+LAST_TWILIGHT_DEG = -13.0
+"""Sun elevation [deg] down to which those of -9 and -12 deg hold; below, that of -18 deg."""
+SAFETY_FACTORS = {"fine": 1.45, "coarse": 1.45, "aloft": 1.9}
+"""Factor of safety for air that is none of the climates, by its kind: each climate in turn left out of the table, its
+errors stay within so many times the largest of the others of its kind (benchmarks/target_error.csv).  High up there are
+but two, far apart."""
+MEASURED_ERRORS: dict[str, dict[str, Errors]] = {
+    "draft": {"fine": Errors(1.4, 2.0, 2.1), "coarse": Errors(1.7, 2.4, 3.1), "aloft": Errors(3.3, 4.5, 3.7)},
+    "standard": {"fine": Errors(0.9, 1.6, 1.8), "coarse": Errors(1.2, 1.5, 1.6), "aloft": Errors(1.4, 1.5, 3.6)},
+    "reference": {"fine": Errors(0.4, 0.8, 0.2)},
+}
+"""By quality, the cheapest first, and kind of air (benchmarks/zones_error.csv; `reference`: continental air alone)."""
+
+
+NOT_OF_QUALITY = (
+    *("max_orders", "polarisation", "refraction", "bent_lines_of_sight", "bent_paths"),
+    *("target_error", "spectral_interpolation", "field_file"),
+)
+"""Settings that stay as they are where a target error chooses the quality: physics, the target and the file."""
+
+
+def kind_of(medium: Medium) -> str:
+    """`aloft` where there are particles high up, `coarse` beside dust or sea salt, else `fine`; one for a spectrum."""
+    medium = medium.at_grid_wavelengths or medium
+    scattering = medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
+    z = medium.altitude_km
+    high = np.where(z[:, None] >= tuned.ALOFT_KM, scattering, 0.0)
+    if np.trapezoid(high, z, axis=0).max() > tuned.LEAST_ALOFT_DEPTH:
+        return "aloft"
+    standard = QUALITIES["standard"]
+    return "coarse" if degree_needed(standard, medium) > standard.degree else "fine"
+
+
+def expected_error(quality: str, medium: Medium, sun_elevations_deg: Sequence[float] | None) -> float:
+    """Fraction that 95 % of errors are expected to stay within at a quality, for the lowest of the suns; None: any.
+
+    Infinite where the quality was not measured in such air.
+    """
+    kind = kind_of(medium)
+    errors = MEASURED_ERRORS[quality].get(kind)
+    if errors is None:
+        return math.inf
+    lowest = -90.0 if sun_elevations_deg is None else min(sun_elevations_deg)
+    ranges = 1 if lowest >= LAST_DAY_DEG else 2 if lowest >= LAST_TWILIGHT_DEG else 3
+    return 0.01 * SAFETY_FACTORS[kind] * max(errors[:ranges])
+
+
+def quality_for(
+    settings: ZonesSettings, medium: Medium, sun_elevations_deg: Sequence[float] | None
+) -> tuple[str, float]:
+    """The cheapest quality that has the target error, and the error expected of it; the best where none has."""
+    errors = [(name, expected_error(name, medium, sun_elevations_deg)) for name in MEASURED_ERRORS]
+    return next((row for row in errors if row[1] <= settings.target_error), errors[-1])
+
+
+def at_quality(settings: ZonesSettings, name: str) -> ZonesSettings:
+    """The settings with the grids of a quality; those NOT_OF_QUALITY stay as they are."""
+    return replace(QUALITIES[name], **{key: getattr(settings, key) for key in NOT_OF_QUALITY})
+
+
+def settings_to_solve(
+    medium: Medium, settings: ZonesSettings, sun_elevations_deg: Sequence[float] | None
+) -> tuple[ZonesSettings, float | None]:
+    """The settings that a field is solved with: those asked for, or where they have a target error those of the quality
+    that reaches it, with the fraction that 95 % of its errors are expected to stay within."""
+    if not settings.target_error:
+        return settings, None
+    name, expected = quality_for(settings, medium, sun_elevations_deg)
+    return at_quality(settings, name), expected
 
 
 def prepare(
@@ -86,7 +260,7 @@ def prepare(
     needed = zenith_range(medium, sun_elevations_deg, observer_altitude_km)
     if settings.field_file:
         stored = stored_hash(settings.field_file)
-        for extent in (needed, (0.0, LAST_ZENITH_DEG)):
+        for extent in (needed, (0.0, tuned.LAST_ZENITH_DEG)):
             if stored is not None and stored == field_hash(medium, settings, extent):
                 field = load(settings.field_file, observer_altitude_km=observer_altitude_km)
                 _warn(field, settings)
@@ -129,7 +303,7 @@ def _warn_of_neighbours(medium: Medium, settings: ZonesSettings) -> None:
         warnings.warn(
             f"the medium's wavelengths have optical depths from {depth.min():.2g} to {depth.max():.2g} and need "
             "different grids: solved in one field the thinner ones may be off by more than 1 %; solve them apart, as "
-            "twilight.engine.Problem does",
+            "twilight.engine does",
             TwilightWarning,
             stacklevel=3,
         )
@@ -188,12 +362,12 @@ def _doubts(field: Field, settings: ZonesSettings) -> Iterator[str]:
 def _sharpest_peak(medium: Medium) -> tuple[float, float]:
     """(the largest asymmetry parameter of the kinds of aerosol that there is more of than PEAKED_DEPTH, and the largest
     vertical optical depth of that kind); zeros where there is none."""
-    found = [(0.0, 0.0)]
+    peaks = [(0.0, 0.0)]
     for phase, fraction in zip(medium.phase_functions, medium.aerosol_phase_fraction, strict=True):
         depth = np.trapezoid(medium.aerosol_extinction_per_km * fraction, medium.altitude_km, axis=0).max()
         if depth > PEAKED_DEPTH:
-            found.append((float(phase.legendre_moments(1)[:, 1].max()), float(depth)))
-    return max(found)
+            peaks.append((float(phase.legendre_moments(1)[:, 1].max()), float(depth)))
+    return max(peaks)
 
 
 def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:

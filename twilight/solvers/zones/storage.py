@@ -21,8 +21,8 @@ from twilight.base.whole_files import whole_content
 from twilight.numerics.phase import PhaseFunction
 from twilight.solvers.base import Convergence
 from twilight.solvers.zones.next_order import RadianceField
+from twilight.solvers.zones.scattering import Solution
 from twilight.solvers.zones.settings import ZonesSettings
-from twilight.solvers.zones.solution import Solution
 from twilight.transport.beam import Beam
 
 FORMAT = "twilight zones field 11"

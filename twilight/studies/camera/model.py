@@ -20,7 +20,7 @@ from pydantic import Field, model_validator
 
 from twilight.config.base import Flag, Integer, Number, Section, key
 from twilight.numerics import lenses
-from twilight.numerics.orientation import azimuth_elevation, camera_axes
+from twilight.numerics.directions import azimuth_elevation, camera_axes
 from twilight.numerics.projections import around, off_axis
 
 Projection = Literal["equidistant", "equisolid", "stereographic", "orthographic", "perspective", "latlong"]

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.numerics.primaries import from_xyz, to_rec709
+from twilight.numerics.spectrum import from_xyz, to_rec709
 
 ADOBE_RGB = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)
 """x, y of red, green, blue and white of Adobe RGB (1998); its samples are light to the power 1 / 2.19921875."""
@@ -203,6 +203,7 @@ def radiance_head(path: Path) -> RadianceHead:
                 primaries = tuple(float(v) for v in value.split())
                 if len(primaries) != 8:
                     raise ValueError
+                primaries = primaries if any(primaries) else None  # some programs write zeros for "not stated"
         except ValueError:
             raise TwilightError(f"{path}: {name}={value[:80]} in its head is not what it should be") from None
         xyz |= name == "FORMAT" and value.lower() == "32-bit_rle_xyze"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twilight.config.scene import Config
-from twilight.numerics.grids import half_of, texture_centres
+from twilight.numerics.directions import half_of, texture_centres
 from twilight.scene.suns import suns_of
 
 _GOLDEN = 0.6180339887498949

@@ -16,7 +16,7 @@ from twilight.base.progress import PhasedProgress, Progress
 from twilight.base.whole_files import write_csv
 from twilight.config.scene import Config
 from twilight.config.sun import SunElevation
-from twilight.engine.solve import Field, solve
+from twilight.engine.field import Field, solve
 from twilight.io.provenance import configuration_hash
 from twilight.scene import resolve
 from twilight.scene.record import resolved_configuration
@@ -178,11 +178,7 @@ class ReferenceSolver:
 
 def _computed(solved: Field, sun: float, directions: tuple[np.ndarray, np.ndarray], file: Path) -> ReferenceSolution:
     """The reference of one sun; what is begun is cached in files beside `file` until it is done."""
-    radiance, error = [], []
-    for i, block in enumerate(solved.blocks):
-        found = block.answer(sun, *directions, checkpoint=file.with_suffix(f".part{i or ''}.npz"))
-        assert found.standard_error is not None
-        radiance.append(found.radiance)
-        error.append(np.nan_to_num(found.standard_error, nan=0.0))
-    nm = solved.medium.wavelength_nm
-    return ReferenceSolution(*directions, nm, np.concatenate(radiance, axis=-1), np.concatenate(error, axis=-1))
+    found = solved.radiance_with_error(sun, *directions, checkpoint=file)
+    assert found.standard_error is not None
+    error = np.nan_to_num(found.standard_error, nan=0.0)
+    return ReferenceSolution(*directions, solved.medium.wavelength_nm, found.radiance, error)

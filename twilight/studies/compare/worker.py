@@ -22,7 +22,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.peak_memory import peak_mib
 from twilight.base.progress import PhasedProgress
 from twilight.config.scene import Config
-from twilight.engine.solve import Field, solve
+from twilight.engine.field import Field, solve
 from twilight.scene import Scene, resolve
 
 Send = Callable[[dict[str, Any]], None]

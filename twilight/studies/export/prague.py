@@ -34,7 +34,7 @@ from twilight.studies.export.prague_fit import (
 )
 from twilight.studies.export.prague_sky import SAFETY_M, PragueAngles, angles_of, elevation_of, index_and_fraction
 from twilight.studies.export.prague_transmittance import transmittance_of, transmittance_roots
-from twilight.transport.apparent_rays import horizon_dip_deg
+from twilight.transport.rays import horizon_dip_deg
 
 
 def _numbers(text: str) -> np.ndarray:

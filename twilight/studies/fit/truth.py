@@ -13,7 +13,7 @@ from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.config.scene import Config
-from twilight.engine.solve import solve
+from twilight.engine.field import solve
 from twilight.numerics import spectrum
 from twilight.numerics.phase import PhaseFunction
 from twilight.scene import Scene

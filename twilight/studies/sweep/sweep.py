@@ -20,10 +20,9 @@ from twilight.config.load import Series
 from twilight.config.scene import Config
 from twilight.config.solver import complete_solver
 from twilight.config.vary import DRAWS
-from twilight.engine.memory import START_S, check_size, field_cpu_s
-from twilight.engine.solve import Problem
+from twilight.engine.problem import START_S, Problem, check_size, field_cpu_s
 from twilight.io.provenance import configuration_hash, to_json
-from twilight.numerics.grids import half_of, texture_centres
+from twilight.numerics.directions import half_of, texture_centres
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium, name_by_content, wavelengths_of
 from twilight.scene.suns import suns_of
@@ -150,7 +149,7 @@ class Sweep:
             problem = Problem(resolve(config, wavelength_nm=self.wavelength_nm, for_plan=True), tuple(sorted(suns)))
             if problem.cost is None:
                 return None
-            seconds += field_cpu_s(problem, skies[key] * directions)
+            seconds += field_cpu_s(problem, skies[key], directions)
         return START_S + seconds * len(keys) / len(chosen)
 
     def position(self, scene: Sequence[int]) -> ScenePosition:

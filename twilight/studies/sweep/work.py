@@ -15,9 +15,8 @@ import numpy as np
 from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.config.scene import Config, Observer
-from twilight.engine.answer import Answer
-from twilight.engine.block import Block
-from twilight.engine.solve import Problem
+from twilight.engine.field import Field, Part, parts
+from twilight.engine.problem import plan
 from twilight.scene import resolve
 from twilight.solvers.analytic.turbidity import turbidity_of
 from twilight.studies.sweep.task import STANDARD_ERROR, STOKES, STOKES_ERROR, ScenePosition, code_of
@@ -25,8 +24,8 @@ from twilight.studies.sweep.task import STANDARD_ERROR, STOKES, STOKES_ERROR, Sc
 _ONE_AT_A_TIME = threading.Lock()
 """A worker with several threads computes one field at a time, with all of them."""
 
-_last_block: dict[str, Block] = {}
-"""The block of wavelengths that was solved last: suns of one field may come in several tasks."""
+_last_field: dict[str, Field] = {}
+"""The field of the block of wavelengths that was solved last: its suns may come in several tasks."""
 
 
 @dataclass
@@ -74,7 +73,7 @@ def compute(payload: dict[str, Any], threads: int | None = None) -> TaskResult:
 
 def forget() -> None:
     """Let go of the field that this process holds."""
-    _last_block.clear()
+    _last_field.clear()
 
 
 def _set_threads(threads: int | None) -> None:
@@ -107,9 +106,8 @@ class _Fields:
             observer = Observer(altitude_km=self.skies[0][0].observer_altitude_km)
             with suppress(TwilightError):  # no air, no turbidity
                 self.turbidity = turbidity_of(scene.medium)
-            problem = Problem(replace(scene, observer=observer))
-            for index in range(len(problem.slices)):
-                self._wavelengths(problem, index, out)
+            for part in parts(plan(replace(scene, observer=observer))):
+                self._wavelengths(part, out)
         except TwilightError as error:  # of the air or of the solver's preparation: no scene of this field can be done
             for block in out:
                 block.refused = {i: str(error) for i in range(len(block.radiance))}
@@ -126,8 +124,8 @@ class _Fields:
             np.full(n, np.nan, np.float32),
         )
 
-    def _wavelengths(self, problem: Problem, index: int, out: list[BlockResult]) -> None:
-        solved = self._solved(problem, index)
+    def _wavelengths(self, part: Part, out: list[BlockResult]) -> None:
+        solved = self._solved(part)
         for skies, block in zip(self.skies, out, strict=True):
             for i, sky in enumerate(skies):
                 if i in block.refused:
@@ -137,17 +135,18 @@ class _Fields:
                 except TwilightError as error:
                     block.refused[i] = str(error)
 
-    def _solved(self, problem: Problem, index: int) -> Block:
-        key = f"{self.payload['field_key']} {index}"
-        if key not in _last_block:
-            _last_block.clear()  # first, so that two fields are never held
-            _last_block[key] = problem.block(index)
-        return _last_block[key]
+    def _solved(self, part: Part) -> Field:
+        key = f"{self.payload['field_key']} {part.wavelengths.start}"
+        if key not in _last_field:
+            _last_field.clear()  # first, so that two fields are never held
+            _last_field[key] = part.solve()
+        return _last_field[key]
 
-    def _sky(self, solved: Block, sky: ScenePosition, i: int, block: BlockResult) -> None:
+    def _sky(self, solved: Field, sky: ScenePosition, i: int, block: BlockResult) -> None:
         sun, altitude, part = sky.sun_elevation_deg, sky.observer_altitude_km, solved.wavelengths
-        found = solved.texture(sun, self.payload["elevation_deg"], self.payload["azimuth_deg"], altitude)
-        for name, values in layers_of(found).items():
+        found = solved.samples(sun, self.payload["elevation_deg"], self.payload["azimuth_deg"], altitude)
+        layers = layers_of(found.standard_error, found.polarisation, found.polarisation_error)
+        for name, values in layers.items():
             block.more.setdefault(name, np.full_like(block.radiance, np.nan))[i, ..., part] = values
         block.radiance[i, ..., part] = found.radiance
         block.direct[i, part], block.bending_deg[i] = solved.direct(sun, altitude)
@@ -159,10 +158,12 @@ class _Fields:
                 values[i] = np.nan
 
 
-def layers_of(found: Answer) -> dict[str, np.ndarray]:
-    """What an answer (E, A) holds beside its radiance: arrays (E, A, W) by the names of the dataset's variables."""
-    layers = {} if found.standard_error is None else {STANDARD_ERROR: found.standard_error}
-    for values, names in ((found.polarisation, STOKES), (found.polarisation_error, STOKES_ERROR)):
+def layers_of(
+    standard_error: np.ndarray | None, polarisation: np.ndarray | None, polarisation_error: np.ndarray | None
+) -> dict[str, np.ndarray]:
+    """What samples (E, A) hold beside their radiance: arrays (E, A, W) by the names of the dataset's variables."""
+    layers = {} if standard_error is None else {STANDARD_ERROR: standard_error}
+    for values, names in ((polarisation, STOKES), (polarisation_error, STOKES_ERROR)):
         if values is not None:
             layers |= {name: values[:, :, i] for i, name in enumerate(names)}
     return layers

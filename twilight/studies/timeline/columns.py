@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from twilight.engine.light import LightField
-from twilight.engine.moments import Moments
-from twilight.engine.surfaces import Surface
-from twilight.engine.towards import Direction, towards
-from twilight.sky.quantities.catalogue import Quantity, check_of, quantity, unit_of
+from twilight.engine.light_sources import Moments
+from twilight.engine.surfaces import Direction, Surface, towards
+from twilight.sky.quantities.measure import Quantity, check_of, quantity, unit_of
 
 
 @dataclass(frozen=True)

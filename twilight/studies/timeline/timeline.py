@@ -14,8 +14,7 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.light import LightField
-from twilight.engine.light_sources import SOURCE_NAMES
-from twilight.engine.moments import Moments, moments_at
+from twilight.engine.light_sources import SOURCE_NAMES, Moments, moments_at
 from twilight.sky.twilight_times import TwilightTime, twilight_times
 from twilight.studies.timeline.columns import Column, column
 

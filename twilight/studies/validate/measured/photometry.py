@@ -17,11 +17,11 @@ from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.config.scene import Config, Observer
-from twilight.engine.hemisphere import disc_irradiance, hemisphere
+from twilight.engine.field import solve
 from twilight.engine.night import levels_of
-from twilight.engine.solve import solve
-from twilight.engine.sunbeam import Sunbeam
+from twilight.engine.sunbeam import Sunbeam, disc_irradiance
 from twilight.numerics import spectrum
+from twilight.numerics.directions import hemisphere
 from twilight.scene import resolve
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.night import Place, night_radiance
@@ -241,9 +241,9 @@ def photometry(
     points += _colour_points(photometer, name)
     progress("zenith, meter", 0.98)
     floor = None if config.night is None else references.METER_FLOOR_MAG
-    meter = SkyQualityMeter(Photometer(site_of(config), None, METER_SITE.altitude_km), floor)
-    points += _meter_points(meter, name, floor)
-    moonlit = list(meter.moonlit(name))
+    zenith_meter = SkyQualityMeter(Photometer(site_of(config), None, METER_SITE.altitude_km), floor)
+    points += _meter_points(zenith_meter, name, floor)
+    moonlit = list(zenith_meter.moonlit(name))
     progress("done", 1.0)
     return points, moonlit, transmissions
 

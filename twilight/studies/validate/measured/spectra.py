@@ -13,6 +13,9 @@ that make the colours nearest to those recorded are sought, in the mean square o
 
 so that every spectrum has a level of its own (clouds overhead, the sensor).  As clouds with one top each: cover
 1 - p_0, and their tops the distribution p_j / (1 - p_0).  With a free calibration the mean of r over the suns goes too.
+What a sensor makes of colours is read from the recording's own day: with the sun at `DAY_DEG` and above nothing beyond
+the horizon matters, and the recorded light is divided by its mean ratio to what is computed there, wavelength by
+wavelength (`on_own_day`).
 The zenith, which no such spectrum holds, may become fainter by a limit.  Standard errors: the fit without each of the
 suns in turn (jackknife), for residuals of neighbouring wavelengths are not independent.
 """
@@ -31,9 +34,9 @@ from twilight.atmosphere.screen import Screen
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.config.scene import Config, Observer
-from twilight.engine.hemisphere import disc_irradiance, hemisphere
-from twilight.engine.solve import solve
-from twilight.engine.sunbeam import Sunbeam
+from twilight.engine.field import solve
+from twilight.engine.sunbeam import Sunbeam, disc_irradiance
+from twilight.numerics.directions import hemisphere
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.scene import resolve
 
@@ -41,6 +44,8 @@ WAVELENGTHS_NM = (400.0, 424.0, 450.0, 490.0, 520.0, 550.0, 603.0, 650.0)
 """Where spectra are compared: between the bands of the gases."""
 HALF_WIDTH_NM = 6.0
 """A recorded wavelength is the mean of those within this distance [nm]."""
+DAY_DEG = (9.0, 30.0)
+"""Suns of a recording's own day [deg]."""
 REFERENCE_NM = 550.0
 """Of the green that blue and red are divided by [nm]."""
 HEIGHTS_KM = (0.0, 3.0, 5.0, 6.5, 8.0, 9.5, 11.0, 13.0, 16.0, 20.0)
@@ -217,6 +222,26 @@ def bases(
         Basis(start, *(np.stack(kind) for kind in zip(bare, *parts[i * count : (i + 1) * count], strict=True)))
         for i, start in enumerate(from_km)
     ]
+
+
+def on_own_day(
+    recorded: Recorded, made: list[Basis], highest_deg: float
+) -> tuple[Recorded, list[Basis], np.ndarray | None]:
+    """What was recorded, on the scale of its own day, and the bases of the same suns: those up to `highest_deg`.
+
+    The factor (W,) is recorded over computed by day, the mean over its wavelengths 1; None, and the light as it was
+    recorded, without a spectrum of a sun between `DAY_DEG`.
+    """
+    day = (recorded.sun_deg >= DAY_DEG[0]) & (recorded.sun_deg <= DAY_DEG[1])
+    kept = recorded.sun_deg <= highest_deg
+    factor = None
+    light = recorded.irradiance
+    if day.any():
+        ratio = np.log(light[day] / made[0].ground[0, day]).mean(axis=0)
+        factor = np.exp(ratio - ratio.mean())
+        light = light / factor
+    parts = [replace(one, ground=one.ground[:, kept], zenith=one.zenith[:, kept]) for one in made]
+    return Recorded(recorded.sun_deg[kept], recorded.wavelength_nm, light[kept]), parts, factor
 
 
 def fit(recorded: Recorded, basis: Basis, most_mag: float, free_calibration: bool = False) -> Fit:

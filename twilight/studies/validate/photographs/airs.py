@@ -1,11 +1,12 @@
-"""The skies of airs that a photograph is fitted with: some fifteen by the solver `compact`, and what lies between them.
+"""The skies of airs that photographs are fitted with: some fifteen by the solver `compact`, and what lies between them.
 
 Of the first aerosol type the optical depth stands at all of its nodes, and each other parameter at its outer values
 beside one of these.  Of another type one air is computed, at the best values of the first: what the type changes there
 it changes everywhere, until a fit has come near enough for an air of its own.
 
-Between the nodes ln(XYZ) of a direction is a local cubic in the (transformed) optical depth and in the sun's elevation,
-plus for each other parameter the parabola of its change.  So a trial is a weighted sum of skies, and costs one product.
+Every sky is ln(XYZ) on rows that crowd at the horizon, as a cubic spline, so that a camera may be turned under it.
+Between the airs it is a local cubic in the (transformed) optical depth and in the sun's elevation, plus for each other
+parameter the parabola of its change.  So a trial is a weighted sum of splines, asked for a picture's directions.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
 
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
@@ -24,7 +26,7 @@ from twilight.numerics import spectrum
 from twilight.scene.medium import climate_medium
 from twilight.sky import colour
 from twilight.solvers import compact
-from twilight.studies.validate.photographs.photo import OBSERVER, Cells
+from twilight.studies.validate.photographs.photo import OBSERVER
 
 WAVELENGTH_NM = np.array(PLACED_NM)
 """Wavelengths of the skies [nm]."""
@@ -32,8 +34,10 @@ WAVELENGTH_NM = np.array(PLACED_NM)
 SUN_DEG: tuple[float, float] = (-18.0, 90.0)
 """Suns that the solver knows [deg]."""
 
-COLOUR_ERROR = 0.1
-"""Error in u', v' over the solver's relative error: a difference of 1 % between red and blue moves u', v' by 0.001."""
+ROWS = np.linspace(0.0, 1.0, 19)
+"""Rows of a sky: roots of their elevations over 90 deg."""
+COLUMNS_DEG = np.arange(-30.0, 211.0, 7.5)
+"""Columns of a sky, azimuths from the sun [deg]: beyond 0 and 180 its mirror images."""
 
 
 @dataclass(frozen=True)
@@ -109,26 +113,51 @@ class Design:
 
 @dataclass(frozen=True, eq=False)
 class Skies:
-    """Skies of one aerosol type under one sun or several, in the directions of a photograph's cells.
+    """Skies of one aerosol type under one sun or several.
 
-    sun_elevations_deg (S,): true; log_xyz (M, S, n, 3): of the design's airs, ln of cd m^-2.
-    luminance_error, chromaticity_error: of these skies, in ln(luminance) and in u', v'.
+    sun_elevations_deg (S,): true; splines (M, S, rows, columns, 3): coefficients, of the design's airs, of ln(XYZ) in
+        cd m^-2.  error: of these skies, in ln(luminance), at 95 % of the directions.
     """
 
     design: Design
     aerosol_type: str
     sun_elevations_deg: np.ndarray
-    log_xyz: np.ndarray
-    luminance_error: float = 0.0
-    chromaticity_error: float = 0.0
+    splines: np.ndarray
+    error: float = 0.0
 
-    def weights(self, values: Mapping[str, float]) -> np.ndarray:
-        """Weights (M x S,) of all skies; ``values`` holds every parameter of the design, and ``sun`` [deg]."""
-        air = self.design.weights(values)
-        if self.sun_elevations_deg.size == 1:
-            return air
-        sun = spectrum.hermite_matrix(self.sun_elevations_deg, np.array([values[SUN]]))[0]
-        return np.outer(air, sun).ravel()
+    def of_air(self, values: Mapping[str, float]) -> np.ndarray:
+        """The splines (S, rows, columns, 3) of an air of the design."""
+        return np.tensordot(self.design.weights(values), self.splines, 1)
+
+    def of_sun(self, of_air: np.ndarray, sun_elevation_deg: float) -> np.ndarray:
+        """The spline (rows, columns, 3) under one sun of those of an air."""
+        suns = self.sun_elevations_deg
+        if suns.size == 1:
+            return of_air[0]
+        return np.tensordot(spectrum.hermite_matrix(suns, np.array([sun_elevation_deg]))[0], of_air, 1)
+
+
+def spline(log_xyz: np.ndarray) -> np.ndarray:
+    """Coefficients (..., rows, columns, 3) of ln(XYZ) on the rows and columns of `Airs.log_xyz`."""
+    pad = int(np.count_nonzero(COLUMNS_DEG < 0.0))
+    whole = np.concatenate([log_xyz[..., pad:0:-1, :], log_xyz, log_xyz[..., -2 : -2 - pad : -1, :]], axis=-2)
+    for axis, nodes in ((-2, COLUMNS_DEG), (-3, ROWS)):
+        whole = np.moveaxis(make_interp_spline(nodes, np.moveaxis(whole, axis, 0), 3).c, 0, axis)
+    return whole
+
+
+_ROW_KNOTS = make_interp_spline(ROWS, ROWS, 3).t
+_COLUMN_KNOTS = make_interp_spline(COLUMNS_DEG, COLUMNS_DEG, 3).t
+
+
+def towards(coefficients: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+    """ln(XYZ) (n, 3) of a spline in directions (n,), azimuths from the sun; as at the horizon below it."""
+    row = np.sqrt(np.clip(elevation_deg, 0.0, 90.0) / 90.0)
+    column = np.abs(np.mod(azimuth_deg + 180.0, 360.0) - 180.0)
+    down = BSpline.design_matrix(row, _ROW_KNOTS, 3).toarray()
+    across = BSpline.design_matrix(column, _COLUMN_KNOTS, 3).toarray()
+    partial = (down @ coefficients.reshape(ROWS.size, -1)).reshape(row.size, COLUMNS_DEG.size, 3)
+    return np.einsum("nac,na->nc", partial, across)
 
 
 class Airs:
@@ -145,31 +174,37 @@ class Airs:
             raise TwilightError(f"{base.title}: has clouds, and clear sky is estimated; name a climate without")
         self.base, self.design, self.progress = base, design, progress
         self._fields: dict[tuple, compact.Field] = {}
-        self._cells: Cells | None = None
-        self._skies: dict[tuple[compact.Field, float], np.ndarray] = {}
+        self._splines: dict[tuple[tuple, float], np.ndarray] = {}
 
     def log_xyz(
-        self, aerosol_type: str, values: Mapping[str, float], suns: Sequence[float], cells: Cells
+        self, aerosol_type: str, values: Mapping[str, float], sun: float, elevation: np.ndarray, azimuth: np.ndarray
     ) -> np.ndarray:
-        """ln(XYZ) (S, n, 3) of an air in the cells of a photograph.
+        """ln(XYZ) (..., 3) of an air in directions [deg], azimuths from the sun.
 
         Errors: TwilightError for a sky that is black there.
         """
         field = self._field(aerosol_type, values)
-        if cells is not self._cells:
-            self._cells, self._skies = cells, {}
-        where = (np.clip(cells.elevation_deg, 0.0, 90.0), cells.azimuth_deg)
-        for sun in suns:
-            if (field, sun) not in self._skies:
-                self._skies[field, sun] = field.radiance(float(sun), *where)
-        factor = np.array([self._skies[field, sun] for sun in suns])
+        factor = field.radiance(float(sun), np.clip(elevation, 0.0, 90.0), azimuth)
         xyz = colour.factor_to_xyz(factor, WAVELENGTH_NM, self.base.solar_spectrum, observer=OBSERVER)
         if not (xyz > 0.0).all():
             raise TwilightError("estimate: a computed sky is black where the photograph shows clear sky")
         return np.log(xyz)
 
+    def splines(self, aerosol_type: str, values: Mapping[str, float], suns: Sequence[float]) -> np.ndarray:
+        """Coefficients (S, rows, columns, 3) of the skies of an air under some suns."""
+        air = self._key(aerosol_type, values)
+        columns = COLUMNS_DEG[(COLUMNS_DEG >= 0.0) & (COLUMNS_DEG <= 180.0)]
+        where = np.meshgrid(90.0 * ROWS**2, columns, indexing="ij")
+        for sun in suns:
+            if (air, sun) not in self._splines:
+                self._splines[air, sun] = spline(self.log_xyz(aerosol_type, values, sun, *where))
+        return np.array([self._splines[air, sun] for sun in suns])
+
+    def _key(self, aerosol_type: str, values: Mapping[str, float]) -> tuple:
+        return (aerosol_type, *(round(values[p.name], 9) for p in self.design.parameters))
+
     def _field(self, aerosol_type: str, values: Mapping[str, float]) -> compact.Field:
-        key = (aerosol_type, *(round(values[p.name], 9) for p in self.design.parameters))
+        key = self._key(aerosol_type, values)
         if key not in self._fields:
             shown = ", ".join(f"{p.name} {values[p.name]:.3g}" for p in self.design.parameters)
             self.progress(f"air {len(self._fields) + 1}: {aerosol_type}, {shown}", min(0.95, len(self._fields) / 24))
@@ -182,23 +217,22 @@ class Airs:
             )
         return self._fields[key]
 
-    def first(self, aerosol_type: str, suns: Sequence[float], cells: Cells) -> Skies:
+    def first(self, aerosol_type: str, suns: Sequence[float]) -> Skies:
         """The skies of the type that all others are told from."""
-        skies = [self.log_xyz(aerosol_type, node, suns, cells) for node in self.design.nodes]
-        return Skies(self.design, aerosol_type, np.array(suns), np.array(skies), *self._errors())
+        splines = [self.splines(aerosol_type, node, suns) for node in self.design.nodes]
+        return Skies(self.design, aerosol_type, np.array(suns), np.array(splines), self.error)
 
-    def like(self, first: Skies, aerosol_type: str, values: Mapping[str, float], cells: Cells) -> Skies:
+    def like(self, first: Skies, aerosol_type: str, values: Mapping[str, float]) -> Skies:
         """The skies of another type: those of the first, changed as one air is by the type."""
         suns = first.sun_elevations_deg.tolist()
-        one, other = (self.log_xyz(name, values, suns, cells) for name in (first.aerosol_type, aerosol_type))
-        made = first.log_xyz + (other - one)
-        return Skies(self.design, aerosol_type, first.sun_elevations_deg, made, *self._errors())
+        one, other = (self.splines(name, values, suns) for name in (first.aerosol_type, aerosol_type))
+        return Skies(self.design, aerosol_type, first.sun_elevations_deg, first.splines + (other - one), self.error)
 
-    def _errors(self) -> tuple[float, float]:
-        """Relative error of the luminance and error in u', v' that the solver says of the skies asked for last."""
+    @property
+    def error(self) -> float:
+        """Relative error that the solver says of the skies asked for last."""
         made = [field.convergence for field in self._fields.values()]
-        error = max(float(one.error) for one in made if one is not None and one.error is not None)
-        return error, COLOUR_ERROR * error
+        return max(float(one.error) for one in made if one is not None and one.error is not None)
 
 
 def climate_settings(design: Design, values: Mapping[str, float], aerosol_type: str) -> dict[str, Any]:

@@ -1,36 +1,24 @@
-"""The air from a photograph: which aerosol, ozone, ground and sun make the sky that it shows.
+"""From photographs to their air: the sun where it is not known, the aerosol types, and what they say.
 
-Least squares of ``photo.residual_vector`` (ln(luminance), u' and v' over the clear sky, after one free exposure and, on
-request, one free white balance) over the skies of `airs`, for every aerosol type in turn.
+Every aerosol type is fitted in turn (`photographs.fit`).  Intervals are of the highest density of
 
-*Uncertainty.* What is left after the fit (clouds, stitching, haze in streaks) is not noise of single cells: it is
-correlated over some degrees, and the photograph counts as N = clear solid angle / CORRELATED_SR independent samples
-with three numbers each.  Errors that the fit cannot see because they are correlated over the whole sky (vignetting left
-over, the camera's colours) are taken to be FLOOR, in M samples, 1 to SYSTEMATIC_SAMPLES by the fraction of the
-hemisphere that is seen; the solver's own error is added to it.  So chi^2 = 3 Q / (Q_best / N + FLOOR / M), where Q is
-the sum of squares of the residuals.
-Standard errors are from its curvature, intervals from its profile: chi^2 + 1 and + 4, all others fitted again.
+    exp(-chi^2 / 2),     chi^2 with all other parameters fitted again,
+
+all values within a parameter's bounds being as likely before: 68 or 95 of 100 pictures have the truth in them, also of
+a parameter that they do not tell, whose interval is then most of what was tried.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
-from twilight.studies.validate.photographs.airs import SUN, Parameter, Skies
-from twilight.studies.validate.photographs.photo import CHROMATICITY_SCALE, LOG_SCALE, Cells, residual_vector
-
-CORRELATED_SR = 0.1
-"""Solid angle within which errors are correlated [sr]: a disc of 10 deg radius."""
-
-FLOOR = (0.02 / LOG_SCALE) ** 2 + 2.0 * (0.0015 / CHROMATICITY_SCALE) ** 2
-"""Sum of squares of errors correlated over the whole sky: 2 % in luminance and 0.0015 in u', v'."""
-
-SYSTEMATIC_SAMPLES = 5.0
-"""Independent samples of a whole hemisphere for errors correlated over the sky."""
+from twilight.base.progress import Progress, silent
+from twilight.studies.validate.photographs.airs import SUN, SUN_DEG, Airs, Parameter, Skies
+from twilight.studies.validate.photographs.fit import REACH, Fit, Frame, Freedom
+from twilight.studies.validate.photographs.photo import Curve
 
 UNCONSTRAINED = 0.6
 """Standard deviation over that of a uniform distribution beyond which a photograph does not tell a parameter."""
@@ -41,11 +29,39 @@ LARGEST_MISFIT = 1.0
 PROFILE_POINTS = 8
 """Values of a parameter, around its best, at which all others are fitted again."""
 
-AT_BOUND = 1e-6
-"""Distance to a bound, as a fraction of a parameter's range, within which a value counts as at the bound."""
+SEARCHED_DEG = np.array(
+    [-18, -16, -14, -12, -10, -8.5, -7, -6, -5, -4, -3, -2, -1, 0, 1, 2.5, 4, 6, 9, 12, 16, 20, 25, 30, 37, 45, 55, 65,
+     78, 90], float,
+)  # fmt: skip
+"""Suns of the search [deg]."""
 
-STEP = 2e-3
-"""Step of the Jacobian's differences, as a fraction of a parameter's range."""
+SEARCH_DEPTHS = (0, 2)
+"""Nodes of the optical depth with which the sun is searched."""
+
+WINDOW = 2
+"""Suns of the search on either side of the best one between which it is fitted."""
+
+MOST_WINDOWS = 4
+"""Times that these are moved where the fit ends at one of them."""
+
+SECOND_BEST = 30.0
+"""chi^2 above that of the best sun up to which another minimum of the search is fitted too."""
+
+SETTLED = 0.02
+"""Change, as a fraction of every parameter's range, below which a fit is not made again with a sky of its own."""
+
+EQUIVALENT = 4.0
+"""chi^2 above the best up to which a type cannot be told from it."""
+
+NEAR_ENOUGH = (16.0, EQUIVALENT)
+"""chi^2 above the best up to which a type is fitted again with a sky of its own, in each round."""
+
+LARGE_PITCH_DEG = 5.0
+"""Error of a camera's pitch beyond which a fit begins at several."""
+
+Refine = Callable[[str, Mapping[str, float], Frame, np.ndarray, np.ndarray], np.ndarray]
+"""From an aerosol type, the values of all parameters, a frame, elevations and azimuths to ln(XYZ) (n, 3) of that sky by
+another solver."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +93,12 @@ class Estimated:
 class AirEstimate:
     """The best climate of one aerosol type.
 
-    misfit: sum of squares Q.  chi2_above_best: its chi^2 above that of the best type, on the best type's scale.
-    values: of all parameters, with ``sun`` where it was fitted.
+    misfit: sum of squares Q.  chi2_above_best: its chi^2 above that of the best type.
+    values: of all parameters, with ``sun`` where it was fitted, and the camera's angles beyond what was told.
     parameters: with intervals, of the type that is taken; correlation (P, P): of them.
+    camera: what the camera did to the picture, by kind: exposure, white balance, curve, lens.  curve: of its tones,
+        None where it is not free.  costs: how many times wider the optical depth's interval is for not knowing each.
+    amplitude: of the sky's own errors, over `fit.SKY_LN`.
     """
 
     aerosol_type: str
@@ -88,6 +107,10 @@ class AirEstimate:
     values: dict[str, float]
     parameters: list[Estimated] = field(default_factory=list)
     correlation: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    camera: dict[str, np.ndarray] = field(default_factory=dict)
+    curve: Curve | None = None
+    costs: dict[str, float] = field(default_factory=dict)
+    amplitude: float = 1.0
 
     @property
     def fits(self) -> bool:
@@ -95,112 +118,173 @@ class AirEstimate:
         return self.misfit <= LARGEST_MISFIT
 
 
-class Fit:
-    """Residuals of a photograph against skies, in parameters scaled to 0..1 within their bounds, and the best."""
+@dataclass(frozen=True)
+class Options:
+    """types: of aerosol; own_type: the scene's, which is taken where it cannot be told from the best
+    low_deg, high_deg: suns between which it is sought where a frame does not know its own
+    freedom: what may differ besides the air
+    """
 
-    def __init__(self, cells: Cells, skies: Skies, white_balance: bool, with_colour: bool):
-        self.cells, self.skies = cells, skies
-        self.white_balance, self.with_colour = white_balance, with_colour
-        self.table = skies.log_xyz.reshape(-1, cells.xyz.size)
-        self.parameters: list[Parameter] = list(skies.design.parameters)
-        suns = skies.sun_elevations_deg
-        if suns.size > 1:
-            self.parameters.append(Parameter(SUN, "sun.elevation_deg", "deg", (suns[0], suns[-1])))
-        ends = [p.scaled(np.array([p.nodes[0], p.nodes[-1]])) for p in self.parameters]
-        self.low, self.high = np.array(ends).T
-        self.samples = max(float(cells.solid_angle_sr.sum()) / CORRELATED_SR, 1.0)
-        self.x, self.q, self.jacobian = np.full(self.low.size, 0.5), np.inf, np.zeros((0, 0))
+    types: Sequence[str]
+    own_type: str | None = None
+    low_deg: float = SUN_DEG[0]
+    high_deg: float = SUN_DEG[1]
+    freedom: Freedom = field(default_factory=Freedom)
 
-    def variance(self, q: float) -> float:
-        """Variance of the mean over the sky of one number, for a best sum of squares q."""
-        seen = float(self.cells.solid_angle_sr.sum()) / (2.0 * np.pi)
-        solver = (self.skies.luminance_error / LOG_SCALE) ** 2
-        if self.with_colour:
-            solver += (self.skies.chromaticity_error / CHROMATICITY_SCALE) ** 2
-        return q / self.samples + (FLOOR + solver) / (1.0 + (SYSTEMATIC_SAMPLES - 1.0) * seen)
 
-    def values(self, x: np.ndarray | None = None) -> dict[str, float]:
-        """The parameters at x; None: at the best."""
-        scaled = self.low + (self.x if x is None else x) * (self.high - self.low)
-        return {p.name: float(p.value(s)) for p, s in zip(self.parameters, scaled, strict=True)}
+def find_air(
+    airs: Airs, frames: Sequence[Frame], options: Options, refine: Refine | None = None, progress: Progress = silent
+) -> list[AirEstimate]:
+    """The best air of every type, the best type first; the one that is taken has parameters with intervals.
 
-    def log_xyz(self, x: np.ndarray) -> np.ndarray:
-        """ln(XYZ) (n, 3) of the sky at x."""
-        return (self.skies.weights(self.values(x)) @ self.table).reshape(self.cells.xyz.shape)
+    frames: one whose sun may be unknown, or several of one camera, held the same, whose suns are known.
+    refine: another solver's sky of an air; all types are fitted again with the difference from `airs` at the best one.
+    Errors: TwilightError for an air that cannot be computed.
+    """
+    first = _with_sun(airs, frames, options)
+    _again(first, airs)
+    errors = first.errors
+    errors.take(errors.likeliest(first.difference(first.x)))
+    first.find([first.x])
 
-    def correct(self, error: np.ndarray) -> None:
-        """Add an error (n, 3) of the skies to all of them."""
-        self.table = self.table + error.reshape(1, -1)  # the weights of all skies sum to 1
+    def like(name: str) -> Fit:
+        made = Fit(frames, airs.like(first.skies, name, first.values()), options.freedom, errors)
+        made.find([first.x])
+        return made
 
-    def residuals(self, x: np.ndarray) -> np.ndarray:
-        """Residuals at x, whose sum of squares is Q."""
-        free = {"white_balance": self.white_balance, "with_colour": self.with_colour}
-        return residual_vector(self.cells, np.exp(self.log_xyz(x)), **free)
-
-    def find(self, starts: list[np.ndarray]) -> None:
-        """Move to the best x that is found from the starts."""
-        found = min((self.from_start(start) for start in starts), key=lambda one: one[1])
-        self.x, self.q, self.jacobian = found
-
-    def from_start(
-        self, start: np.ndarray, fixed: Mapping[int, float] | None = None
-    ) -> tuple[np.ndarray, float, np.ndarray]:
-        """(x, Q, Jacobian of the free ones) from a start, with some of x held."""
-        fixed = fixed or {}
-        free = [i for i in range(start.size) if i not in fixed]
-
-        def full(part: np.ndarray) -> np.ndarray:
-            x = start.copy()
-            for i, value in fixed.items():
-                x[i] = value
-            x[free] = part
-            return x
-
-        if not free:
-            r = self.residuals(full(np.zeros(0)))
-            return full(np.zeros(0)), float(r @ r), np.zeros((r.size, 0))
-
-        def residuals(part: np.ndarray) -> np.ndarray:
-            return self.residuals(full(part))
-
-        def jacobian(part: np.ndarray) -> np.ndarray:
-            # differences over a fixed step, inwards: relative ones mean nothing for a value near 0, at a bound
-            here, steps = residuals(part), np.where(part < 0.5, STEP, -STEP)
-            return np.stack(
-                [(residuals(part + h * e) - here) / h for h, e in zip(steps, np.eye(part.size), strict=True)], -1
-            )
-
-        inside = np.clip(start[free], 0.01, 0.99)
-        found = least_squares(residuals, inside, jacobian, bounds=(0.0, 1.0), xtol=1e-4, ftol=1e-6)
-        x = full(found.x)
-        return np.where(x < AT_BOUND, 0.0, np.where(x > 1.0 - AT_BOUND, 1.0, x)), float(2.0 * found.cost), found.jac
+    fits = [first, *(like(name) for name in options.types[1:])]
+    settled: set[str] = set()
+    for near in NEAR_ENOUGH:
+        best = min(fits, key=lambda fit: fit.chi2)
+        for fit in fits:
+            name = fit.skies.aerosol_type
+            if name not in settled and fit.chi2 - best.chi2 <= near and _again(fit, airs) < SETTLED:
+                settled.add(name)
+    best = min(fits, key=lambda fit: fit.chi2)
+    if refine is not None:
+        progress(f"computing the sky of {best.skies.aerosol_type} by the scene's solver", 0.8)
+        values, there = best.values(), best.log_xyz(best.x)
+        for k, frame in enumerate(frames):
+            error = refine(best.skies.aerosol_type, values, frame, *best.where(frame, values)) - there[k]
+            for fit in fits:
+                fit.corrections[k] = fit.corrections[k] + error
+        for fit in fits:
+            fit.find([fit.x])
+        best = min(fits, key=lambda fit: fit.chi2)
+    alike = [fit for fit in fits if fit.chi2 - best.chi2 < EQUIVALENT]
+    taken = next((fit for fit in alike if fit.skies.aerosol_type == options.own_type), best)
+    progress(f"intervals of {taken.skies.aerosol_type}", 0.9)
+    made = [described(fit, best) if fit is taken else plain(fit, best) for fit in fits]
+    return sorted(made, key=lambda one: one.chi2_above_best)
 
 
 def starts(fit: Fit) -> list[np.ndarray]:
-    """Where a first fit begins: three optical depths, all others in the middle."""
-    return [np.array([aerosol, *[0.5] * (len(fit.parameters) - 1)]) for aerosol in (0.2, 0.5, 0.8)]
+    """Where a first fit begins: three optical depths, several pitches where that is not known, the rest in the
+    middle."""
+    pitches = [0.5]
+    if fit.freedom.pitch_deg > LARGE_PITCH_DEG:
+        pitches = [0.3, 0.43, 0.57, 0.7]
+    made = []
+    for aerosol in (0.2, 0.5, 0.8):
+        for pitch in pitches:
+            start = np.array([pitch if p.name == "pitch" else 0.5 for p in fit.parameters])
+            start[0] = aerosol
+            made.append(start)
+    return made
+
+
+def _again(fit: Fit, airs: Airs) -> float:
+    """Fit again with the skies of the best values themselves, in the very directions; how far they move, as a fraction
+    of the ranges."""
+    values, before = fit.values(), fit.x
+    for k, (frame, log_xyz) in enumerate(zip(fit.frames, fit.log_xyz(before, corrected=False), strict=True)):
+        sun = values[SUN] if frame.sun_deg is None else frame.sun_deg
+        exact = airs.log_xyz(fit.skies.aerosol_type, values, sun, *fit.where(frame, values))
+        fit.corrections[k] = exact - log_xyz
+    fit.find([before])
+    return float(np.abs(fit.x - before).max())
+
+
+def _with_sun(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:
+    """The fit of the first type, with the sun where it is sought."""
+
+    def fitted(suns: Sequence[float]) -> Fit:
+        made = Fit(frames, airs.first(options.types[0], suns), options.freedom)
+        made.find(starts(made))
+        return made
+
+    known = sorted({frame.sun_deg for frame in frames if frame.sun_deg is not None})
+    if known:
+        return fitted(known)
+    suns = _searched(options)
+    misfit = _search(airs, frames, options, suns)
+    lowest = [s for s in range(suns.size) if misfit[s] <= misfit[max(0, s - 1) : s + 2].min()]
+    lowest = sorted(lowest, key=lambda s: misfit[s])[:2]
+    found = []
+    for at in lowest:
+        if misfit[at] > misfit[lowest[0]] + SECOND_BEST:
+            continue
+        for _ in range(MOST_WINDOWS):
+            begin = int(np.clip(at - WINDOW, 0, suns.size - 2 * WINDOW - 1))
+            end = begin + 2 * WINDOW
+            fit = fitted(suns[begin : end + 1].tolist())
+            sun = fit.values()[SUN]
+            if sun < suns[begin + 1] and begin > 0:
+                at = begin
+            elif sun > suns[end - 1] and end < suns.size - 1:
+                at = end
+            else:
+                break
+        found.append(fit)
+    return min(found, key=lambda fit: fit.chi2)
+
+
+def _searched(options: Options) -> np.ndarray:
+    inside = SEARCHED_DEG[(SEARCHED_DEG > options.low_deg) & (SEARCHED_DEG < options.high_deg)]
+    suns = np.concatenate([[options.low_deg], inside, [options.high_deg]])
+    if suns.size < 2 * WINDOW + 1:
+        suns = np.linspace(options.low_deg, options.high_deg, 2 * WINDOW + 1)
+    return suns
+
+
+def _search(airs: Airs, frames: Sequence[Frame], options: Options, suns: np.ndarray) -> np.ndarray:
+    """chi^2 of every sun of the search, the least of a few optical depths and pitches."""
+    misfit, errors = np.full(suns.size, np.inf), None
+    for depth in SEARCH_DEPTHS:
+        node = airs.design.nodes[depth]
+        for s, splines in enumerate(airs.splines(options.types[0], node, suns.tolist())):
+            nodes = len(airs.design.nodes)
+            same = np.broadcast_to(splines, (nodes, 1, *splines.shape))
+            skies = Skies(airs.design, options.types[0], suns[s : s + 1], same, airs.error)
+            fixed = [replace(frame, sun_deg=float(suns[s])) for frame in frames]
+            fit = Fit(fixed, skies, options.freedom, errors)
+            errors = fit.errors
+            for start in starts(fit)[: len(starts(fit)) // 3]:
+                r = fit.residuals(start)
+                misfit[s] = min(misfit[s], float(r @ r))
+    return misfit
+
+
+# What they say ---------------------------------------------------------------------------------------------------
 
 
 def plain(fit: Fit, best: Fit) -> AirEstimate:
     """A type's estimate without intervals, beside the fit of the best type."""
-    above = 3.0 * (fit.q - best.q) / fit.variance(best.q)
-    return AirEstimate(fit.skies.aerosol_type, fit.q, above, fit.values())
+    return AirEstimate(fit.skies.aerosol_type, fit.misfit(), fit.chi2 - best.chi2, fit.values())
 
 
 def described(fit: Fit, best: Fit) -> AirEstimate:
     """The same with intervals, by curvature and profiles."""
-    made, variance, x = plain(fit, best), fit.variance(fit.q), fit.x
-    information = 3.0 / variance * (fit.jacobian.T @ fit.jacobian)
-    # a prior with a thousandth of the information of a uniform distribution keeps what is not told finite
-    covariance = np.linalg.inv(information + np.eye(x.size) * 12.0e-3)
+    made, x = plain(fit, best), fit.x
+    covariance = _covariance(fit.jacobian)
     deviation = np.sqrt(np.diag(covariance))
     parameters = []
     for i, p in enumerate(fit.parameters):
-        fine, root = _profile(fit, i, deviation[i], variance)
-        weight = np.exp(-0.5 * root**2)
+        fine, chi2 = _profile(fit, i, deviation[i])
+        weight = np.exp(-0.5 * chi2)
         weight /= weight.sum()
         relative_width = float(np.sqrt(weight @ (fine - weight @ fine) ** 2) * np.sqrt(12.0))
-        one, two = (fine[np.abs(root) <= level] for level in (1.0, 2.0))
+        one, two = (_densest(fine, weight, part) for part in (0.683, 0.954))
         span = fit.high[i] - fit.low[i]
 
         def value(place: float, p: Parameter = p, low: float = fit.low[i], span: float = span) -> float:
@@ -215,20 +299,40 @@ def described(fit: Fit, best: Fit) -> AirEstimate:
                 value=value(x[i]),
                 standard_error=float(per_unit * min(deviation[i], 1.0 / np.sqrt(12.0))),
                 low=value(min(one[0], x[i])),
-                high=value(max(one[-1], x[i])),
+                high=value(max(one[1], x[i])),
                 low_95=value(min(two[0], x[i])),
-                high_95=value(max(two[-1], x[i])),
+                high_95=value(max(two[1], x[i])),
                 bounds=(float(p.nodes[0]), float(p.nodes[-1])),
                 relative_width=relative_width,
                 # at a bound the best value may lie beyond it
-                constrained=made.fits and relative_width <= UNCONSTRAINED and bool(one[0] > 0.0 and one[-1] < 1.0),
+                constrained=made.fits and relative_width <= UNCONSTRAINED and bool(one[0] > 0.0 and one[1] < 1.0),
             )
         )
-    return replace(made, parameters=parameters, correlation=covariance / np.outer(deviation, deviation))
+    return replace(
+        made,
+        parameters=parameters,
+        correlation=covariance / np.outer(deviation, deviation),
+        camera=fit.camera(),
+        curve=fit.curve(),
+        costs=_costs(fit),
+        amplitude=fit.errors.amplitude,
+    )
 
 
-def _profile(fit: Fit, i: int, deviation: float, variance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Values of one parameter, and the root of chi^2 above the best, negative below it, the others fitted again."""
+def _covariance(jacobian: np.ndarray) -> np.ndarray:
+    # a prior with a thousandth of the information of a uniform distribution keeps what is not told finite
+    return np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1]) * 12.0e-3)
+
+
+def _densest(fine: np.ndarray, weight: np.ndarray, part: float) -> tuple[float, float]:
+    """Ends of the values of the highest density that hold a part of it."""
+    order = np.argsort(-weight)
+    held = fine[order[: int(np.searchsorted(np.cumsum(weight[order]), part)) + 1]]
+    return float(held.min()), float(held.max())
+
+
+def _profile(fit: Fit, i: int, deviation: float) -> tuple[np.ndarray, np.ndarray]:
+    """Values of one parameter, and chi^2 above the best, the others fitted again."""
     best = fit.x[i]
     half_width = float(np.clip(3.0 * deviation, 1e-3, 1.0))
     grid = np.linspace(max(0.0, best - half_width), min(1.0, best + half_width), PROFILE_POINTS)
@@ -239,7 +343,26 @@ def _profile(fit: Fit, i: int, deviation: float, variance: float) -> tuple[np.nd
         start = fit.x
         for k in order:
             start, here, _ = fit.from_start(start, {i: float(grid[k])})
-            chi2[k] = max(0.0, 3.0 * (here - fit.q) / variance)
+            chi2[k] = max(0.0, here - fit.chi2)
     fine = np.linspace(grid[0], grid[-1], 2001)
     # the root of a parabola is straight: interpolate it
-    return fine, np.interp(fine, grid, np.sqrt(chi2) * np.sign(grid - best))
+    return fine, np.interp(fine, grid, np.sqrt(chi2) * np.sign(grid - best)) ** 2
+
+
+def _costs(fit: Fit) -> dict[str, float]:
+    """How many times wider the optical depth's interval is for not knowing each of what a camera does."""
+    errors, count = fit.errors, len(fit.parameters)
+    turned = fit.jacobian[: errors.root.shape[0]]
+    slopes = errors.root @ turned
+    own = np.eye(count) * np.where(fit.angles, (2.0 * REACH) ** 2, 12.0e-3)
+    whole = np.linalg.inv(turned.T @ turned + own)[0, 0]
+    made = {}
+    for kind in ("exposure", "white balance", "curve", "lens"):
+        if kind in errors.kinds:
+            known = np.linalg.solve(errors.covariance(errors.amplitude, kind), slopes)
+            made[kind] = float(np.sqrt(whole / np.linalg.inv(slopes.T @ known + own)[0, 0]))
+    held = [i for i in range(count) if not fit.angles[i]]
+    if len(held) < count:
+        kept = (turned.T @ turned + own)[np.ix_(held, held)]
+        made["orientation"] = float(np.sqrt(whole / np.linalg.inv(kept)[0, 0]))
+    return made

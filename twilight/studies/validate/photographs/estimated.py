@@ -1,10 +1,10 @@
-"""What `twilight.estimate` returns: the air of a photograph, what the photograph tells of it, and the comparison."""
+"""What `twilight.estimate` returns: the air of photographs, what they tell of it, and the comparison."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -29,49 +29,107 @@ from twilight.studies.validate.photographs.airs import (
     climate_settings,
     with_settings,
 )
-from twilight.studies.validate.photographs.estimate import AirEstimate, Estimated
-from twilight.studies.validate.photographs.find_air import EQUIVALENT, Options, Refine, find_air
-from twilight.studies.validate.photographs.photo import CHROMATICITY_SCALE, LOG_SCALE, OBSERVER, Cells, Comparison
+from twilight.studies.validate.photographs.checks import check_sky, check_upright
+from twilight.studies.validate.photographs.estimate import (
+    EQUIVALENT,
+    AirEstimate,
+    Estimated,
+    Options,
+    Refine,
+    find_air,
+)
+from twilight.studies.validate.photographs.fit import ANGLES, Frame, Freedom
+from twilight.studies.validate.photographs.photo import (
+    CHROMATICITY_SCALE,
+    LEAST_SLOPE,
+    LOG_SCALE,
+    OBSERVER,
+    Cells,
+    Comparison,
+)
 from twilight.studies.validate.photographs.photo import compare as compare_photo
 from twilight.studies.validate.photographs.photograph import MaskedSky, Photograph, place_sun
 
-MOST_CELLS = 400
-"""Directions of a photograph that a fit takes."""
+MOST_CELLS = 240
+"""Directions that a fit takes, of one photograph or of all."""
+
+LEAST_CELLS = 40
+"""Of each of several photographs."""
+
+RETURNED_DEG = 1.0
+"""Turn of a camera beyond which a photograph is cut into cells again [deg]."""
+
+DISC_PITCH_DEG = 0.5
+"""Standard error of a camera's elevation by the disc of a sun that is known [deg]."""
 
 LIT_ABOVE_DEG = -0.5
 """A sun that is found above this has glare, which is masked before the fit is made again [deg]."""
+
+OTHER_SUNS = {"the same air at noon (sun at 60 deg)": 60.0, "the same air with the sun at -6 deg": -6.0}
+"""Other skies of the air of a photograph."""
 
 WORDS = {
     "aerosol": "haze (aerosol optical depth at 550 nm)",
     "ozone": "ozone",
     "albedo": "how bright the ground is (albedo)",
     SUN: "the sun's height",
+    "heading": "the sun's azimuth in the picture, beyond what was told",
+    "pitch": "the camera's angle above the horizontal, beyond what was told",
+    "roll": "its tilt, beyond what was told",
 }
 """Parameters in words."""
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
-    """The air that makes the sky of a photograph.
+class Shown:
+    """One photograph of an estimate, its camera as it was found; the sun's true elevation, and its azimuth in the
+    camera's azimuths [deg]."""
 
+    name: str
+    photograph: Photograph
+    sun_elevation_deg: float
+    sun_azimuth_deg: float
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The air that makes the sky of one photograph, or of a series.
+
+    shown: the photographs
     given: the scene as it was given
     types: the best air of every aerosol type, the best first; best: the one that is taken, of the scene's own type
         where that cannot be told from the best
-    sun_elevation_deg, sun_azimuth_deg: true elevation, and azimuth in the camera's azimuths
-    remarks: sentences on where the sun is from
+    remarks: sentences on where sun and camera are from
     """
 
-    picture: str
-    photograph: Photograph
+    shown: tuple[Shown, ...]
     given: Config
     types: list[AirEstimate]
     best: AirEstimate
-    sun_elevation_deg: float
-    sun_azimuth_deg: float
-    white_balance: bool
-    with_colour: bool
+    freedom: Freedom
     solver: str | None
     remarks: tuple[str, ...] = ()
+
+    @property
+    def picture(self) -> str:
+        """Name of the photograph, or of the first and the last."""
+        names = [one.name for one in self.shown]
+        return names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+
+    @property
+    def photograph(self) -> Photograph:
+        """The first photograph."""
+        return self.shown[0].photograph
+
+    @property
+    def sun_elevation_deg(self) -> float:
+        """True, of the first photograph."""
+        return self.shown[0].sun_elevation_deg
+
+    @property
+    def sun_azimuth_deg(self) -> float:
+        """In the camera's azimuths, of the first photograph."""
+        return self.shown[0].sun_azimuth_deg
 
     @property
     def fits(self) -> bool:
@@ -87,7 +145,7 @@ class Estimate:
     def settings(self) -> dict[str, Any]:
         """Dotted keys of what the photograph told of the climate; empty where the fit does not fit."""
         design = Design(OTHERS)
-        told = {p.name: p.value for p in self.best.parameters if p.constrained and p.name != SUN}
+        told = {p.name: p.value for p in self.best.parameters if p.constrained and p.name not in (SUN, *ANGLES)}
         return climate_settings(design, told, self.best.aerosol_type) if "aerosol" in told else {}
 
     @property
@@ -101,10 +159,28 @@ class Estimate:
     def climate(self) -> dict[str, Any]:
         """The climate as a mapping, to be rendered or saved: what was told, and the rest as it was given."""
         data = self.scene.climate.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
-        name = re.sub(r"\.[^.]*$", "", self.picture)
+        name = re.sub(r"\.[^.]*$", "", self.shown[0].name)
         told = ", ".join(key for key in self.settings) or "nothing"
         about = f"From the photograph {self.picture}: {told}; all else as in {self.given.climate.name}"
         return {"version": 1, **data, "name": f"{self.given.climate.name}-{name}"[:100], "description": about}
+
+    def sky_of(self, shown: Shown) -> Sky:
+        """The computed sky of one of the photographs."""
+        return run(resolve(with_settings(self.scene, {"sun": {"elevation_deg": shown.sun_elevation_deg}})))
+
+    def compared(self, shown: Shown, sky: Sky) -> tuple[MaskedSky, Comparison]:
+        """One of the photographs on the grid of the comparison, and beside its computed sky."""
+        seen = shown.photograph.seen(shown.sun_azimuth_deg, sky.apparent_sun_elevation_deg)
+        white_balance = self.freedom.white_balance and seen.sky.colour_known
+        return seen, compare_photo(seen.sky, sky, white_balance=white_balance, curve=self.best.curve)
+
+    def other_suns(self) -> list[tuple[str, Sky]]:
+        """Names and skies of the same air at noon and at dusk, by `compact`."""
+        made = []
+        for name, sun in OTHER_SUNS.items():
+            settings = {"sun": {"elevation_deg": sun}, "solver": {"name": "compact"}}
+            made.append((name, run(resolve(with_settings(self.scene, settings)))))
+        return made
 
     @cached_property
     def sky(self) -> Sky:
@@ -112,14 +188,18 @@ class Estimate:
         return run(resolve(self.scene), numpy_only_sun=True)
 
     @cached_property
-    def seen(self) -> MaskedSky:
-        """The photograph on the grid of the comparison."""
-        return self.photograph.seen(self.sun_azimuth_deg, self.sky.apparent_sun_elevation_deg)
+    def _compared(self) -> tuple[MaskedSky, Comparison]:
+        return self.compared(self.shown[0], self.sky)
 
-    @cached_property
+    @property
+    def seen(self) -> MaskedSky:
+        """The first photograph on the grid of the comparison."""
+        return self._compared[0]
+
+    @property
     def comparison(self) -> Comparison:
-        """The photograph beside `sky`."""
-        return compare_photo(self.seen.sky, self.sky, white_balance=self.white_balance)
+        """The first photograph beside `sky`."""
+        return self._compared[1]
 
     def __repr__(self) -> str:
         return "\n".join([f"<Estimate of {self.picture}: {self.best.aerosol_type}", *self.sentences()]) + ">"
@@ -128,8 +208,31 @@ class Estimate:
         """What the photograph tells and what it does not, in words; where a fit does not fit, that comes first."""
         if not self.fits:
             return [_misfit(self.best), *self.remarks]
-        told = map(_sentence, self.best.parameters)
-        return [*self.remarks, *told, *self._types(), self._bands()]
+        told = [_sentence(p) for p in self.best.parameters if p.name not in ANGLES]
+        return [*self.remarks, *told, *self._types(), *self._camera(), self._bands()]
+
+    def _camera(self) -> list[str]:
+        """How the camera was held, what it did to the picture, and what not knowing it costs."""
+        lines, held = [], self.parameters
+        if "pitch" in held:
+            here, p = self.photograph.camera.orientation, held["pitch"]
+            half = 0.5 * (p.high - p.low)
+            tilt = f", tilted {here.roll_deg:.1f} +- {0.5 * (held['roll'].high - held['roll'].low):.1f} deg"
+            lines.append(f"camera: looked {here.elevation_deg:.1f} +- {half:.1f} deg above the horizontal{tilt}")
+        curve = self.best.curve
+        if curve is not None:
+            lines.append(f"tone curve: {1.0 / max(1.0 - curve.first, LEAST_SLOPE):.2f} times the contrast of sRGB")
+        names = {"white balance": "the white balance", "curve": "the tone curve", "orientation": "the camera's angles"}
+        dear = [f"{names[k]} {c:.1f}" for k, c in self.best.costs.items() if k in names and c >= 1.05]
+        if dear:
+            lines.append(f"the haze's interval is wider for not knowing ... (times): {', '.join(dear)}")
+        levels = self.best.camera.get("exposure")
+        if levels is not None and self.photograph.log_exposure is not None:
+            lines.append(
+                f"brightness: by exposure, aperture and ISO the sky is {np.exp(float(levels[0])):.2f} times as bright "
+                f"as computed (known to a factor of {np.exp(self.photograph.log_exposure[1]):.1f})"
+            )
+        return lines
 
     def _types(self) -> list[str]:
         alike = [e.aerosol_type for e in self.types if e is not self.best and e.chi2_above_best < EQUIVALENT]
@@ -140,9 +243,9 @@ class Estimate:
         return [f"kind of haze: {self.best.aerosol_type}"]
 
     def _bands(self) -> str:
-        if not self.with_colour:
+        if not self.freedom.with_colour:
             return "colours: were left out; of wavelengths other than 500 to 620 nm the photograph tells nothing"
-        if self.white_balance:
+        if self.freedom.white_balance:
             return (
                 "colours: with a free white balance the photograph tells how colour changes over the sky, not which "
                 "colour the whole sky has"
@@ -250,77 +353,164 @@ def _known(elevation_deg: float) -> tuple[float, float]:
     return elevation_deg, elevation_deg
 
 
+@dataclass(frozen=True)
+class Given:
+    """What the caller of an estimate says of it; see `twilight.estimate`."""
+
+    types: Sequence[str]
+    parameters: Sequence[str]
+    sun_azimuth_deg: float | None = None
+    suns_deg: Sequence[float] | None = None
+    white_balance: bool | None = None
+    tone_curve: bool | None = None
+    brightness: bool = True
+    with_colour: bool = True
+    refine: bool = False
+
+
 def estimate_air(
-    picture: str,
-    photograph: Photograph,
+    names: Sequence[str],
+    photographs: Sequence[Photograph],
     given: Config,
-    types: Sequence[str],
-    parameters: Sequence[str],
-    *,
-    sun_azimuth_deg: float | None = None,
-    white_balance: bool = False,
-    with_colour: bool = True,
-    refine: bool = False,
+    says: Given,
     progress: Progress = silent,
 ) -> Estimate:
-    """Fit a photograph; arguments as of `twilight.estimate`.  Errors: TwilightError for whatever cannot be done."""
-    low, high, at = sun_range(given)
-    remarks = []
-    known_azimuth = None if at is None else float(at.azimuth_deg)
-    azimuth, note = place_sun(photograph, known_azimuth, sun_azimuth_deg)
-    remarks.append(note)
-    if low < high and sun_azimuth_deg is None and (disc := photograph.sun.true_elevation_deg) is not None:
-        if low <= disc <= high:
-            low = high = round(float(disc), 2)
-            remarks.append(f"the sun's height: {low:.2f} deg by its disc in the photograph")
-        else:
-            remarks.append(
-                f"the sun's disc stands at {disc:.2f} deg, outside of the {low:g} to {high:g} deg that are searched"
-            )
-    design = Design(tuple(p for p in OTHERS if p.name in parameters))
-    climate = given.climate
-    own = None if climate.aerosol is None else climate.aerosol.type
-    order = [name for name in types if name == own] + [name for name in types if name != own]
+    """Fit photographs of one camera, held the same, and one air.  Errors: TwilightError for whatever cannot be done."""
+    placed = [_placed(*one, given, says) for one in zip(names, photographs, _suns(photographs, says), strict=True)]
+    shown, remarks = [one[0] for one in placed], list(dict.fromkeys(note for one in placed for note in one[3]))
+    low, high = placed[0][1]
+    if len(placed) > 1 and any(a != b for _, (a, b), _, _ in placed):
+        raise TwilightError(
+            "series: the sun of every picture must be known: by Exif time and place, by sun elevations that are given, "
+            "or by its disc"
+        )
+    design = Design(tuple(p for p in OTHERS if p.name in says.parameters))
+    own = None if given.climate.aerosol is None else given.climate.aerosol.type
+    order = [name for name in says.types if name == own] + [name for name in says.types if name != own]
     airs = Airs(given, design, part_of(progress, 0.05, 0.75))
-    refined: Refine | None = None
-    if refine:
-        known_sun = low
-
-        def refined(aerosol_type: str, values: Mapping[str, float], cells: Cells) -> np.ndarray:
-            return _by_the_scene(given, design, aerosol_type, values, cells, known_sun)
-
-    apparent = low if low == high else None
-    for _ in range(2):
-        cells = Cells.of(photograph.seen(azimuth, apparent).sky, MOST_CELLS)
-        options = Options(order, own, low, high, white_balance, with_colour)
-        made = find_air(airs, cells, options, refined, progress)
-        best = next(one for one in made if one.parameters)
-        sun = best.values.get(SUN, low)
-        if apparent is not None or sun < LIT_ABOVE_DEG:
-            break
-        apparent = sun
-    return Estimate(
-        picture,
-        photograph,
-        given,
-        made,
-        best,
-        float(best.values.get(SUN, low)),
-        azimuth,
-        white_balance,
-        with_colour,
-        None if refine else "compact",
-        tuple(remarks),
+    developed = any(one.photograph.developed for one in shown)
+    heading = max(one[2] for one in placed)
+    free = Freedom(
+        white_balance=developed if says.white_balance is None else says.white_balance,
+        curve=developed if says.tone_curve is None else says.tone_curve,
+        brightness=says.brightness,
+        with_colour=says.with_colour,
+        heading_deg=heading if heading > FIXED_HEADING_DEG else 0.0,
+        pitch_deg=shown[0].photograph.errors_deg[1],
+        roll_deg=shown[0].photograph.errors_deg[2],
     )
+    refined: Refine | None = None
+    if says.refine:
+
+        def refined(
+            aerosol_type: str, values: Mapping[str, float], frame: Frame, elevation: np.ndarray, azimuth: np.ndarray
+        ) -> np.ndarray:
+            sun = values.get(SUN, frame.sun_deg)
+            return _by_the_scene(given, design, aerosol_type, values, sun, elevation, azimuth)
+
+    most = max(MOST_CELLS // len(shown), LEAST_CELLS)
+    for _ in range(2):
+        frames = [_frame(one, most, low == high, free) for one in shown]
+        made = find_air(airs, frames, Options(order, own, low, high, free), refined, progress)
+        best = next(one for one in made if one.parameters)
+        before = shown
+        shown = [_found(one, best) for one in before]
+        masked = [one.sun_elevation_deg >= LIT_ABOVE_DEG for one in shown]
+        again = low < high and masked[0] and not np.isfinite(before[0].sun_elevation_deg)
+        if not again and np.hypot(*(best.values.get(name, 0.0) for name in ("pitch", "roll"))) < RETURNED_DEG:
+            break
+    return Estimate(tuple(shown), given, made, best, free, None if says.refine else "compact", tuple(remarks))
+
+
+FIXED_HEADING_DEG = 0.6
+"""Standard error of the sun's azimuth up to which it is taken as it is [deg]."""
+
+
+def _suns(photographs: Sequence[Photograph], says: Given) -> list[float | None]:
+    if says.suns_deg is None:
+        return [None] * len(photographs)
+    if len(says.suns_deg) != len(photographs):
+        raise TwilightError(f"sun elevations: gives {len(says.suns_deg)} for {len(photographs)} pictures")
+    return [_known(sun)[0] for sun in says.suns_deg]
+
+
+def _placed(
+    name: str, photograph: Photograph, told_deg: float | None, given: Config, says: Given
+) -> tuple[Shown, tuple[float, float], float, list[str]]:
+    """A photograph with its sun (NaN where it is sought), between which suns, the error of its azimuth, and remarks."""
+    check_upright(name, photograph)
+    low, high, at = sun_range(given)
+    remarks = list(photograph.remarks)
+    if told_deg is not None:
+        low = high = told_deg
+    elif "sun" not in given.model_fields_set and photograph.stated.sun is not None:
+        scene = with_settings(given, {"sun": photograph.stated.sun})
+        low, high, at = sun_range(scene)
+        remarks.append(f"the sun's height: {low:.2f} deg by Exif time and place")
+    known_azimuth = None if at is None else float(at.azimuth_deg)
+    azimuth, error, note = place_sun(photograph, known_azimuth, says.sun_azimuth_deg)
+    remarks.append(note)
+    disc = None if says.sun_azimuth_deg is not None else photograph.sun if "disc" in note else None
+    if disc is not None and disc.true_elevation_deg is not None:
+        tilt = photograph.errors_deg[1]
+        if low == high and tilt > DISC_PITCH_DEG:
+            turn = low - float(disc.true_elevation_deg)
+            photograph = photograph.turned(
+                turn, 0.0, (*photograph.errors_deg[:1], DISC_PITCH_DEG, photograph.errors_deg[2])
+            )
+            remarks.append(f"camera: turned by {turn:+.1f} deg so that the sun's disc stands where the sun does")
+        elif low < high:
+            found = round(float(disc.true_elevation_deg), 2)
+            if low <= found <= high:
+                low, high = (found, found) if tilt == 0.0 else (max(low, found - 3 * tilt), min(high, found + 3 * tilt))
+                remarks.append(f"the sun's height: {found:.2f} deg by its disc in the photograph")
+            else:
+                remarks.append(
+                    f"the sun's disc stands at {found:.2f} deg, not within the {low:g} to {high:g} deg searched"
+                )
+    remarks += check_sky(name, photograph, photograph.seen(azimuth, low if low == high else None))
+    return Shown(name, photograph, low if low == high else np.nan, azimuth), (low, high), error, remarks
+
+
+def _frame(shown: Shown, most: int, known: bool, free: Freedom) -> Frame:
+    """A photograph cut into the cells of a fit."""
+    photograph, sun = shown.photograph, shown.sun_elevation_deg
+    cells = Cells.of(photograph.seen(shown.sun_azimuth_deg, sun if np.isfinite(sun) else None).sky, most)
+    held = photograph.camera.orientation
+    camera = ((held.azimuth_deg or 0.0) - shown.sun_azimuth_deg, held.elevation_deg, held.roll_deg)
+    frame = Frame(cells, camera, sun if known else None, None, photograph.log_exposure)
+    if photograph.camera.projection == "latlong":
+        return frame
+    image = photograph.camera.image
+    corner = float(photograph.camera.angle_off_axis(np.array([0.0, 0.0])))
+    corner = corner if np.isfinite(corner) else np.radians(90.0)
+    off = np.arccos(np.clip(frame.own[:, 1], -1.0, 1.0))
+    return replace(frame, lens=(off / corner) ** 2) if image.width_px else frame
+
+
+def _found(shown: Shown, best: AirEstimate) -> Shown:
+    """A photograph with its camera and sun as they were found."""
+    heading, pitch, roll = (best.values.get(name, 0.0) for name in ANGLES)
+    photograph = shown.photograph
+    if pitch or roll:
+        photograph = photograph.turned(pitch, roll, photograph.errors_deg)
+    sun = best.values.get(SUN, shown.sun_elevation_deg)
+    return Shown(shown.name, photograph, float(sun), float((shown.sun_azimuth_deg - heading) % 360.0))
 
 
 def _by_the_scene(
-    given: Config, design: Design, aerosol_type: str, values: Mapping[str, float], cells: Cells, sun: float
+    given: Config,
+    design: Design,
+    aerosol_type: str,
+    values: Mapping[str, float],
+    sun: float | None,
+    elevation: np.ndarray,
+    azimuth: np.ndarray,
 ) -> np.ndarray:
-    """ln(XYZ) (n, 3) in cells, by the scene's own solver and with all that the scene has."""
-    settings = climate_settings(design, values, aerosol_type) | {"sun": {"elevation_deg": values.get(SUN, sun)}}
+    """ln(XYZ) (n, 3) in directions, by the scene's own solver and with all that the scene has."""
+    settings = climate_settings(design, values, aerosol_type) | {"sun": {"elevation_deg": sun}}
     sky = run(resolve(with_settings(given, settings)), numpy_only_sun=True)
-    factor = sky.sample(cells.elevation_deg, cells.azimuth_deg)
+    factor = sky.sample(elevation, azimuth)
     xyz = colour.factor_to_xyz(factor, sky.wavelength_nm, sky.solar_spectrum, observer=OBSERVER)
     if not (xyz > 0.0).all():
         raise TwilightError("estimate: the computed sky is black where the photograph shows clear sky")

@@ -1,60 +1,107 @@
-"""The side-by-side picture of a photograph and a computed sky, as Haber 2005, Fig. 12, with the numbers beside it."""
+"""What is written of a comparison: the side-by-side picture as Haber 2005, Fig. 12, and files of its numbers."""
 
 from __future__ import annotations
 
+import json
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray
 from scipy import ndimage
 
-from twilight.base.whole_files import whole_file
+from twilight.base.whole_files import whole_file, write_csv
+from twilight.io.netcdf import write_netcdf
 from twilight.sky import colour
-from twilight.studies.validate.photographs.mask import Mask
+from twilight.sky.sky import Sky
+from twilight.studies.validate.photographs.mask import GROW_DEG, Mask
 from twilight.studies.validate.photographs.panorama import Panorama
-from twilight.studies.validate.photographs.photo import OBSERVER, Comparison, MeridianProfile
+from twilight.studies.validate.photographs.photo import (
+    OBSERVER,
+    Comparison,
+    MeridianProfile,
+    PhotoSky,
+    simulated_sky,
+)
 
 RATIO_LIMITS = (0.5, 1.0, 2.0)
 """Ranges of the ratio map, in factors of two; the first that holds 95 % of the cells is taken."""
-COMPUTED = "computed sky, with the photograph's own ground, trees and clouds before it"
-"""Title of the computed picture, in which none of these is computed."""
 PANEL_COLUMNS = 58
 """Characters in a line of the panel of numbers, which is not cut."""
+LINE_INCHES = 0.165
+"""Height of such a line."""
 UV_LIMIT = 0.04
 """Largest distance in u'v' on the scale of its map."""
+WIDE = 2.5
+"""Width over height beyond which pictures stand below each other."""
+DARKER = 0.7
+"""Luminance of ground and trees over the computed sky behind them, at most; what is brighter is sky or cloud."""
 
 
 def write_figure(
-    path: str | Path, comparison: Comparison, panorama: Panorama, mask: Mask, *, title: str = "", lines: tuple = ()
+    path: str | Path,
+    comparison: Comparison,
+    panorama: Panorama,
+    mask: Mask,
+    *,
+    title: str = "",
+    lines: tuple[str, ...] = (),
+    others: Sequence[tuple[str, Sky]] = (),
 ) -> None:
     """Write the picture as PNG, whole or not at all.
 
-    From above: the photograph; the computed sky at the same exposure, with the photograph's foreground before it; the
-    ratio of their luminances and the distance of their chromaticities where clear sky is compared; and the profiles
-    through the zenith.  The sun's azimuth is in the middle.  lines: sentences for the panel of numbers.
+    The photograph; the computed sky at the same exposure, alone, and behind the photograph's own ground; the same air
+    under other suns (others: names and skies); the ratio of luminances and the distance of chromaticities where clear
+    sky is compared; the profiles through the zenith.  The sun's azimuth is in the middle.  lines: sentences for the
+    panel of numbers.
     """
     from matplotlib.figure import Figure  # start-up
 
-    photo, simulated, extent = _pictures(comparison, panorama, mask)
-    wide = (extent[1] - extent[0]) / max(extent[3] - extent[2], 1.0)
-    figure = Figure(figsize=(11, 11 if wide > 2.5 else 13), layout="constrained")
-    grid = figure.add_gridspec(4, 2, height_ratios=[1, 1, 0.85, 1.15])
-    for i, (name, image) in enumerate((("photograph", photo), (COMPUTED, simulated))):
-        axes = figure.add_subplot(grid[i, :])
-        axes.imshow(image, extent=extent, origin="lower", aspect="auto", interpolation="nearest")
-        axes.set(ylabel="elevation [deg]", title=f"{name}{': ' + title if title and i == 0 else ''}")
-        axes.tick_params(labelbottom=i == 1)
+    pictures, extent = _pictures(comparison, panorama, mask, others)
+    wide = (extent[1] - extent[0]) / max(extent[3] - extent[2], 1.0) > WIDE
+    sentences = (*lines, *summary(comparison.figures))
+    wrapped = [textwrap.fill(line, PANEL_COLUMNS, subsequent_indent="  ") for line in sentences]
+    last = max(3.2, LINE_INCHES * (sum(1 + text.count("\n") for text in wrapped) + 1))
+    if wide:
+        heights = [2.4, 2.4, 2.4, *([1.7] * ((len(others) + 1) // 2)), 2.3, last]
+        places = [(k, slice(0, 2)) for k in range(3)] + [
+            (3 + k // 2, slice(k % 2, k % 2 + 1)) for k in range(len(others))
+        ]
+        ends = len(heights)
+        maps, bottom = (
+            [(ends - 2, slice(0, 1)), (ends - 2, slice(1, 2))],
+            [(ends - 1, slice(0, 1)), (ends - 1, slice(1, 2))],
+        )
+        columns, across = 2, 11.0
+    else:
+        heights = [3.4, 3.4, last]
+        places = [(0, slice(2 * k, 2 * k + 2)) for k in range(3)] + [(1, slice(0, 2)), (1, slice(2, 4))][: len(others)]
+        maps, bottom = [(1, slice(4, 6)), (2, slice(0, 2))], [(2, slice(2, 4)), (2, slice(4, 6))]
+        columns, across = 6, 15.0
+    figure = Figure(figsize=(across, sum(heights) + 0.4), layout="constrained")
+    grid = figure.add_gridspec(len(heights), columns, height_ratios=heights)
+    names = [
+        f"photograph{': ' + title if title else ''}",
+        "computed sky alone",
+        "computed, behind the photograph's ground",
+    ]
+    for place, name, image in zip(places, [*names, *(name for name, _ in others)], pictures, strict=True):
+        axes = figure.add_subplot(grid[place[0], place[1]])
+        axes.imshow(image, extent=extent, origin="lower", aspect="auto" if wide else "equal", interpolation="nearest")
+        axes.set_title(name, fontsize=10 if wide else 9)
+        axes.set(ylabel="elevation [deg]")
         axes.set_xticks(_ticks(extent))
     ratio = comparison.log_ratio / np.log(2.0)
     spread = float(np.nanpercentile(np.abs(ratio), 95))
     limit = next((r for r in RATIO_LIMITS if spread <= r), RATIO_LIMITS[-1])
-    maps = (
-        (ratio, "photograph / computed luminance [factors of 2]", "RdBu_r", -limit, limit),
+    drawn_maps = (
+        (ratio, "photograph / computed [factors of 2]", "RdBu_r", -limit, limit),
         (comparison.delta_uv, "distance in u'v'", "viridis", 0.0, UV_LIMIT),
     )
-    for i, (values, label, colours, low, high) in enumerate(maps):
-        axes = figure.add_subplot(grid[2, i])
+    for place, (values, label, colours, low, high) in zip(maps, drawn_maps, strict=True):
+        axes = figure.add_subplot(grid[place[0], place[1]])
         cell = 360.0 / values.shape[1]
         centred = np.roll(values, values.shape[1] // 2, axis=1)
         box = (-180.0 - 0.5 * cell, 180.0 - 0.5 * cell, 0.0, 90.0)
@@ -63,22 +110,22 @@ def write_figure(
             centred, extent=box, origin="lower", aspect="auto", cmap=colours, vmin=low, vmax=high,
             interpolation="nearest",
         )  # fmt: skip
-        axes.set(xlim=extent[:2], ylim=(0, extent[3]), xlabel="azimuth from the sun [deg]", title=label)
+        axes.set(xlim=extent[:2], ylim=(0, extent[3]), xlabel="azimuth from the sun [deg]")
+        axes.set_title(label, fontsize=10)
         axes.set_xticks(_ticks(extent)[::2])
         figure.colorbar(drawn, ax=axes, pad=0.01)
-    profiles = figure.add_subplot(grid[3, 0])
-    _draw_profile(profiles, comparison.solar, "C1", "towards the sun - zenith - away from it", 1.0)
+    profiles = figure.add_subplot(grid[bottom[0][0], bottom[0][1]])
+    _draw_profile(profiles, comparison.solar, "C1", "towards the sun - zenith - away", 1.0)
     _draw_profile(profiles, comparison.perpendicular, "C0", "90 deg right - zenith - 90 deg left (/ 3)", 1.0 / 3.0)
-    profiles.set(yscale="log", xlim=(0, 180), title="profiles: photograph (points), computed (lines)")
+    profiles.set(yscale="log", xlim=(0, 180))
+    profiles.set_title("profiles: photograph (points), computed (lines)", fontsize=10)
     profiles.set(xlabel="angle from the horizon, over the zenith [deg]", ylabel="luminance [cd m$^{-2}$]")
     profiles.set_xticks(range(0, 181, 30))
-    profiles.legend(fontsize=8)
+    profiles.legend(fontsize=7, loc="best")
     profiles.grid(alpha=0.3)
-    panel = figure.add_subplot(grid[3, 1])
+    panel = figure.add_subplot(grid[bottom[1][0], bottom[1][1]])
     panel.axis("off")
-    sentences = (*lines, *summary(comparison.figures))
-    text = "\n".join(textwrap.fill(line, PANEL_COLUMNS, subsequent_indent="  ") for line in sentences)
-    panel.text(0.05, 1.0, text, va="top", fontsize=8.5, family="monospace", in_layout=False)
+    panel.text(0.02, 1.0, "\n".join(wrapped), va="top", fontsize=8.0, family="monospace")
     with whole_file(path) as temporary:
         figure.savefig(temporary, dpi=84)
 
@@ -93,8 +140,11 @@ def _draw_profile(axes: Any, profile: MeridianProfile, line_colour: str, label: 
     axes.plot(profile.angle_deg, scale * profile.photo[:, 1], ".", color=line_colour, ms=3.5)
 
 
-def _pictures(comparison: Comparison, panorama: Panorama, mask: Mask) -> tuple[np.ndarray, np.ndarray, tuple]:
-    """Display values of both (rows, columns, 3), bottom row first, the sun in the middle, cut to the photograph."""
+def _pictures(
+    comparison: Comparison, panorama: Panorama, mask: Mask, others: Sequence[tuple[str, Sky]]
+) -> tuple[list[np.ndarray], tuple]:
+    """Display values (rows, columns, 3), bottom row first, the sun in the middle, cut to the photograph: the
+    photograph, the sky alone and behind the ground, and other skies, each of these at an exposure of its own."""
     half = panorama.azimuth_deg.size // 2
     order = np.roll(np.arange(panorama.azimuth_deg.size), half)
     first = -180.0 + (panorama.azimuth_deg[0] - 0.5 * panorama.step_deg)
@@ -105,38 +155,58 @@ def _pictures(comparison: Comparison, panorama: Panorama, mask: Mask) -> tuple[n
     )
     to_xyz = np.linalg.inv(colour.spectrum.xyz_to_rgb_matrix(OBSERVER))
     photo = comparison.balance.apply(panorama.rgb @ to_xyz.T)
-    simulated = photo.copy()
     above = np.asarray(panorama.elevation_deg > 0)
+
+    def alone(fine: np.ndarray) -> np.ndarray:
+        xyz = np.full_like(photo, np.nan)
+        xyz[above] = np.where(covered[above][..., None], fine, np.nan)
+        return xyz
+
     sky = comparison.simulated.fine_xyz
-    foreground = _foreground(photo[above], sky, mask.foreground[above], panorama.step_deg)
-    simulated[above] = np.where(foreground[..., None], photo[above], sky)
-    simulated[~covered] = np.nan
-    light = comparison.simulated.xyz[..., 1]
-    ev100 = colour.auto_exposure_ev100(np.nan_to_num(light), comparison.photo.solid_angle_sr)
+    ground = foreground(photo[above], sky, mask.foreground[above], panorama.step_deg)[..., None]
+    behind = photo.copy()
+    behind[above] = np.where(ground > 0.0, ground * np.nan_to_num(photo[above]) + (1.0 - ground) * sky, sky)
+    behind[~covered] = np.nan
+    ev100 = _exposure(comparison.simulated)
+    shown = [(photo, ev100), (alone(sky), ev100), (behind, ev100)]
+    for _, other in others:
+        seen = simulated_sky(other, comparison.photo)
+        shown.append((alone(seen.fine_xyz), _exposure(seen)))
     out = []
-    for xyz in (photo, simulated):
-        rgb = colour.xyz_to_linear_rgb(np.nan_to_num(xyz), OBSERVER)
-        shown = colour.tone_map(rgb, ev100)
-        shown[~covered] = 0.75
-        out.append(shown[:, order][rows, columns])
+    for xyz, ev in shown:
+        image = colour.tone_map(colour.xyz_to_linear_rgb(np.nan_to_num(xyz), OBSERVER), ev)
+        image[~np.isfinite(xyz[..., 1])] = 0.75
+        out.append(image[:, order][rows, columns])
     left, right = (first + panorama.step_deg * np.array([columns.start, columns.stop])).tolist()
     bottom = panorama.elevation_deg[rows.start] - 0.5 * panorama.step_deg
     top = panorama.elevation_deg[rows.stop - 1] + 0.5 * panorama.step_deg
-    return out[0], out[1], (left, right, bottom, top)
+    return out, (left, right, bottom, top)
 
 
-def _foreground(photo: np.ndarray, sky: np.ndarray, masked: np.ndarray, step_deg: float) -> np.ndarray:
-    """What is drawn before the computed sky (e, a): from the horizon up, what is darker than it or of another colour.
+def _exposure(sky: PhotoSky) -> float:
+    return float(colour.auto_exposure_ev100(np.nan_to_num(sky.xyz[..., 1]), sky.solid_angle_sr))
 
-    The mask of ground and trees also holds a rim of sky about them, and clouds, which would be mistaken for computed.
+
+def foreground(photo: np.ndarray, sky: np.ndarray, masked: np.ndarray, step_deg: float) -> np.ndarray:
+    """Opacity (e, a), 0 to 1, of what is drawn before the computed sky: ground and trees, rows from the horizon up.
+
+    The mask also holds a rim of sky, by which it was grown and is made smaller again, and clouds: what is brighter than
+    `DARKER` of the computed sky, or does not stand on the ground, is none.
     """
-    with np.errstate(invalid="ignore", divide="ignore"):
-        unlike = photo[..., 1] < 0.75 * sky[..., 1]
-        unlike |= np.hypot(*np.moveaxis(colour.uv_of_xyz(photo) - colour.uv_of_xyz(sky), -1, 0)) > 0.03
-    gap = max(1, round(1.5 / step_deg))
-    padded = np.pad(np.pad(unlike & masked, ((gap, gap), (0, 0)), mode="edge"), ((0, 0), (gap, gap)), mode="wrap")
-    closed = ndimage.binary_closing(padded, np.ones((2 * gap + 1, gap)))[gap:-gap, gap:-gap]
-    return np.logical_and.accumulate(closed, axis=0)
+    rim = max(1, round(GROW_DEG / step_deg))
+    reach = np.arange(-rim, rim + 1)
+    disc = reach[:, None] ** 2 + reach**2 <= rim**2
+    below = np.concatenate([np.ones((rim + 1, masked.shape[1]), bool), masked])
+    wrapped = np.pad(below, ((0, 0), (rim, rim)), mode="wrap")
+    inner = ndimage.binary_erosion(wrapped, disc, border_value=1)[rim + 1 :, rim:-rim]
+    with np.errstate(invalid="ignore"):
+        dark = photo[..., 1] < DARKER * sky[..., 1]
+    # thin things, as branches, are narrower than what was taken off; they are dark themselves
+    kept = (inner | masked) & dark
+    standing = np.concatenate([np.ones((1, kept.shape[1]), bool), kept])
+    labels, _ = ndimage.label(np.pad(standing, ((0, 0), (1, 1)), mode="wrap"), np.ones((3, 3)))
+    solid = (labels == labels[0, 0])[1:, 1:-1]
+    return np.where(solid, 1.0, 0.0)
 
 
 def summary(figures: dict[str, Any]) -> list[str]:
@@ -163,3 +233,72 @@ def summary(figures: dict[str, Any]) -> list[str]:
     gains = figures["white_balance_gains"]
     balanced = "none" if gains == [1.0, 1.0, 1.0] else " ".join(f"{g:.3f}" for g in gains)
     return [*lines, f"exposure: 1 = {figures['exposure_cd_per_m2']:.4g} cd/m^2", f"white balance: {balanced}"]
+
+
+# Files ----------------------------------------------------------------------------------------------------------
+
+
+def write_json(path: str | Path, facts: dict[str, Any]) -> None:
+    """Write facts as JSON; numbers that are not finite become null."""
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(_plain(facts), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def write_profiles(path: str | Path, comparison: Comparison) -> None:
+    """Write both profiles: meridian, angle, luminance [cd m^-2] and u', v' of photograph and simulation."""
+    columns = "meridian angle_deg photo_cd_per_m2 computed_cd_per_m2 photo_u photo_v computed_u computed_v".split()
+    rows = []
+    for name, profile in (("solar", comparison.solar), ("perpendicular", comparison.perpendicular)):
+        for angle, one, other in zip(profile.angle_deg, profile.photo, profile.simulated, strict=True):
+            if np.isfinite(one[1]):
+                numbers = [one[1], other[1], *colour.uv_of_xyz(one), *colour.uv_of_xyz(other)]
+                rows.append([name, f"{angle:g}", *(f"{number:.6g}" for number in numbers)])
+    write_csv(path, columns, rows)
+
+
+def write_dataset(path: str | Path, comparison: Comparison, facts: dict[str, Any]) -> None:
+    """Write photograph and simulation with all maps, NaN where masked, as HDF5 that is netCDF-4; facts: as JSON."""
+    photo, grid = comparison.photo, ("elevation", "azimuth")
+    light = {"long_name": "CIE 1931 tristimulus values, Y is the luminance", "units": "cd m-2"}
+    maps = {
+        "log_ratio": (comparison.log_ratio, "ln(photograph / computed) luminance", "1"),
+        "delta_uv": (comparison.delta_uv, "distance in CIE 1976 u', v'", "1"),
+        "ciede2000": (comparison.delta_e, "CIEDE2000", "1"),
+        "ciede2000_colour": (comparison.delta_e_colour, "CIEDE2000 at equal luminance", "1"),
+        "solid_angle": (photo.solid_angle_sr, "clear part of the cell", "sr"),
+    }
+    variables = {
+        "photograph_xyz": ((*grid, "tristimulus"), comparison.photo_xyz, light),
+        "computed_xyz": ((*grid, "tristimulus"), comparison.simulated.xyz, light),
+        **{name: (grid, values, {"long_name": text, "units": unit}) for name, (values, text, unit) in maps.items()},
+    }
+    coordinates = {
+        "elevation": ("elevation", photo.elevation_deg, {"units": "degree", "long_name": "elevation"}),
+        "azimuth": ("azimuth", photo.azimuth_deg, {"units": "degree", "long_name": "azimuth from the sun, clockwise"}),
+        "tristimulus": ("tristimulus", ["X", "Y", "Z"]),
+    }
+    attributes = {"title": "Photograph and computed sky", "facts": json.dumps(_plain(facts))}
+    encoding = {name: {"zlib": True, "complevel": 4, "dtype": "float32"} for name in variables}
+    write_netcdf(xarray.Dataset(variables, coordinates, attributes), path, encoding)
+
+
+def write_suns(path: str | Path, rows: list[tuple[str, float, float, dict[str, Any]]]) -> None:
+    """Write one line for each sun that was tried: name, elevation, misfit, figures."""
+    numbers = [key for key, value in rows[0][3].items() if not isinstance(value, list)]
+    lines = [
+        [name, f"{sun:g}", f"{misfit:.6g}", *("" if found.get(k) is None else f"{found[k]:.6g}" for k in numbers)]
+        for name, sun, misfit, found in rows
+    ]
+    write_csv(path, ["frame", "sun_elevation_deg", "misfit", *numbers], lines)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.numerics.orientation import direction
+from twilight.numerics.directions import direction
 from twilight.sky.colour import REC709_LUMINANCE
 from twilight.studies.camera.image import StoredImage
 from twilight.studies.camera.model import CameraModel

@@ -33,6 +33,8 @@ CHROMATICITY_SCALE = 0.01
 """Difference in u', v' that weighs as much as LOG_SCALE in ln(luminance) in ``residual_vector``."""
 LOG_SCALE = 0.1
 """Difference of ln(luminance) that is one unit of ``residual_vector``."""
+LEAST_SLOPE = 0.1
+"""Least slope of a tone curve."""
 PROFILE_HALF_WIDTH_DEG = 3.0
 """Distance from a meridian [deg] within which its profile is a mean."""
 
@@ -171,9 +173,36 @@ def _average(
 # Comparison -----------------------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class Curve:
+    """A camera's tone curve: of every channel c, with t = ln c - middle, ln(light) = ln c - first t - second t^2.
+
+    Monotone as far as t is below `turns`; what is brighter, or darker, goes on straight from there.
+    """
+
+    middle: float
+    first: float
+    second: float
+
+    @property
+    def turns(self) -> float:
+        """Distance from the middle at which the slope is `LEAST_SLOPE` of what it is there."""
+        room = 1.0 - self.first - LEAST_SLOPE
+        return np.inf if self.second == 0.0 else abs(room / (2.0 * self.second))
+
+    def undo(self, xyz: np.ndarray) -> np.ndarray:
+        """XYZ (..., 3) of light from XYZ of what was stored."""
+        rgb = colour.xyz_to_linear_rgb(xyz, OBSERVER)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.log(np.maximum(rgb, 1e-30)) - self.middle
+        at = np.clip(t, -self.turns, self.turns)
+        light = rgb * np.exp(-self.first * at - self.second * at**2)
+        return light @ np.linalg.inv(spectrum.xyz_to_rgb_matrix(OBSERVER)).T
+
+
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """What brings a photograph onto the computed sky: xyz' = exposure x matrix x xyz.
+    """What brings a photograph onto the computed sky: xyz' = exposure x matrix x xyz, after its tone curve is undone.
 
     exposure: cd m^-2 of the simulation per unit of the photograph's Y (by the weighted mean of ln(luminance)).
     gains (3,): of red, green, blue (linear Rec. 709), luminance of white 1 as before; ones without a white balance.
@@ -181,12 +210,13 @@ class Balance:
 
     exposure: float
     gains: np.ndarray
+    curve: Curve | None = None
 
     def apply(self, xyz: np.ndarray) -> np.ndarray:
         """XYZ (..., 3) of the photograph, balanced and exposed."""
         to_rgb = spectrum.xyz_to_rgb_matrix(OBSERVER)
         matrix = np.linalg.inv(to_rgb) @ np.diag(self.gains) @ to_rgb
-        return self.exposure * (xyz @ matrix.T)
+        return self.exposure * ((xyz if self.curve is None else self.curve.undo(xyz)) @ matrix.T)
 
 
 def balance(photo: PhotoSky | Cells, simulated: PhotoSky | Cells, white_balance: bool = False) -> Balance:
@@ -260,10 +290,11 @@ class Comparison:
     figures: dict[str, Any]
 
 
-def compare(photo: PhotoSky, sky: Sky, *, white_balance: bool = False) -> Comparison:
-    """Everything that the report holds.  Errors: TwilightError as ``balance``."""
+def compare(photo: PhotoSky, sky: Sky, *, white_balance: bool = False, curve: Curve | None = None) -> Comparison:
+    """Everything that the report holds; curve: of the camera, undone first.  Errors: TwilightError as ``balance``."""
     simulated = simulated_sky(sky, photo)
-    found = balance(photo, simulated, white_balance)
+    undone = photo if curve is None else replace(photo, xyz=curve.undo(photo.xyz))
+    found = replace(balance(undone, simulated, white_balance), curve=curve)
     photo_xyz = found.apply(photo.xyz)
     with np.errstate(invalid="ignore", divide="ignore"):
         log_ratio = np.log(photo_xyz[..., 1] / simulated.xyz[..., 1])

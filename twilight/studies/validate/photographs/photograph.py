@@ -1,9 +1,13 @@
-"""From a photograph's file to a sky on the grid of a computed one: reading, directions, sun and mask in one place."""
+"""From a photograph's file to a sky on the grid of a computed one: reading, directions, sun and mask in one place.
+
+A camera that was not given is made of what the file says (`camera.exif`), and how it was held of what the file says or
+of the horizon in the picture; what neither tells is fitted with the air, never taken as level.
+"""
 
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -15,16 +19,30 @@ from twilight.config.scene import PLACED_NM
 from twilight.numerics import spectrum
 from twilight.sky import colour
 from twilight.sky.sky import Sky
+from twilight.studies.camera.exif import (
+    ANGLE_ERROR_DEG,
+    COMPASS_ERROR_DEG,
+    LUMINANCE_LN,
+    STATES_NOTHING,
+    Stated,
+    read_stated,
+)
 from twilight.studies.camera.image import StoredImage, as_light, read_image, read_samples
 from twilight.studies.camera.model import CameraModel, ImageSize, Orientation
 from twilight.studies.camera.response import load_response
 from twilight.studies.validate.photographs import mask as masks
 from twilight.studies.validate.photographs.panorama import Panorama, make_panorama, mask_image_on
 from twilight.studies.validate.photographs.photo import OBSERVER, PhotoSky, photo_sky
+from twilight.studies.validate.photographs.skyline import SKYLINE_ERROR_DEG, TILT_ERROR_DEG, find_horizon
 from twilight.studies.validate.photographs.sun_azimuth import SunAzimuth, find_sun_azimuth
 
 FINE_CELL_DEG = 0.5
 """Aimed size of the fine cells on which masks are made."""
+
+UNKNOWN_PITCH_DEG, UNKNOWN_ROLL_DEG = 12.0, 3.0
+"""Standard errors of the angle above the horizontal and of the tilt of a camera of which nothing is known [deg]."""
+GUESSED_PITCH_DEG = 12.0
+"""Elevation of such a camera's axis, about which it is sought [deg]."""
 
 SPECTRUM_NM = (450.0, 550.0, 620.0)
 """Where the spectra that stand for a photograph's colours have corners [nm]; they are level beyond."""
@@ -45,7 +63,8 @@ class Photograph:
 
     picture: linear (``camera.image.read_image``).  camera: with its orientation; azimuths count from its own where that
     is unknown.  cell_deg: cells of the comparison.  profile, mask_image (H, W), automatic, min_elevation_deg,
-    glare_deg: see ``mask.make_mask``.
+    glare_deg: see ``mask.make_mask``.  errors_deg: standard errors of the camera's azimuth (from north), elevation and
+    roll, 0: as told.  stated: what the file says.  remarks: sentences on where the camera is from.
     """
 
     picture: StoredImage
@@ -56,6 +75,29 @@ class Photograph:
     automatic: bool = True
     min_elevation_deg: float = 0.0
     glare_deg: float = masks.SUN_GLARE_DEG
+    errors_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    stated: Stated = STATES_NOTHING
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def developed(self) -> bool:
+        """A camera made a picture to look at of it: gains and tone curve are its own."""
+        return self.picture.bits is not None and self.camera.response == "srgb"
+
+    @property
+    def log_exposure(self) -> tuple[float, float] | None:
+        """ln of the luminance [cd m^-2] of linear light 1 and its standard error, where the file says an exposure."""
+        if self.stated.cd_per_m2 is None or not self.developed:
+            return None
+        return float(np.log(self.stated.cd_per_m2)), LUMINANCE_LN
+
+    def turned(self, pitch_deg: float, roll_deg: float, errors_deg: tuple[float, float, float]) -> Photograph:
+        """The same with its camera turned by these angles."""
+        old = self.camera.orientation
+        elevation = float(np.clip(old.elevation_deg + pitch_deg, -90.0, 90.0))
+        roll = (old.roll_deg + roll_deg + 180.0) % 360.0 - 180.0
+        held = Orientation(azimuth_deg=old.azimuth_deg, elevation_deg=elevation, roll_deg=roll)
+        return replace(self, camera=self.camera.model_copy(update={"orientation": held}), errors_deg=errors_deg)
 
     @property
     def _k(self) -> int:
@@ -67,14 +109,22 @@ class Photograph:
         panorama, mask = self._masked(0.0, None)
         return find_sun_azimuth(panorama, mask.valid)
 
+    @cached_property
+    def _seen(self) -> dict[tuple[float, float | None], MaskedSky]:
+        return {}
+
     def seen(self, sun_azimuth_deg: float, apparent_sun_elevation_deg: float | None) -> MaskedSky:
         """The photograph on the grid of a computed sky whose sun is there; azimuth in the camera's azimuths.
 
         Errors: TwilightError as ``photo.photo_sky``.
         """
-        sun = None if apparent_sun_elevation_deg is None else (0.0, apparent_sun_elevation_deg)
-        panorama, mask = self._masked(sun_azimuth_deg, sun)
-        return MaskedSky(photo_sky(panorama, mask.valid, self.cell_deg), panorama, mask)
+        key = (sun_azimuth_deg, apparent_sun_elevation_deg)
+        if key not in self._seen:
+            sun = None if apparent_sun_elevation_deg is None else (0.0, apparent_sun_elevation_deg)
+            panorama, mask = self._masked(sun_azimuth_deg, sun)
+            self._seen.clear()  # the last one is asked for again
+            self._seen[key] = MaskedSky(photo_sky(panorama, mask.valid, self.cell_deg), panorama, mask)
+        return self._seen[key]
 
     def sky(
         self,
@@ -123,22 +173,30 @@ def spectra_of(xyz: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
     return np.maximum(xyz @ np.linalg.inv(of_lines) @ (0.1 * lines), 0.0)
 
 
-def place_sun(photograph: Photograph, known_deg: float | None, given_deg: float | None) -> tuple[float, str]:
-    """The sun's azimuth in the camera's azimuths, and a sentence on where it is from.
+def place_sun(photograph: Photograph, known_deg: float | None, given_deg: float | None) -> tuple[float, float, str]:
+    """The sun's azimuth in the camera's azimuths, its standard error, and a sentence on where it is from.
 
-    known_deg: from north, by place and time, which counts where the camera's azimuth is known; given_deg: what a caller
-    says, which comes first.  Errors: TwilightError as `find_sun_azimuth`.
+    known_deg: from north, by place and time, which counts where the camera's azimuth is known, or by a compass where
+    the sky says nothing; given_deg: what a caller says, which comes first.
+    Errors: TwilightError as `find_sun_azimuth`.
     """
     if given_deg is not None:
-        return given_deg % 360.0, f"sun azimuth {given_deg % 360.0:.2f} deg, as given"
-    if known_deg is not None and photograph.camera.orientation.azimuth_deg is not None:
-        return known_deg, f"sun azimuth {known_deg:.2f} deg, by place and time"
-    sun = photograph.sun
+        return given_deg % 360.0, 0.0, f"sun azimuth {given_deg % 360.0:.2f} deg, as given"
+    compass = photograph.errors_deg[0]
+    north = known_deg is not None and photograph.camera.orientation.azimuth_deg is not None
+    if north and compass == 0.0:
+        return known_deg or 0.0, 0.0, f"sun azimuth {known_deg:.2f} deg, by place and time"
+    try:
+        sun = photograph.sun
+    except TwilightError:
+        if not north:
+            raise
+        return known_deg or 0.0, compass, f"sun azimuth {known_deg:.1f} +- {compass:.0f} deg, by time and compass"
     by = "the sun's disc" if sun.method == "disc" else "the symmetry of the sky"
     note = f"sun azimuth {sun.azimuth_deg:.2f} +- {sun.uncertainty_deg:.2f} deg by {by}"
     if sun.elevation_deg is not None:
         note += f" (disc at elevation {sun.elevation_deg:.1f} deg)"
-    return sun.azimuth_deg, note
+    return sun.azimuth_deg, sun.uncertainty_deg, note
 
 
 def read_photograph(
@@ -151,11 +209,12 @@ def read_photograph(
     automatic: bool = True,
     min_elevation_deg: float = 0.0,
     glare_deg: float = masks.SUN_GLARE_DEG,
+    field_of_view_deg: float | None = None,
 ) -> Photograph:
     """Read a photograph, undo the camera's response, and read the files of its mask.
 
-    camera: None for a latitude-longitude panorama of the whole sphere, whose north is unknown; samples of whole numbers
-    are then sRGB.
+    camera: None for a latitude-longitude panorama of the whole sphere, whose north is unknown, and for a picture whose
+    file says its focal length in 35 mm, or with field_of_view_deg across its width; whole numbers are then sRGB.
     Errors: TwilightError for any file that is missing or wrong, and for options that cannot be.
     """
     if not 0.25 <= cell_deg <= 10.0:
@@ -166,33 +225,52 @@ def read_photograph(
         raise TwilightError(f"min_elevation: {min_elevation_deg:g} deg must be from 0 to below 90 deg")
     skyline = None if profile is None else masks.read_profile(profile)
     shown = None if mask_image is None else masks.read_mask_image(mask_image)
+    stated = read_stated(path)
     if camera is None:
         samples = read_samples(path)
-        camera = _panorama(path, samples)
+        camera = _camera(Path(path), samples, stated, field_of_view_deg)
         picture = as_light(path, samples, load_response(camera.response))
+        errors = (COMPASS_ERROR_DEG, ANGLE_ERROR_DEG, ANGLE_ERROR_DEG)
     else:
-        if camera.projection != "latlong" and "elevation_deg" not in camera.orientation.model_fields_set:
-            raise TwilightError(
-                f"{path}: its camera has no orientation.elevation_deg, how far above the horizontal it looked (90: "
-                "straight up), and no picture is taken as level; give it, and roll_deg where the horizon is tilted"
-            )
         picture = read_image(path, load_response(camera.response))
+        errors = (0.0, 0.0, 0.0)
     if picture.bits == 8 and camera.response == "linear":
         warnings.warn(
             f"{path}: its 8 bits are taken for linear light, as response in the camera's file says; most are srgb",
             TwilightWarning,
             stacklevel=2,
         )
-    return Photograph(picture, camera, cell_deg, skyline, shown, automatic, min_elevation_deg, glare_deg)
+    made = Photograph(picture, camera, cell_deg, skyline, shown, automatic, min_elevation_deg, glare_deg, stated=stated)
+    if camera.projection == "latlong":
+        return made
+    if "elevation_deg" in camera.orientation.model_fields_set:
+        return replace(made, errors_deg=errors)
+    return _held(made, errors[0])
 
 
-def _panorama(path: str | Path, picture: StoredImage) -> CameraModel:
-    height, width = picture.samples.shape[:2]
-    if width != 2 * height:
-        raise TwilightError(
-            f"{path}: is {width} x {height}, no panorama of the whole sphere, which is twice as wide as high; give its "
-            "camera (--camera)"
+def _held(photograph: Photograph, compass_deg: float) -> Photograph:
+    """A photograph whose file does not say how the camera was held, by the horizon in it."""
+    old = photograph.camera.orientation
+    found = find_horizon(photograph.picture, photograph.camera)
+    if found is None:
+        elevation, roll, errors = GUESSED_PITCH_DEG, old.roll_deg, (compass_deg, UNKNOWN_PITCH_DEG, UNKNOWN_ROLL_DEG)
+        note = "camera: no horizon is seen, so that its angle above the horizontal is fitted with the air"
+    else:
+        elevation, roll, errors = *found[:2], (compass_deg, SKYLINE_ERROR_DEG, TILT_ERROR_DEG)
+        note = (
+            f"camera: {elevation:.1f} +- {SKYLINE_ERROR_DEG:g} deg above the horizontal, tilted {roll:.1f} +- "
+            f"{TILT_ERROR_DEG:g} deg, by the horizon in the picture"
         )
+    held = Orientation(azimuth_deg=old.azimuth_deg, elevation_deg=elevation, roll_deg=roll)
+    camera = photograph.camera.model_copy(update={"orientation": held})
+    return replace(photograph, camera=camera, errors_deg=errors, remarks=(note,))
+
+
+def _camera(path: Path, picture: StoredImage, stated: Stated, field_of_view_deg: float | None) -> CameraModel:
+    height, width = picture.samples.shape[:2]
+    if width != 2 * height or field_of_view_deg is not None:
+        made = stated.camera(path, width, height, field_of_view_deg)
+        return made.model_copy(update={"response": "linear"}) if picture.linear else made
     return CameraModel(
         projection="latlong",
         image=ImageSize(width_px=width, height_px=height),

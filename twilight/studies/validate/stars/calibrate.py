@@ -10,8 +10,8 @@ import numpy as np
 from scipy.special import pdtrc
 
 from twilight.base.errors import TwilightError
-from twilight.numerics.orientation import orientation_angles
-from twilight.sky.stars import Stars, blended
+from twilight.numerics.directions import orientation_angles
+from twilight.sky.night.points import Stars, blended
 from twilight.studies.camera.model import CameraModel
 from twilight.studies.validate.stars.coordinates import StarSite, equatorial, horizontal
 from twilight.studies.validate.stars.detect import Sources, detect

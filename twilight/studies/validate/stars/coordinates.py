@@ -13,7 +13,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
-from twilight.sky.stars import Stars, bright_stars
+from twilight.sky.night.points import Stars, bright_stars
 from twilight.studies.validate.stars.refraction import lifted
 
 LOWEST_RAD = np.radians(2.0)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from twilight.sky.stars import Stars
+from twilight.sky.night.points import Stars
 from twilight.studies.camera.model import CameraModel
 from twilight.studies.validate.stars.detect import Sources
 from twilight.studies.validate.stars.refraction import lifted

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import bdtrc
 
-from twilight.sky.stars import Stars
+from twilight.sky.night.points import Stars
 
 SEEDS = 26
 """Number of sources that pairs are made of."""

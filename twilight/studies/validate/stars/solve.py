@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from twilight.sky.stars import Stars
+from twilight.sky.night.points import Stars
 from twilight.studies.camera.model import CameraModel
 from twilight.studies.validate.stars.detect import Sources
 from twilight.studies.validate.stars.match import Match, Pose, chance_matches, fit_in_brightness, match

@@ -1,0 +1,209 @@
+"""Do the intervals of `twilight.estimate` hold?  Pictures of known air through a simulated phone.
+
+    python benchmarks/phone.py [--count 50] [--summary]      # phone_pictures.csv, row by row; resumes
+
+Each picture: a place, a time and an air drawn at random, its sky by the solver zones (which is not what the fit takes),
+seen by a phone held 3 to 25 deg above the horizontal and tilted by up to 4 deg, over dark hills of up to 2 deg; its
+lens darkens the corners by up to 8 %; noise of 1.5 % a pixel; gains of 10 % between the colours; a tone curve with 0.85
+to 1.35 times the contrast and a shoulder; sRGB in 8 bits, JPEG of quality 92.  Its Exif says time, place, heading (5
+deg off), focal length in 35 mm and exposure (40 % off).  Drawn alike are ln of the optical depth, ozone and albedo,
+within the bounds of the fit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import tempfile
+import time
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import results
+from PIL import ExifTags, Image
+
+import twilight
+from twilight.numerics import spectrum
+from twilight.sky import colour
+from twilight.sky.ephemeris import sun_position
+from twilight.studies.camera import CameraModel
+from twilight.studies.camera.exif import FULL_FRAME_MM, LENS_TRANSMISSION, MIDDLE_GREY
+
+HERE = Path(__file__).parent
+TABLE = HERE / "phone_pictures.csv"
+WIDTH, HEIGHT = 640, 480
+TYPES = ("continental_average", "maritime_clean", "desert", "urban")
+COLUMNS = (
+    *("picture", "sun_elevation_deg", "parameter", "truth", "value", "low_68", "high_68", "low_95", "high_95"),
+    *("told", "misfit", "amplitude", "processor_time_s"),
+)
+
+
+def draw(index: int, folder: Path) -> tuple[Path, dict[str, float], str, float]:
+    """A picture's file, what its air holds, the type of its aerosol, and the sun's elevation [deg]."""
+    random = np.random.default_rng(1000 + index)
+    sun, moment, place = None, datetime(2024, 1, 1, tzinfo=UTC), (0.0, 0.0)
+    while sun is None or not -4.0 < sun.elevation_deg < 25.0:
+        place = float(random.uniform(-50.0, 60.0)), float(random.uniform(-180.0, 180.0))
+        moment = datetime(2024, 1, 1, tzinfo=UTC) + timedelta(minutes=int(random.integers(0, 366 * 1440)))
+        sun = sun_position(moment, *place, 0.0)
+    truth = {
+        "aerosol": float(np.exp(random.uniform(np.log(0.03), np.log(0.6)))),
+        "ozone": float(random.uniform(220.0, 430.0)),
+        "albedo": float(random.uniform(0.02, 0.55)),
+    }
+    kind = TYPES[index % 4]
+    sky = twilight.render(
+        "continental-average",
+        sun_elevation_deg=float(sun.elevation_deg),
+        quality="draft",
+        settings={
+            "aerosol.type": kind,
+            "aerosol.optical_depth_550nm": truth["aerosol"],
+            "gases.ozone.column_du": truth["ozone"],
+            "ground.albedo": truth["albedo"],
+            "texture.resolution_deg": 2,
+        },
+    )
+    heading = float(sun.azimuth_deg + random.uniform(-25.0, 25.0)) % 360.0
+    focal_mm = float(random.uniform(22.0, 28.0))
+    field = 2.0 * np.degrees(np.arctan(0.5 * WIDTH / (focal_mm / FULL_FRAME_MM * np.hypot(WIDTH, HEIGHT))))
+    held = {"azimuth_deg": heading, "elevation_deg": float(random.uniform(3.0, 25.0))}
+    camera = CameraModel.model_validate(
+        {
+            "projection": "perspective",
+            "image": {"width_px": WIDTH, "height_px": HEIGHT},
+            "lens": {"field_of_view_deg": float(field)},
+            "orientation": held | {"roll_deg": float(random.uniform(-4.0, 4.0))},
+        }
+    )
+    rgb = seen(sky, camera, float(sun.azimuth_deg), random)
+    scale = 0.8 / float(np.percentile(rgb.max(axis=-1), 98))
+    path = folder / f"phone-{index:02d}.jpg"
+    Image.fromarray(developed(rgb * scale, random)).save(
+        path, quality=92, exif=exif(moment, place, heading + random.normal(0.0, 5.0), focal_mm, 1.0 / scale, random)
+    )
+    return path, truth, kind, float(sun.elevation_deg)
+
+
+def seen(sky: twilight.Sky, camera: CameraModel, sun_azimuth_deg: float, random: np.random.Generator) -> np.ndarray:
+    """Light (H, W, 3) in cd m^-2 of Rec. 709: sky, disc and hills."""
+    azimuth, elevation = camera.azimuth_elevation(camera.pixel_centres())
+    relative = np.radians(azimuth - sun_azimuth_deg)
+    a, b = random.uniform(0.0, 2.0 * np.pi, 2)
+    hills = random.uniform(0.2, 1.0) * (1.0 + 0.5 * np.sin(9.0 * relative + a) + 0.5 * np.sin(23.0 * relative + b))
+    up = elevation > hills
+    xyz = colour.sky_to_xyz(sky, observer="cie1931_2deg")
+    rgb = np.zeros((*elevation.shape, 3))
+    to_rgb = spectrum.xyz_to_rgb_matrix("cie1931_2deg")
+    rgb[up] = sky.smooth(xyz, elevation[up], azimuth[up] - sun_azimuth_deg) @ to_rgb.T
+    level = float(np.median(rgb[up]))
+    ground = random.uniform(0.02, 0.08) * np.array([1.2, 1.0, 0.7]) * level
+    rgb[~up] = ground * random.uniform(0.6, 1.4, (int((~up).sum()), 1))
+    apparent = sky.sun_elevation_deg if sky.apparent_sun_elevation_deg is None else sky.apparent_sun_elevation_deg
+    e, s = np.radians(elevation), np.radians(apparent)
+    away = np.degrees(np.arccos(np.sin(e) * np.sin(s) + np.cos(e) * np.cos(s) * np.cos(relative)))
+    rgb[up & (away < 0.4)] = 1e3 * level
+    off = camera.angle_off_axis(camera.pixel_centres())
+    return rgb * (1.0 - random.uniform(0.0, 0.08) * (off / off.max())[..., None] ** 2)
+
+
+def developed(rgb: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """8 bits (H, W, 3) as the phone makes them."""
+    light = np.maximum(rgb, 0.0) * np.exp(random.normal(0.0, 0.1, 3) * (1.0, 0.0, 1.0))
+    light = np.maximum(light * (1.0 + 0.015 * random.standard_normal(light.shape)), 1e-6)
+    contrast = random.uniform(0.85, 1.35)
+    toned = MIDDLE_GREY * (light / MIDDLE_GREY) ** contrast
+    shoulder = random.uniform(1.2, 3.0)
+    toned = toned / (1.0 + (toned / 1.05) ** shoulder) ** (1.0 / shoulder)
+    return np.round(255.0 * np.clip(colour.srgb_encode(toned), 0.0, 1.0)).astype(np.uint8)
+
+
+def exif(
+    moment: datetime,
+    place: tuple[float, float],
+    heading: float,
+    focal_mm: float,
+    cd_per_m2: float,
+    random: np.random.Generator,
+) -> Image.Exif:
+    """What the phone says of a picture whose linear light 1 is a luminance."""
+    made, base, gps = Image.Exif(), ExifTags.Base, ExifTags.GPS
+    product = 10.0 * 1.8**2 / (LENS_TRANSMISSION * MIDDLE_GREY * cd_per_m2 * np.exp(random.normal(0.0, 0.35)))
+    made.get_ifd(ExifTags.IFD.Exif).update(
+        {
+            base.FocalLengthIn35mmFilm: round(focal_mm),
+            base.ExposureTime: product / 50.0,
+            base.FNumber: 1.8,
+            base.ISOSpeedRatings: 50,
+        }
+    )
+    sides = ("N" if place[0] >= 0.0 else "S", "E" if place[1] >= 0.0 else "W")
+    made.get_ifd(ExifTags.IFD.GPSInfo).update(
+        {
+            gps.GPSLatitudeRef: sides[0],
+            gps.GPSLatitude: (abs(place[0]), 0.0, 0.0),
+            gps.GPSLongitudeRef: sides[1],
+            gps.GPSLongitude: (abs(place[1]), 0.0, 0.0),
+            gps.GPSDateStamp: moment.strftime("%Y:%m:%d"),
+            gps.GPSTimeStamp: (float(moment.hour), float(moment.minute), 0.0),
+            gps.GPSImgDirection: float(heading % 360.0),
+        }
+    )
+    return made
+
+
+def one(index: int) -> list[list[str]]:
+    """Rows of a picture."""
+    with tempfile.TemporaryDirectory() as folder:
+        path, truth, kind, sun = draw(index, Path(folder))
+        begin = time.process_time()
+        found = twilight.estimate(path, types=[kind], settings={"aerosol.type": kind})
+        seconds = time.process_time() - begin
+    rows = []
+    for name, p in found.parameters.items():
+        if name in truth:
+            numbers = (truth[name], p.value, p.low, p.high, p.low_95, p.high_95)
+            rows.append(
+                [str(index), f"{sun:.2f}", name, *(f"{x:.4g}" for x in numbers), str(p.constrained),
+                 f"{found.best.misfit:.3g}", f"{found.best.amplitude:g}", f"{seconds:.1f}"]
+            )  # fmt: skip
+    return rows
+
+
+def summary(rows: list[list[str]]) -> list[str]:
+    """How often intervals hold, all parameters and each."""
+    lines = []
+    for name in ("all", "told", "aerosol", "ozone", "albedo"):
+        chosen = [row for row in rows if name in ("all", row[2]) or (name == "told" and row[9] == "True")]
+        if chosen:
+            t, _, a, b, c, d = np.array([row[3:9] for row in chosen], float).T
+            held, held_95 = np.mean((a <= t) & (t <= b)), np.mean((c <= t) & (t <= d))
+            lines.append(f"{name}: {len(chosen)} values, 68 % hold {held:.0%}, 95 % hold {held_95:.0%}")
+    return lines
+
+
+def main() -> None:
+    """Draw and fit what the table lacks."""
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("--count", type=int, default=50)
+    arguments.add_argument("--first", type=int, default=0)
+    arguments.add_argument("--table", type=Path, default=TABLE)
+    arguments.add_argument("--summary", action="store_true")
+    given = arguments.parse_args()
+    rows: list[list[str]] = []
+    if given.table.exists():
+        with given.table.open(encoding="utf-8") as file:
+            rows = [row for row in csv.reader(file) if row and not row[0].startswith("#")][1:]
+    for index in () if given.summary else range(given.first, given.count):
+        if not any(row[0] == str(index) for row in rows):
+            rows += one(index)
+            results.write(given.table, COLUMNS, rows, notes=summary(rows), command="python benchmarks/phone.py")
+            for row in rows[-3:]:
+                print(*row, flush=True)
+    print(*summary(rows), sep="\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,135 @@
+"""What a phone's picture says of itself, and pictures that say nothing of the air."""
+
+import numpy as np
+import pytest
+from photographs import latlong, perspective, picture, preetham, take
+from PIL import ExifTags, Image
+
+import twilight
+from twilight.base.errors import TwilightError
+from twilight.sky import colour
+from twilight.studies.camera.exif import read_stated
+from twilight.studies.validate.photographs.checks import check_sky, check_upright
+from twilight.studies.validate.photographs.photograph import Photograph, read_photograph
+
+BASE, GPS = ExifTags.Base, ExifTags.GPS
+TAKEN = {
+    BASE.FocalLengthIn35mmFilm: 26,
+    BASE.ExposureTime: 1 / 100,
+    BASE.FNumber: 1.8,
+    BASE.ISOSpeedRatings: 50,
+    BASE.DateTimeOriginal: "2024:06:21 20:30:00",
+}
+WHERE = {
+    GPS.GPSLatitudeRef: "S",
+    GPS.GPSLatitude: (48.0, 12.0, 0.0),
+    GPS.GPSLongitudeRef: "E",
+    GPS.GPSLongitude: (16.0, 24.0, 0.0),
+    GPS.GPSImgDirection: 301.5,
+}
+CLOCK = {GPS.GPSDateStamp: "2024:06:21", GPS.GPSTimeStamp: (18.0, 30.0, 5.0)}
+
+
+def jpeg(path, rgb=None, taken=TAKEN, where=WHERE, **more):
+    """A JPEG of linear light with Exif."""
+    exif = Image.Exif()
+    exif.get_ifd(ExifTags.IFD.Exif).update(taken)
+    exif.get_ifd(ExifTags.IFD.GPSInfo).update(where)
+    rgb = np.full((60, 80, 3), 0.3) if rgb is None else rgb
+    Image.fromarray(np.round(255 * colour.srgb_encode(rgb)).astype(np.uint8)).save(path, exif=exif, quality=95, **more)
+    return path
+
+
+def test_exif_is_read(tmp_path):
+    stated = read_stated(jpeg(tmp_path / "a.jpg", where=WHERE | CLOCK))
+    assert stated.sun == {"at": "2024-06-21T18:30:05+00:00", "latitude_deg": -48.2, "longitude_deg": 16.4}
+    assert stated.heading_deg == 301.5 and stated.focal_35mm == 26.0
+    # ISO 12232: 18 % is 10 lx s N^2 / (0.65 t S)
+    assert 0.18 * stated.cd_per_m2 == pytest.approx(10 * 1.8**2 / (0.65 * 0.01 * 50))
+
+
+def test_a_clock_without_an_offset_is_no_time(tmp_path):
+    assert read_stated(jpeg(tmp_path / "a.jpg")).sun is None
+    zoned = read_stated(jpeg(tmp_path / "b.jpg", taken=TAKEN | {BASE.OffsetTimeOriginal: "+02:00"}))
+    assert zoned.sun["at"] == "2024-06-21T20:30:00+02:00"
+
+
+def test_pitch_is_read_from_xmp(tmp_path):
+    xmp = b'<x:xmpmeta><rdf:Description Camera:Pitch="7.5" Camera:Roll="-2"/></x:xmpmeta>'
+    stated = read_stated(jpeg(tmp_path / "a.jpg", xmp=xmp))
+    assert (stated.pitch_deg, stated.roll_deg) == (7.5, -2.0)
+    shot = read_photograph(jpeg(tmp_path / "a.jpg", xmp=xmp), None)
+    assert shot.camera.orientation.elevation_deg == 7.5 and shot.errors_deg[1] > 0.0
+
+
+def test_the_field_of_view_follows_from_the_focal_length(tmp_path):
+    """26 mm on the diagonal of 43.27 mm, also of a picture that stands upright by its orientation tag."""
+    shot = read_photograph(jpeg(tmp_path / "a.jpg"), None)
+    assert shot.camera.projection == "perspective"
+    half = 0.5 * np.hypot(80, 60) / shot.camera.focal_length_px
+    assert np.degrees(np.arctan(half)) == pytest.approx(np.degrees(np.arctan(0.5 * 43.267 / 26)), abs=0.01)
+    assert shot.developed and shot.log_exposure[0] == pytest.approx(np.log(shot.stated.cd_per_m2))
+    exif = Image.open(tmp_path / "a.jpg").getexif()
+    exif[BASE.Orientation] = 6
+    Image.open(tmp_path / "a.jpg").save(tmp_path / "b.jpg", exif=exif)
+    tall = read_photograph(tmp_path / "b.jpg", None).camera
+    assert (tall.image.width_px, tall.image.height_px) == (60, 80)
+    assert tall.focal_length_px == pytest.approx(shot.camera.focal_length_px)
+
+
+@pytest.mark.parametrize(
+    ("taken", "said"),
+    [
+        ({}, "nothing else of how it was taken"),
+        ({BASE.FNumber: 1.8}, "does not say the focal length"),
+        (TAKEN | {BASE.ExifImageWidth: 4000, BASE.ExifImageHeight: 2250}, "has been cut"),
+    ],
+)
+def test_what_lacks_is_asked_for(tmp_path, taken, said):
+    with pytest.raises(TwilightError, match=said):
+        twilight.estimate(jpeg(tmp_path / "a.jpg", taken=taken, where={}))
+    wide = read_photograph(jpeg(tmp_path / "a.jpg", taken=taken, where={}), None, field_of_view_deg=60.0)
+    assert wide.camera.lens.field_of_view_deg == 60.0
+
+
+def shot(rgb, camera=None, **more):
+    return Photograph(picture(rgb), camera or latlong(rgb.shape[1]), 3.0, min_elevation_deg=3.0, **more)
+
+
+def test_a_picture_on_its_head_is_refused():
+    rgb = take(preetham(12.0), latlong(180), 40.0, sun=False)
+    check_upright("a", shot(rgb))
+    with pytest.raises(TwilightError, match="stands on its head"):
+        check_upright("a.jpg", shot(rgb[::-1]))
+
+
+def test_over_exposed_skies_and_lamps():
+    camera = latlong(180)
+    rgb = take(preetham(12.0), camera, 40.0, sun=False)
+    azimuth, elevation = camera.azimuth_elevation(camera.pixel_centres())
+
+    def told(burnt):
+        one = shot(rgb)
+        burning = type(one.picture)(**{**vars(one.picture), "saturated": burnt})
+        return check_sky("a.jpg", shot(rgb), Photograph(burning, camera, 3.0, min_elevation_deg=3.0).seen(40.0, None))
+
+    assert told(np.zeros(elevation.shape, bool)) == []
+    with pytest.raises(TwilightError, match="is over-exposed"):
+        told((elevation > 0) & (azimuth < 290))
+    assert "over-exposed and left out" in told((elevation > 0) & (azimuth < 110))[0]
+    lamps = (elevation > 10) & (elevation < 16) & ((np.abs(azimuth - 40) < 4) | (np.abs(azimuth - 120) < 4))
+    assert any("2 lights" in line for line in told(lamps))
+
+
+def test_a_night_s_exposure_is_refused(tmp_path):
+    """The same picture by 1/100 s and by 30 s: the second is of moonlight, whatever it looks like."""
+    rgb = take(preetham(12.0), perspective(160, 120), 75.0, sun=False)
+    for seconds in (0.01, 30.0):
+        path = jpeg(tmp_path / "a.jpg", rgb, taken=TAKEN | {BASE.ExposureTime: seconds, BASE.ISOSpeedRatings: 6400})
+        found = read_photograph(path, None)
+        seen = found.seen(75.0, None)
+        if seconds == 30.0:
+            with pytest.raises(TwilightError, match="a night, or moonlight"):
+                check_sky("a.jpg", found, seen)
+        else:
+            assert not any("night" in line for line in check_sky("a.jpg", found, seen))

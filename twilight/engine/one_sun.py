@@ -1,0 +1,172 @@
+"""The light of one sun: gathered from blocks of wavelengths as plain samples or as a table, and made a `Sky`."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.base.errors import TwilightWarning
+from twilight.engine.block import Answer, Block, join
+from twilight.engine.sunbeam import Direct
+from twilight.engine.table import HIGH_FROM_KM, fill, first_rows, row_breaks
+from twilight.numerics.directions import texture_centres
+from twilight.scene.scene import Scene
+from twilight.sky.sky import Sky
+from twilight.sky.table import SkyTable
+from twilight.sky.table import join as join_tables
+from twilight.transport.rays import horizon_dip_deg
+
+DARK = 1e-12
+"""Radiance over F0 [sr^-1] that counts as none: a thousandth of the darkest night, 1e-7 cd m^-2."""
+_NEAR_HORIZON_DEG = np.array([0.04, 0.15, 0.4, 0.9, 1.8, 3.5, 7.0, 14.0, 28.0, 56.0])
+"""Distances of rows from the horizon: there the light changes at once, and radiance is evaluated on both sides."""
+
+
+@dataclass
+class SunLight:
+    """The light of one sun, gathered from blocks of wavelengths one after the other.
+
+    grid: rows (E,) and columns (A,) [deg] of plain samples; None: tables are filled.
+    """
+
+    grid: tuple[np.ndarray, np.ndarray] | None = None
+    tables: list[SkyTable] = field(default_factory=list)
+    samples: list[Answer] = field(default_factory=list)
+
+    def take(self, block: Block, sun_elevation_deg: float, altitude_km: float, **nodes: Any) -> None:
+        """Add a block under the sun, seen from an altitude; nodes: as of `Field.table`."""
+        if self.grid is not None:
+            self.samples.append(block.texture(sun_elevation_deg, *self.grid, altitude_km))
+            return
+        if self.tables:
+            last = self.tables[-1]
+            nodes = {**nodes, "rows_deg": last.elevation_deg, "columns_deg": last.azimuth_deg}
+        self.tables.append(_table(block, sun_elevation_deg, altitude_km, **nodes))
+
+    @property
+    def table(self) -> SkyTable:
+        """At all wavelengths."""
+        return join_tables(self.tables)
+
+    def on(self, grid: tuple[np.ndarray, np.ndarray], away_deg: float = 0.0) -> Answer:
+        """The light on rows and columns, whose azimuths count from away_deg before that of the sun: tables are read,
+        samples are those of the grid."""
+        if self.samples:
+            return join(self.samples)
+        table, rows, columns = self.table, grid[0], np.mod(grid[1] - away_deg, 360.0)
+        radiance = table.on_grid(rows, columns)
+        if table.stokes is None:
+            return Answer(radiance)
+        return Answer(radiance, None, table.fractional_stokes(rows[:, None], columns) * radiance[..., None, :])
+
+    def sky(
+        self,
+        medium: Medium,
+        grid: tuple[np.ndarray, np.ndarray],
+        direct: Direct,
+        sun_elevation_deg: float,
+        observer_altitude_km: float,
+        **facts: Any,
+    ) -> Sky:
+        """The light on a grid (elevation (E,), azimuth (A,)) [deg] at all wavelengths of a medium, as a `Sky`."""
+        found = self.on(grid)
+        return Sky(
+            wavelength_nm=medium.wavelength_nm,
+            elevation_deg=grid[0],
+            azimuth_deg=grid[1],
+            sun_normalised_radiance=found.radiance,
+            standard_error=found.standard_error,
+            polarisation=found.polarisation,
+            polarisation_error=found.polarisation_error,
+            sun_elevation_deg=sun_elevation_deg,
+            observer_altitude_km=observer_altitude_km,
+            ground_albedo=medium.ground_albedo,
+            direct_irradiance=direct.irradiance,
+            apparent_sun_elevation_deg=sun_elevation_deg + direct.bending_deg,
+            **facts,
+        )
+
+
+def _table(
+    block: Block,
+    sun_elevation_deg: float,
+    altitude_km: float,
+    rows_deg: np.ndarray | None = None,
+    columns_deg: np.ndarray | None = None,
+    **limits: Any,
+) -> SkyTable:
+    """The sky of one sun in one block; arguments as of `Field.table`."""
+    once = block.scattered_once(altitude_km)
+    rows = first_rows(*row_breaks(block.scene, altitude_km)) if rows_deg is None else rows_deg
+
+    def light(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> Answer:
+        return block.texture(sun_elevation_deg, elevation_deg, azimuth_deg, altitude_km)
+
+    return fill(light, once, sun_elevation_deg, rows, columns_deg, **limits)
+
+
+def equal_grid(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
+    """Rows (E,) and columns (A,) [deg] of plain samples, where they were asked for or light has noise; else None."""
+    texture = scene.configuration.texture
+    if not (texture.plain or scene.capabilities.standard_error):
+        return None
+    return texture_rows(scene), texture_centres(texture.shape)[1]
+
+
+def texture_rows(scene: Scene) -> np.ndarray:
+    """Elevations [deg] of equal rows: those of the sky, and from high up more, to the horizon and the nadir.
+
+    Rows below 0 deg need a solver that serves every observer; they bracket the horizon, whose dip is that of the
+    refracted ray that touches the ground.
+    """
+    rows, _ = texture_centres(scene.configuration.texture.shape)
+    above_ground_km = scene.altitude_km - scene.medium.bottom_km
+    if above_ground_km <= HIGH_FROM_KM or not scene.capabilities.every_observer:
+        return rows
+    dip = horizon_dip_deg(scene.medium, scene.altitude_km)
+    upper = np.concatenate([-dip + _NEAR_HORIZON_DEG, [0.0]])
+    upper = upper[(upper <= 0.0) & (upper < rows[0] - 1e-6)]
+    lower = np.append(-dip - _NEAR_HORIZON_DEG, -90.0)
+    lower = lower[lower >= -90.0]
+    found = np.unique(np.concatenate([lower, upper, rows]))
+    return found[np.concatenate([[True], np.diff(found) > 0.02])]
+
+
+def merged_grids(
+    grid: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray], away_deg: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of two grids, the azimuths of the other counted from away_deg; close ones once."""
+    rows, columns = (np.unique(np.round(np.concatenate(two), 3)) for two in (
+        (grid[0], other[0]), (grid[1], np.mod(other[1] + away_deg, 360.0) % 360.0)
+    ))  # fmt: skip
+    columns = columns[columns < 360.0]
+    return rows, columns
+
+
+def is_above_air(scene: Scene, altitude_km: float) -> bool:
+    """Whether an observer stands above a scene's air; never where the air is a table, which ends anywhere."""
+    table = scene.config is not None and scene.config.climate.medium is not None
+    return not table and altitude_km >= scene.medium.top_km
+
+
+def warn_of_black(scene: Scene, sky: Sky, without_night: str, stacklevel: int) -> None:
+    """TwilightWarning for a sky without light that anybody would see, which says why.
+
+    without_night: what to do for light of the night; empty: it is in the sky.
+    """
+    if sky.normalised_radiance.max() > DARK:
+        return
+    what = "black in every direction" if not sky.normalised_radiance.any() else "darker than a thousandth of any night"
+    altitude, top_km = sky.observer_altitude_km, scene.medium.top_km
+    if is_above_air(scene, altitude):
+        why = f"an observer at {altitude:g} km is above the air, which ends at {top_km:g} km, and looks up"
+        ask = "take a lower observer.altitude_km"
+    elif without_night:
+        why, ask = f"no sunlight reaches it with the sun at {sky.sun_elevation_deg:g} deg", without_night
+    else:
+        why, ask = "there is no light in this air", "see the climate"
+    warnings.warn(f"the sky is {what}: {why}; {ask}", TwilightWarning, stacklevel=stacklevel + 1)

@@ -1,0 +1,324 @@
+"""How far the skies of an air are from photographs, with what the camera and the solver may have done to them.
+
+A photograph's cells and the computed sky are compared in m = (ln G, ln R/G, ln B/G).  Their difference is
+
+    ln photograph - ln computed = sum_k c_k m_k + e,
+
+where m_k are what a camera does alike to a whole picture: exposure (a constant of ln G, for each picture), white
+balance (constants of ln R/G and ln B/G), a tone curve (g1 t + g2 t^2 of each channel, t = its ln over the picture's
+middle), a lens that darkens its corners; c_k is normally distributed about 0 with the standard deviations below, wide
+where nothing is known.  e is what is left: noise of single cells, errors of the solver, correlated over `SOLVER_DEG`
+and between suns, and of the sky itself (haze in streaks, thin cloud, stitching), correlated over `SKY_DEG`, with an
+amplitude that the picture itself says (the one of `AMPLITUDES` that makes what is left most likely).  Together they
+have a covariance C, and
+
+    chi^2 = r^T C^-1 r + sum over the angles of the camera ((angle - as told) / its error)^2,
+
+so that exposure, colours and curve are marginalised exactly and the angles are fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.optimize import least_squares
+
+from twilight.numerics.directions import azimuth_elevation, camera_axes, direction
+from twilight.sky import colour
+from twilight.studies.validate.photographs.airs import SUN, Parameter, Skies, towards
+from twilight.studies.validate.photographs.photo import OBSERVER, Cells, Curve, residual_vector
+
+NOISE_LN = (0.007, 0.005, 0.005)
+"""Standard errors of one cell in ln G, ln R/G, ln B/G: noise, 8 bits, texture."""
+SKY_LN = (0.02, 0.01, 0.01)
+"""Those of the sky itself, times an amplitude."""
+SKY_DEG = 10.0
+"""Angle over which they are correlated [deg]."""
+AMPLITUDES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+"""Amplitudes of the sky's errors that are tried."""
+SOLVER_DEG = 30.0
+"""Angle over which the solver's errors are correlated [deg]."""
+SOLVER_SUN_DEG = 4.0
+"""Difference of suns over which they are [deg]."""
+SOLVER_COLOUR = 0.7
+"""Its error in ln R/G and ln B/G over that in ln G."""
+UNKNOWN_LN = 10.0
+"""Standard deviation of an exposure of which nothing is known."""
+WHITE_BALANCE_LN = (0.01, 0.25)
+"""Standard deviations of ln R/G and ln B/G of a whole picture: as the camera balanced it, and free."""
+CURVE = (0.3, 0.1)
+"""Standard deviations of g1 and g2: a phone's picture has 0.7 to 1.4 times the contrast of sRGB."""
+LENS_LN = 0.04
+"""Standard deviation of ln G in the corner of a lens's picture whose vignetting is not known."""
+FLOOR = 0.03
+"""Part of the luminance below which a channel counts as that: colours beyond Rec. 709."""
+REACH = 4.0
+"""Standard errors of an angle within which it is sought."""
+STEP = 2e-3
+"""Step of the Jacobian's differences, as a fraction of a parameter's range."""
+AT_BOUND = 1e-6
+"""Distance to a bound, as a fraction of a parameter's range, within which a value counts as at the bound."""
+ANGLES = ("heading", "pitch", "roll")
+"""Angles by which a camera may have been held otherwise than told."""
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """What besides the air may differ: gains of the colours, a tone curve; what counts: brightness, colours; standard
+    errors [deg] of the camera's angles, 0: as told."""
+
+    white_balance: bool = False
+    curve: bool = False
+    brightness: bool = True
+    with_colour: bool = True
+    heading_deg: float = 0.0
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One photograph of a fit.
+
+    cells: azimuths from the sun.  camera_deg: azimuth (from the sun), elevation and roll of the camera as told.
+    sun_deg: true elevation, None where it is sought.  lens (n,): squared angle off the axis, 1 in the corner; None: no
+    lens.  log_exposure: ln of cd m^-2 of the picture's 1, and its standard error; None: unknown.
+    """
+
+    cells: Cells
+    camera_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sun_deg: float | None = None
+    lens: np.ndarray | None = None
+    log_exposure: tuple[float, float] | None = None
+
+    @cached_property
+    def own(self) -> np.ndarray:
+        """Directions (n, 3) in the camera's axes."""
+        return direction(self.cells.azimuth_deg, self.cells.elevation_deg) @ camera_axes(*self.camera_deg).T
+
+    @cached_property
+    def components(self) -> np.ndarray:
+        """(3, n) of the photograph."""
+        return components(self.cells.xyz, self.cells.colour_known)
+
+    def turned(self, heading: float, pitch: float, roll: float) -> tuple[np.ndarray, np.ndarray]:
+        """Elevations and azimuths from the sun (n,) [deg] of the cells with the camera turned by these angles."""
+        if heading == pitch == roll == 0.0:
+            return self.cells.elevation_deg, self.cells.azimuth_deg
+        azimuth, elevation, tilt = self.camera_deg
+        a, e = azimuth_elevation(self.own @ camera_axes(azimuth + heading, elevation + pitch, tilt + roll))
+        return e, a
+
+
+def components(xyz: np.ndarray, colour_known: bool = True) -> np.ndarray:
+    """ln G, ln R/G, ln B/G (3, n) of XYZ (n, 3); of a grey photograph ln Y thrice."""
+    if not colour_known:
+        return np.log(np.repeat(xyz[None, :, 1], 3, axis=0))
+    rgb = colour.xyz_to_linear_rgb(xyz, OBSERVER)
+    floor = 2.0 * FLOOR * xyz[:, 1:2]
+    red, green, blue = np.log(0.5 * (rgb + np.hypot(rgb, floor))).T
+    return np.stack([green, red - green, blue - green])
+
+
+class Errors:
+    """The covariance of one or more photographs, and what of a difference is the camera's."""
+
+    def __init__(self, frames: Sequence[Frame], freedom: Freedom, solver_error: float, suns_deg: Sequence[float]):
+        counts = [frame.cells.elevation_deg.size for frame in frames]
+        n = sum(counts)
+        self.frame = np.repeat(np.arange(len(frames)), counts)
+        coloured = freedom.with_colour and all(frame.cells.colour_known for frame in frames)
+        used = [freedom.brightness or not coloured, coloured, coloured]
+        self.used = np.repeat(used, n)
+        where = [direction(f.cells.azimuth_deg, f.cells.elevation_deg) for f in frames]
+        away = np.degrees(np.arccos(np.clip(np.concatenate(where) @ np.concatenate(where).T, -1.0, 1.0)))
+        near, wide = (np.exp(-0.5 * (away / reach) ** 2) for reach in (SKY_DEG, SOLVER_DEG))
+        near = near * (self.frame[:, None] == self.frame)
+        sun = np.asarray(suns_deg, float)[self.frame]
+        wide = wide * np.exp(-0.5 * ((sun[:, None] - sun) / SOLVER_SUN_DEG) ** 2)
+        solver = 0.5 * solver_error * np.array([1.0, SOLVER_COLOUR, SOLVER_COLOUR])
+        self._fixed, self._sky = np.zeros((3 * n, 3 * n)), np.zeros((3 * n, 3 * n))
+        for k in range(3):
+            block = slice(k * n, (k + 1) * n)
+            self._fixed[block, block] = solver[k] ** 2 * wide + NOISE_LN[k] ** 2 * np.eye(n)
+            self._sky[block, block] = SKY_LN[k] ** 2 * near
+        self._modes(frames, freedom, n)
+        self.amplitude = 0.0
+        self.take(1.0)
+
+    def _modes(self, frames: Sequence[Frame], freedom: Freedom, n: int) -> None:
+        modes: list[tuple[str, np.ndarray, float]] = []
+        none = np.zeros(n)
+        for k, frame in enumerate(frames):
+            error = UNKNOWN_LN if frame.log_exposure is None else frame.log_exposure[1]
+            modes.append(("exposure", np.concatenate([self.frame == k, none, none]), error))
+        for k in (1, 2):
+            constant = np.zeros((3, n))
+            constant[k] = 1.0
+            modes.append(("white balance", constant.ravel(), WHITE_BALANCE_LN[freedom.white_balance]))
+        lens = np.concatenate([np.zeros(f.cells.elevation_deg.size) if f.lens is None else f.lens for f in frames])
+        if lens.any():
+            modes.append(("lens", np.concatenate([lens, none, none]), LENS_LN))
+        shown = np.concatenate([frame.components for frame in frames], axis=1)
+        self.middle = float(shown[0].mean())
+        if freedom.curve:
+            green, red, blue = shown[0], shown[0] + shown[1], shown[0] + shown[2]
+            for power, deviation in zip((1, 2), CURVE, strict=True):
+                g, r, b = ((channel - self.middle) ** power for channel in (green, red, blue))
+                modes.append(("curve", np.concatenate([g, r - g, b - g]), deviation))
+        self.kinds = [kind for kind, _, _ in modes]
+        self.modes = np.stack([mode for _, mode, _ in modes], axis=1)
+        self.deviations = np.array([deviation for _, _, deviation in modes])
+
+    def covariance(self, amplitude: float, without: str = "") -> np.ndarray:
+        """C of what counts; without: a kind of modes that is taken as known."""
+        free = self.deviations * [kind != without for kind in self.kinds]
+        c = self._fixed + amplitude**2 * self._sky + (self.modes * free**2) @ self.modes.T
+        return c[np.ix_(self.used, self.used)]
+
+    def take(self, amplitude: float) -> None:
+        """Set the amplitude of the sky's own errors."""
+        if amplitude != self.amplitude:
+            self.amplitude, self.root = amplitude, np.linalg.cholesky(self.covariance(amplitude))
+            self.whitening = solve_triangular(self.root, np.eye(self.root.shape[0]), lower=True)
+
+    def likeliest(self, difference: np.ndarray) -> float:
+        """The amplitude that makes a difference (3 n,) most likely."""
+        costs = []
+        for amplitude in AMPLITUDES:
+            root = np.linalg.cholesky(self.covariance(amplitude))
+            white = solve_triangular(root, difference[self.used], lower=True)
+            costs.append(float(white @ white) + 2.0 * float(np.log(np.diag(root)).sum()))
+        return AMPLITUDES[int(np.argmin(costs))]
+
+    def camera(self, difference: np.ndarray) -> np.ndarray:
+        """Coefficients of the modes (K,) that a difference (3 n,) most likely holds."""
+        white = self.whitening.T @ (self.whitening @ difference[self.used])
+        return self.deviations**2 * (self.modes[self.used].T @ white)
+
+
+class Fit:
+    """Photographs against skies, in parameters scaled to 0..1 within their bounds, and the best."""
+
+    def __init__(self, frames: Sequence[Frame], skies: Skies, freedom: Freedom, errors: Errors | None = None):
+        self.frames, self.skies, self.freedom = list(frames), skies, freedom
+        suns = [frame.sun_deg for frame in frames if frame.sun_deg is not None]
+        middle = float(np.mean(skies.sun_elevations_deg))
+        self.errors = errors or Errors(frames, freedom, skies.error, suns or [middle] * len(frames))
+        self.shown = np.concatenate([frame.components for frame in frames], axis=1).ravel()
+        self.known = np.zeros(self.shown.size)
+        known = [0.0 if f.log_exposure is None else f.log_exposure[0] for f in frames]
+        self.known[: self.errors.frame.size] = np.array(known)[self.errors.frame]
+        self.parameters: list[Parameter] = list(skies.design.parameters)
+        if not suns:
+            ends = skies.sun_elevations_deg
+            self.parameters.append(Parameter(SUN, "sun.elevation_deg", "deg", (ends[0], ends[-1])))
+        for name in ANGLES:
+            error = getattr(freedom, f"{name}_deg")
+            if error > 0.0:
+                self.parameters.append(Parameter(name, "", "deg", (-REACH * error, REACH * error)))
+        ends = [p.scaled(np.array([p.nodes[0], p.nodes[-1]])) for p in self.parameters]
+        self.low, self.high = np.array(ends).T
+        self.angles = np.array([p.name in ANGLES for p in self.parameters])
+        self.corrections = [np.zeros((f.cells.elevation_deg.size, 3)) for f in frames]
+        self.x, self.chi2, self.jacobian = np.full(self.low.size, 0.5), np.inf, np.zeros((0, 0))
+
+    def values(self, x: np.ndarray | None = None) -> dict[str, float]:
+        """The parameters at x; None: at the best."""
+        scaled = self.low + (self.x if x is None else x) * (self.high - self.low)
+        return {p.name: float(p.value(s)) for p, s in zip(self.parameters, scaled, strict=True)}
+
+    def where(self, frame: Frame, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Elevations and azimuths [deg] of a frame's cells."""
+        return frame.turned(*(values.get(name, 0.0) for name in ANGLES))
+
+    def log_xyz(self, x: np.ndarray, corrected: bool = True) -> list[np.ndarray]:
+        """ln(XYZ) (n, 3) of the sky at x in the cells of every frame."""
+        values = self.values(x)
+        of_air = self.skies.of_air(values)
+        made = []
+        for frame, correction in zip(self.frames, self.corrections, strict=True):
+            sun = values[SUN] if frame.sun_deg is None else frame.sun_deg
+            sky = towards(self._under(of_air, sun), *self.where(frame, values))
+            made.append(sky + correction if corrected else sky)
+        return made
+
+    def _under(self, of_air: np.ndarray, sun: float) -> np.ndarray:
+        same = np.flatnonzero(self.skies.sun_elevations_deg == sun)
+        return of_air[int(same[0])] if same.size else self.skies.of_sun(of_air, sun)
+
+    def difference(self, x: np.ndarray) -> np.ndarray:
+        """ln photograph - ln computed (3 n,), with the exposures that are known."""
+        sky = [
+            components(np.exp(log_xyz), frame.cells.colour_known)
+            for frame, log_xyz in zip(self.frames, self.log_xyz(x), strict=True)
+        ]
+        return self.shown + self.known - np.concatenate(sky, axis=1).ravel()
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        """Residuals at x, whose sum of squares is chi^2."""
+        told = REACH * (2.0 * x[self.angles] - 1.0)
+        return np.concatenate([self.errors.whitening @ self.difference(x)[self.errors.used], told])
+
+    def find(self, starts: Sequence[np.ndarray]) -> None:
+        """Move to the best x that is found from the starts."""
+        found = min((self.from_start(start) for start in starts), key=lambda one: one[1])
+        self.x, self.chi2, self.jacobian = found
+
+    def from_start(
+        self, start: np.ndarray, fixed: Mapping[int, float] | None = None
+    ) -> tuple[np.ndarray, float, np.ndarray]:
+        """(x, chi^2, Jacobian of the free ones) from a start, with some of x held."""
+        fixed = fixed or {}
+        free = [i for i in range(start.size) if i not in fixed]
+
+        def full(part: np.ndarray) -> np.ndarray:
+            x = start.copy()
+            for i, value in fixed.items():
+                x[i] = value
+            x[free] = part
+            return x
+
+        if not free:
+            r = self.residuals(full(np.zeros(0)))
+            return full(np.zeros(0)), float(r @ r), np.zeros((r.size, 0))
+
+        def residuals(part: np.ndarray) -> np.ndarray:
+            return self.residuals(full(part))
+
+        def jacobian(part: np.ndarray) -> np.ndarray:
+            # differences over a fixed step, inwards: relative ones mean nothing for a value near 0, at a bound
+            here, steps = residuals(part), np.where(part < 0.5, STEP, -STEP)
+            return np.stack(
+                [(residuals(part + h * e) - here) / h for h, e in zip(steps, np.eye(part.size), strict=True)], -1
+            )
+
+        inside = np.clip(start[free], 0.01, 0.99)
+        found = least_squares(residuals, inside, jacobian, bounds=(0.0, 1.0), xtol=1e-3, ftol=1e-4, max_nfev=40)
+        x = full(found.x)
+        return np.where(x < AT_BOUND, 0.0, np.where(x > 1.0 - AT_BOUND, 1.0, x)), float(2.0 * found.cost), found.jac
+
+    def camera(self) -> dict[str, np.ndarray]:
+        """What the camera most likely did at the best, by kind of mode."""
+        found, kinds = self.errors.camera(self.difference(self.x)), np.array(self.errors.kinds)
+        return {kind: found[kinds == kind] for kind in dict.fromkeys(self.errors.kinds)}
+
+    def curve(self) -> Curve | None:
+        """The camera's tone curve at the best; None where it is not free."""
+        found = self.camera().get("curve")
+        return None if found is None else Curve(self.errors.middle, *(float(g) for g in found))
+
+    def misfit(self) -> float:
+        """Sum of squares of `photo.residual_vector` at the best, the tone curve undone, the mean of all frames."""
+        curve, found = self.curve(), []
+        coloured = bool(self.errors.used[-1])
+        free = {"white_balance": self.freedom.white_balance and coloured, "with_colour": coloured}
+        for frame, log_xyz in zip(self.frames, self.log_xyz(self.x), strict=True):
+            cells = frame.cells if curve is None else replace(frame.cells, xyz=curve.undo(frame.cells.xyz))
+            r = residual_vector(cells, np.exp(log_xyz), **free)
+            found.append(float(r @ r))
+        return float(np.mean(found))
