@@ -97,7 +97,7 @@ def cells_of(file: Path) -> list[tuple[int, list[str]]]:
     """
     lines = numbered_lines(file)
     delimiter = delimiter_of(lines[0][1]) if lines else ","
-    found = []
+    found: list[tuple[int, list[str]]] = []
     for number, line in lines:
         cells = fields_of(file, number, line, delimiter)
         if found and len(cells) != len(found[0][1]):
