@@ -1,9 +1,12 @@
 """Land below sea level, as at the Dead Sea: the air goes on downwards, and everything takes the ground there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import twilight
+from twilight import solvers
 from twilight.atmosphere.build import build_medium
 from twilight.atmosphere.profiles import PROFILES, load_profile
 from twilight.base.conventions import LOWEST_GROUND_KM
@@ -76,6 +79,25 @@ def test_a_sky_of_the_dead_sea(solver):
     zenith = [sky.sun_normalised_radiance[-1].mean(axis=0) for sky in (low, sea)]
     assert np.isfinite(low.sun_normalised_radiance).all() and (np.abs(zenith[0] / zenith[1] - 1.0) < 0.06).all()
     assert solver == "preetham" or (zenith[0] != zenith[1]).all()
+
+
+@pytest.mark.slow
+def test_tables_and_montecarlo_see_the_dead_sea_alike():
+    """A twentieth more air above it: by how much the sky changes from that of the sea does not depend on the solver."""
+    small = {"scattering_r": 12, "scattering_mu": 32, "scattering_mu_s": 16, "scattering_nu": 4, "max_orders": 2}
+    elevation, azimuth = np.array([3.0, 30.0, 90.0, 10.0]), np.array([0.0, 90.0, 0.0, 180.0])
+    change = {}
+    for name, quality, options in (("tables", "standard", small), ("montecarlo", "draft", {})):
+        solver, light = solvers.load(name), []
+        for z in (0.0, DEAD_SEA_KM):
+            climate = load({"version": 1, "climate": "pure-air"}, {"climate.ground.altitude_km": z}).climate
+            settings = replace(solver.QUALITIES[quality], **options)
+            field = solver.prepare(climate_medium(climate, np.array([550.0])), settings, observer_altitude_km=z)
+            light.append(np.array([field.radiance(sun, elevation, azimuth)[..., 0] for sun in (5.0, -4.0)]))
+        change[name] = light[1] / light[0] - 1.0
+    # draft has 5 % of noise at most, much of it the same in both
+    np.testing.assert_allclose(change["tables"], change["montecarlo"], atol=0.03)
+    assert (change["tables"][0, 1:] > 0.01).all()
 
 
 def test_an_observer_under_the_ground_is_refused():

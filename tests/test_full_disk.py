@@ -18,6 +18,7 @@ from rendering import call
 
 import twilight
 from twilight.animation.encode import encode, write_exr
+from twilight.animation.film import Animation
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.extras import is_installed
 from twilight.base.progress import silent
@@ -34,9 +35,8 @@ WHOLE = {"whole_file", "whole_content", "whole_folder", "unfinished"}
 WRITERS = {"write_text", "write_bytes", "savez", "savez_compressed", "savefig", "to_netcdf", "to_zarr", "copyfile",
            "tofile", "imwrite", "imsave", "writelines"}  # fmt: skip
 ELSEWHERE = {
-    "animation/encode.py": "inside the whole_file of its caller",
-    "engine/over_suns.py": "handed to the cache, which writes it whole",
     "engine/sun_tables.py": "handed to the cache, which writes it whole",
+    "engine/surfaces.py": "handed to the cache, which writes it whole",
     "base/cache.py": "handed to store(), which writes it whole",
     "base/peak_memory.py": "/proc",
     "cli/__init__.py": "/dev/null",
@@ -147,8 +147,13 @@ def test_films(suffix, tmp_path, monkeypatch):
     assert_all_or_nothing(lambda at: encode(pictures, at / "film", 25.0, silent), tmp_path)
 
 
-def test_a_film_that_could_not_begin_leaves_no_folder(tmp_path):
-    with files_of_at_most(10), pytest.raises(TwilightError, match="File too large"):
+def test_a_film_that_could_not_begin_leaves_no_folder(tmp_path, monkeypatch):
+    def full(*_):
+        assert [path.name for path in (tmp_path / "film.gif.frames").iterdir()] == ["lock"]
+        raise TwilightError("No space left on device")
+
+    monkeypatch.setattr(Animation, "_parts", full)
+    with pytest.raises(TwilightError, match="No space left"):
         film(tmp_path / "film.gif").make()
     assert not list(tmp_path.iterdir())
 
@@ -189,10 +194,15 @@ def test_kernels_that_cannot_be_kept_run_all_the_same(monkeypatch):
     def refuse(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    dispatchers = [SimpleNamespace(_cache=SimpleNamespace(save_overload=refuse, cache_path="folder")) for _ in "ab"]
+    def unknown(*_):
+        raise ModuleNotFoundError("No module named 'twilight.gone'")
+
+    kept = [SimpleNamespace(load_overload=unknown, save_overload=refuse, cache_path="folder") for _ in "ab"]
+    dispatchers = [SimpleNamespace(_cache=one) for one in kept]
     for one in dispatchers:
         kernels._go_on_without_cache(one)
     with pytest.warns(TwilightWarning, match=r"cannot be kept in folder \(No space left.*NUMBA_CACHE_DIR") as said:
         for one in dispatchers:
+            assert one._cache.load_overload("signature", "target") is None
             one._cache.save_overload("signature", "data")
     assert len(said) == 1

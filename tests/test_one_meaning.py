@@ -3,6 +3,7 @@
 import ast
 import datetime as dt
 import inspect
+import re
 import textwrap
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import typer
 from click.testing import CliRunner
 
 import twilight
+from twilight.atmosphere.csv_columns import read_columns
 from twilight.base.conventions import YEARS
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
@@ -22,6 +24,8 @@ from twilight.sky.ephemeris import Sites, sun_position
 from twilight.sky.quantities.responses import response
 from twilight.sky.twilight_times import time_of, twilight_times
 from twilight.studies.camera.response import read_response
+from twilight.studies.compare.reference_solution import read_references
+from twilight.studies.validate.measured.spectra import read_spectra
 
 AS_MET = Path("../shared/data/files_as_met")
 PLACE = (48.1, 11.5)
@@ -43,26 +47,6 @@ def test_every_option_is_used(command):
     (tree,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
     read = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
     assert not set(inspect.signature(function).parameters) - read
-
-
-def printed(*arguments):
-    result = CliRunner().invoke(COMMANDS, [str(one) for one in arguments])
-    assert result.exit_code == 0, result.output
-    return result.stdout
-
-
-def test_every_option_of_times_changes_what_it_prints():
-    base = {"--latitude": 19.8, "--longitude": -155.5, "--date": "2026-06-21", "--time-zone": "UTC", "--altitude-km": 0}
-    other = {"--latitude": 25, "--longitude": 11, "--date": "2026-07-21", "--time-zone": "Pacific/Honolulu",
-             "--altitude-km": 4.2}  # fmt: skip
-    known = {name for one in COMMANDS.commands["times"].params for name in one.opts} - {"--help"}
-    assert known == set(base)
-
-    def table(options):
-        return printed("times", *(text for pair in options.items() for text in pair))
-
-    for name, value in other.items():
-        assert table(base | {name: value}) != table(base), name
 
 
 def test_the_horizon_dips():
@@ -162,6 +146,45 @@ def test_tables_with_semicolons_and_decimal_commas(tmp_path):
     response.__globals__["_named"].cache_clear()
     with pytest.raises(TwilightError, match=r"needs two columns of numbers|line 2: needs two numbers"):
         response(str(path))
+
+
+LEVELS = """altitude_km,pressure_hpa,temperature_k,water_vapour_ppm,ozone_ppm
+0.0,1013.2,288.1,7000.0,0.03\n10.0,265.0,223.3,50.0,0.1\n50.0,0.8,270.7,4.0,3.0\n100.0,0.0003,195.1,1.0,0.5
+"""
+SPECTRA = "sun_elevation_deg,450.0,550.5,650.0\n-1.0,0.1,0.2,0.3\n-2.5,0.05,0.1,0.15\n"
+STORED = "sun_elevation_deg,elevation_deg,azimuth_deg,wavelength_nm,radiance_per_sr,standard_error_per_sr\n"
+STORED += "5.0,10.0,0.5,550.0,0.05,0.001\n5.0,10.0,0.5,450.5,0.04,0.001\n"
+TABLES = {
+    "levels": (LEVELS, lambda path: load({"version": 1, "climate": "pure-air"}, {
+        "climate.atmosphere.levels": {"file": str(path)}}).climate.atmosphere.levels.pressure_hpa),
+    "response": ("sample,exposure\n0.0,0.0\n0.5,0.2\n1.0,1.0\n", lambda path: read_response(path).exposure),
+    "spectra": (SPECTRA, lambda path: np.hstack([read_spectra(path).wavelength_nm, *read_spectra(path).irradiance])),
+    "reference": (STORED, lambda path: [one.radiance for one in read_references(path).values()]),
+    "skyline": ("azimuth_deg,elevation_deg\n0.0,1.5\n180.0,2.5\n", lambda path: read_columns(path, {
+        "azimuth_deg": (-360.0, 360.0, ""), "elevation_deg": (-90.0, 90.0, "")})[1]),
+}  # fmt: skip
+DRESSES = {
+    "BOM": lambda text: b"\xef\xbb\xbf" + text.encode(),
+    "CRLF": lambda text: text.replace("\n", "\r\n").encode(),
+    "CR": lambda text: text.replace("\n", "\r").encode(),
+    "tabulators": lambda text: text.replace(",", "\t").encode(),
+    "decimal commas": lambda text: text.replace(",", ";").replace(".", ",").encode(),
+    "tabulators and commas": lambda text: text.replace(",", "\t").replace(".", ",").encode(),
+    "UTF-16": lambda text: text.replace(",", "\t").encode("utf-16"),
+    "quotes": lambda text: re.sub(r"[^,\n]+", r'"\g<0>"', text).encode(),
+    "spaces and notes": lambda text: ("# a note\n\n" + text.replace(",", " , ") + "\n\n").encode(),
+}
+
+
+@pytest.mark.parametrize("dress", DRESSES)
+@pytest.mark.parametrize("name", TABLES)
+def test_one_table_in_every_dress(name, dress, tmp_path):
+    """Spreadsheets of several countries and systems write the same numbers in other bytes."""
+    text, read = TABLES[name]
+    plain, dressed = tmp_path / "plain.csv", tmp_path / "dressed.csv"
+    plain.write_text(text)
+    dressed.write_bytes(DRESSES[dress](text))
+    np.testing.assert_array_equal(np.asarray(read(dressed)), np.asarray(read(plain)))
 
 
 def test_the_response_as_met():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import math
 from collections.abc import Mapping
@@ -16,6 +17,9 @@ MAX_ROWS = 2_000_000
 
 MAX_BYTES = 400_000_000
 """Largest table that is read [bytes]."""
+
+UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+"""How a table in UTF-16 begins, which spreadsheets call Unicode text."""
 
 Columns = Mapping[str, tuple[float, float, str]]
 """Column -> lowest and highest value allowed, and how a message says so."""
@@ -33,7 +37,7 @@ def numbered_lines(file: Path) -> list[tuple[int, str]]:
             raise TwilightError(
                 f"{file}: the table is larger than {MAX_BYTES // 1_000_000} MB, which is the most allowed"
             )
-        text = content.decode("utf-8-sig")
+        text = content.decode("utf-16" if content[:2] in UTF16_MARKS else "utf-8-sig")
     except UnicodeDecodeError as error:
         raise TwilightError(f"{file}: not a text file in UTF-8, a CSV table is expected") from error
     except (OSError, ValueError) as error:
@@ -83,6 +87,23 @@ def read_columns(
     for i, (number, line) in enumerate(lines[1:]):
         rows[i] = _row(file, number, line, delimiter, order, len(names))
     return found, rows, [number for number, _ in lines[1:]]
+
+
+def cells_of(file: Path) -> list[tuple[int, list[str]]]:
+    """The cells of every line of a table with its number in the file, as many as its first line has; decimal commas are
+    points.
+
+    Errors: TwilightError as `numbered_lines` and `fields_of`, and for a line with another number of cells.
+    """
+    lines = numbered_lines(file)
+    delimiter = delimiter_of(lines[0][1]) if lines else ","
+    found: list[tuple[int, list[str]]] = []
+    for number, line in lines:
+        cells = fields_of(file, number, line, delimiter)
+        if found and len(cells) != len(found[0][1]):
+            raise TwilightError(f"{file}: line {number}: has {len(cells)} cells, the header has {len(found[0][1])}")
+        found.append((number, cells if delimiter == "," else [cell.replace(",", ".") for cell in cells]))
+    return found
 
 
 def fields_of(file: Path, number: int, line: str, delimiter: str) -> list[str]:

@@ -230,14 +230,23 @@ def _skies_of_set(path: Path) -> Iterator[tuple[str, Any]]:
         str(dim) for dim in data["sun_normalised_radiance"].dims if dim not in ("elevation", "azimuth", "wavelength")
     ]
     shape = [data.sizes[dim] for dim in dims]
-    scenes = [data.isel(dict(zip(dims, index, strict=True))) for index in itertools.product(*map(range, shape))]
-    there = [one for one in scenes if int(one.get("status", 1)) == 1]
-    suns = [float(one["solar_elevation_angle"]) for one in there]
+    places = [dict(zip(dims, index, strict=True)) for index in itertools.product(*map(range, shape))]
+    scenes = [(data.isel(place), place) for place in places]
+    there = [(one, place) for one, place in scenes if int(one.get("status", 1)) == 1]
+    suns = [float(one["solar_elevation_angle"]) for one, _ in there]
     _say_below([sun for sun in suns if sun < 0.0], sum(sun >= 0.0 for sun in suns))
-    for one, sun in zip(there, suns, strict=True):
+    for (one, place), sun in zip(there, suns, strict=True):
         if sun >= 0.0:
-            label = " ".join(f"{dim} {one[dim].values}" for dim in dims if dim in one.coords)
+            label = " ".join(f"{dim} {_value(one, dim, i)}" for dim, i in place.items())
             yield label or path.stem, one.sky.scene()
+
+
+def _value(scene: Any, dim: str, number: int) -> str:
+    """Where a scene lies along a dimension: its value, else its number, as of draws."""
+    if dim not in scene.coords:
+        return str(number)
+    value = scene[dim].item()
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _say_below(below: list[float], left: int) -> None:

@@ -130,5 +130,7 @@ def print_plan(made: Any, path: Path) -> None:
         if missing:
             seconds = sum(there) / len(there) * missing
             print(f"the rest takes some {time_of(seconds)} of processor time, as those did")
+    elif (planned := made.planned_cpu_s()) is not None:
+        print(f"some {time_of(planned)} of processor time, by what its solver says of its fields")
     else:
         print("how long it takes is not known before a task is finished; interrupt the sweep and ask again")

@@ -202,6 +202,7 @@ def response(
     output: Annotated[Path | None, option("FILE.csv", "The recovered curve; unset: response.csv.")] = None,
 ) -> None:
     """Recover a camera's response curve from a bracketed series, and merge the series into one linear picture."""
+    from twilight.base.whole_files import check_file
     from twilight.studies.camera.image import read_samples, write_exr
     from twilight.studies.camera.response import load_response, merge_bracket, recover_response, write_response
 
@@ -209,11 +210,17 @@ def response(
         raise TwilightError("--curve: is for --merge, and takes no --output, for there is nothing to recover")
     options.check_suffix(merge, "--merge", ".exr")
     options.check_suffix(output, "--output", ".csv")
+    target = output or Path("response.csv")
+    for path in (target, merge):
+        if path is not None:
+            check_file(path)
     pictures = [read_samples(path) for path in images]
     seconds = _times(times, images, pictures)
-    if curve is None and not (merge is not None and all(picture.linear for picture in pictures)):
+    recovers = curve is None and not (merge is not None and all(picture.linear for picture in pictures))
+    if output is not None and not recovers:
+        raise TwilightError("--output: the pictures are linear, and there is no curve to recover")
+    if recovers:
         found = recover_response(pictures, seconds)
-        target = output or Path("response.csv")
         write_response(target, found)
         print(f"rms of ln(exposure): {found.residual:.4f} over {found.pairs} samples")
         print(f"wrote {target}")

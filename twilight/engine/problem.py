@@ -105,8 +105,7 @@ class Problem:
         scene, able = self.scene, self.scene.capabilities
         if able.cost is None:
             return None
-        known = self.sun_elevations_deg if able.takes_suns else None
-        return able.cost(scene.medium, scene.settings, known, scene.altitude_km)
+        return able.cost(scene.medium, scene.settings, self.sun_elevations_deg, scene.altitude_km)
 
     @cached_property
     def wavelengths_at_once(self) -> int:
@@ -238,15 +237,8 @@ def full_cost(scene: Scene) -> SceneCost:
     seconds = START_S + len(suns) * (SUN_S + FILES_S + PIXEL_S * pixels)
     if config.terrain is not None:
         seconds += len(suns) * (TERRAIN_S + TERRAIN_PIXEL_S * pixels * scene.medium.n_wavelengths)
-    for part, n, band in zip(problem.slices, of_blocks, in_band, strict=True):
-        times = found.band_cpu_factor if band else 1.0
-        if problem.interpolations[part.start] is None:
-            seconds += times * found.cpu_s_per_wavelength * -(-n // found.block_size) * found.block_size
-        else:
-            seconds += times * found.cpu_s_per_interpolated * n
-        seconds += times * (found.cpu_s_per_direction * directions + found.cpu_s_per_sun) * len(suns) * n
+    seconds += field_cpu_s(problem, len(suns), directions)
     nodes = interpolated_from(problem)
-    seconds += found.cpu_s_per_wavelength * (nodes[False] + found.band_cpu_factor * nodes[True])
     # one copy of a sky grows while its blocks are solved and evaluated; all are there while the last field still is
     copy, held = sizes.sky_bytes / ARRAYS_AT_ONCE, FIELD_FRACTION_HELD * field
     most = max(field + copy, held + evaluation + copy, held + sizes.sky_bytes)
@@ -259,12 +251,34 @@ def full_cost(scene: Scene) -> SceneCost:
     )
 
 
+def field_cpu_s(problem: Problem, suns: int, directions: int) -> float:
+    """Processor time [s] of solving a field and of evaluating it under so many suns, in `directions` of each.
+
+    Errors: TwilightError for a solver that does not say.
+    """
+    found = problem.cost
+    if found is None:
+        raise TwilightError(f"solver: {problem.scene.solver_name} does not say what its field costs")
+    seconds = 0.0
+    for part in problem.slices:
+        n, band = int(problem.term_counts[part].sum()), bool((problem.term_counts[part] > 1).any())
+        times = found.band_cpu_factor if band else 1.0
+        if problem.interpolations[part.start] is None:
+            seconds += times * found.cpu_s_per_wavelength * -(-n // found.block_size) * found.block_size
+        else:
+            seconds += times * found.cpu_s_per_interpolated * n
+        seconds += times * (found.cpu_s_per_direction * directions + found.cpu_s_per_sun) * suns * n
+    nodes = interpolated_from(problem)
+    return seconds + found.cpu_s_per_wavelength * (nodes[False] + found.band_cpu_factor * nodes[True])
+
+
 def _directions(config: Config) -> int:
-    """Directions in which a sky is evaluated."""
-    if not config.texture.plain:
+    """Directions in which a sky is evaluated: of light without noise on plain samples one half."""
+    noisy = solvers.load(config.chosen_solver[0]).CAPABILITIES.standard_error
+    if not (config.texture.plain or noisy):
         return USUAL_NODES
     rows, columns = config.texture.shape
-    return rows * (columns // 2 + 1)
+    return rows * (columns if noisy else columns // 2 + 1)
 
 
 def interpolated_from(problem: Problem) -> dict[bool, int]:

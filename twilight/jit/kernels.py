@@ -133,14 +133,26 @@ def njit(
 
 
 def _go_on_without_cache(dispatcher: Any) -> None:
-    """Let a kernel whose machine code cannot be kept, on a disk that is full, run all the same: numba would raise the
-    OSError where the kernel is called for the first time."""
+    """Let a kernel run whose machine code cannot be kept, on a disk that is full, or not be read, for another version
+    kept it, whose modules had other names: numba would raise the error where the kernel is called first."""
     kept = dispatcher._cache
-    save = kept.save_overload
+    load, save = kept.load_overload, kept.save_overload
+
+    def load_or_compile(signature: Any, target: Any) -> Any:
+        try:
+            return load(signature, target)
+        except Exception:  # what unpickling raises depends on what is not there any more
+            return None
 
     def save_or_warn(signature: Any, data: Any) -> None:
         try:
-            save(signature, data)
+            try:
+                save(signature, data)
+            except Exception as error:
+                if isinstance(error, OSError):
+                    raise
+                kept.flush()  # what is there is of another version
+                save(signature, data)
         except OSError as error:
             if not _warned:
                 _warned.append(True)
@@ -151,7 +163,7 @@ def _go_on_without_cache(dispatcher: Any) -> None:
                     stacklevel=2,
                 )
 
-    kept.save_overload = save_or_warn
+    kept.load_overload, kept.save_overload = load_or_compile, save_or_warn
 
 
 _warned: list[bool] = []

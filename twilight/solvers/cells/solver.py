@@ -35,13 +35,30 @@ POWERS_AT_ONCE = 2, 5
 WAVELENGTHS_OF_A_PASS = 32
 """Most wavelengths that share the geometry of a pass: those of a block."""
 
+SET_UP_S = (0.19, 2.15e-4)
+"""Processor seconds of a wavelength: of any, and times the product of its angles and density; as all figures here of
+`draft` and `standard`, eight wavelengths (`benchmarks/compare.csv`)."""
+SET_UP_BYTES = (1.55e7, 2.0e4)
+"""Bytes of a wavelength, likewise."""
+DIRECTION_S = 3.9e-7
+"""Processor seconds of a direction and wavelength times that product."""
+
 
 def cost(
     medium: Medium, settings: CellsSettings, sun_elevations_deg: Sequence[float] | None, observer_altitude_km: float
 ) -> Cost | None:
-    """Cost of Haber's system, all of it for each sun; None for the other modes, of which it is not known."""
-    if settings.multiple_scattering != "isotropic":
+    """Cost of a field, of Haber's system all of it for each sun; None for single scattering: not known."""
+    if settings.multiple_scattering == "none":
         return None
+    if settings.multiple_scattering == "exact":
+        angles = settings.polar_directions * settings.azimuth_directions * settings.azimuth_nodes
+        size = angles * settings.node_density
+        return Cost(
+            fixed_bytes=0.0,
+            bytes_per_wavelength=SET_UP_BYTES[0] + SET_UP_BYTES[1] * size,
+            cpu_s_per_wavelength=SET_UP_S[0] + SET_UP_S[1] * size,
+            cpu_s_per_direction=DIRECTION_S * size,
+        )
     air = medium.bottom_km, medium.top_km, medium.earth_radius_km
     grid = make_grid(settings.azimuth_cells, settings.inner_radius_km, observer_altitude_km, *air)
     active = make_active_shells(grid, settings.active_shell_step).ring.size

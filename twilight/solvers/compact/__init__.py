@@ -9,6 +9,7 @@ CAPABILITIES = Capabilities(
     every_sun=True,
     every_observer=True,
     looks_down=False,
+    cost=lambda medium, settings, suns, altitude_km: COST,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "CompactSettings", "Field", "prepare"]

@@ -15,7 +15,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.blas import one_blas_thread
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
-from twilight.solvers.base import BareField, ModelError, observer_at
+from twilight.solvers.base import BareField, Cost, ModelError, observer_at
 from twilight.solvers.compact.air import LIMITED, air_of, limited, side_by_side
 from twilight.transport.clear_air import STEP, SUN_DEG, Air, Model, Skies
 
@@ -46,6 +46,11 @@ class CompactSettings:
 
 
 QUALITIES: dict[str, CompactSettings] = {"standard": CompactSettings()}
+
+
+COST = Cost(fixed_bytes=2.0e8, bytes_per_wavelength=1.0e7, cpu_s_per_wavelength=0.035, cpu_s_per_direction=5e-5)
+"""Cost of a field: eight wavelengths take 272 MiB and 0.28 processor seconds (`benchmarks/compare.csv`); of a direction
+and wavelength where a sky has some hundred, which compute the sun's beam anew."""
 
 
 @functools.lru_cache(maxsize=1)

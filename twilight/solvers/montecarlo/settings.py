@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from twilight.solvers.base import check_choices, check_ranges
+import numpy as np
+
+from twilight.atmosphere.medium import Medium
+from twilight.solvers.base import Cost, check_choices, check_ranges
 from twilight.solvers.montecarlo.leg import LegOptions
 from twilight.solvers.montecarlo.paths import WalkOptions
 
@@ -153,3 +157,39 @@ QUALITIES = {
     "standard": MonteCarloSettings(target_stderr=0.01),
     "reference": MonteCarloSettings(target_stderr=0.003),
 }
+
+
+SUN_DEG = (-12.0, -9.0, -6.0, -4.0, 0.0, 5.0, 30.0)
+"""Suns of `benchmarks/compare.csv`, rows of `standard`."""
+TO_ONE_PERCENT_S = (0.187, 0.131, 0.059, 0.028, 0.022, 0.017, 0.0091)
+"""Processor seconds to 1 % in a direction and wavelength, the mean over a sky and eight wavelengths (ibid.)."""
+SAMPLE_S = (227e-6, 241e-6, 211e-6, 159e-6, 162e-6, 153e-6, 121e-6)
+"""Processor seconds of a sample of PATHS paths (`benchmarks/montecarlo_speed.csv`)."""
+PATHS = 8
+PREPARE_S = 3.0
+"""Processor seconds of the importance function of a wavelength with SWEEPS sweeps (ibid.)."""
+SWEEPS = 3
+WAVELENGTH_BYTES = 1.3e7
+"""Bytes of a wavelength: eight take 98 MiB (`benchmarks/compare.csv`)."""
+
+
+def cost(
+    medium: Medium,
+    settings: MonteCarloSettings,
+    sun_elevations_deg: Sequence[float] | None,
+    observer_altitude_km: float,
+) -> Cost:
+    """Cost of a field under the mean of these suns, None: of the darkest; measured in `continental-average`."""
+    suns = SUN_DEG[:1] if sun_elevations_deg is None else tuple(sun_elevations_deg)
+    sample = np.interp(suns, SUN_DEG, SAMPLE_S) * settings.paths_per_sample / PATHS
+    pilots = 2.0 * settings.pilot_samples
+    samples = np.full(len(suns), max(float(settings.samples), pilots))
+    if settings.target_stderr is not None:
+        wanted = np.exp(np.interp(suns, SUN_DEG, np.log(TO_ONE_PERCENT_S))) * (0.01 / settings.target_stderr) ** 2
+        samples = np.minimum(pilots + wanted / sample, max(float(settings.max_samples), pilots))
+    return Cost(
+        fixed_bytes=0.0,
+        bytes_per_wavelength=WAVELENGTH_BYTES,
+        cpu_s_per_wavelength=PREPARE_S * settings.importance_sweeps / SWEEPS,
+        cpu_s_per_direction=float(np.mean(samples * sample)),
+    )

@@ -5,11 +5,11 @@ order (their Algorithm 4.1) and read in constant time.  Rays are straight, as in
 """
 
 from twilight.solvers.base import Capabilities
-from twilight.solvers.tables.algorithm import QUALITIES, TablesSettings
+from twilight.solvers.tables.algorithm import QUALITIES, TablesSettings, cost
 from twilight.solvers.tables.field import Field, prepare
 
 CAPABILITIES = Capabilities(
-    every_sun=True, every_observer=True, finite_segments=True, screen=True, wavelengths_at_once=16
+    every_sun=True, every_observer=True, finite_segments=True, screen=True, wavelengths_at_once=16, cost=cost
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "Field", "TablesSettings", "prepare"]

@@ -15,6 +15,7 @@ DS of the first order stays apart by species, without phase functions (sec. 4, "
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar, Literal
@@ -25,7 +26,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
 from twilight.base.threads import in_slices
-from twilight.solvers.base import check_ranges
+from twilight.solvers.base import Cost, check_ranges
 from twilight.solvers.tables.mapping import (
     IRRADIANCE_TEXELS,
     LEAST_LIGHT,
@@ -135,6 +136,28 @@ QUALITIES: dict[str, TablesSettings] = {
     ),
 }
 """`standard` is the paper's own: 32 x 128 x 32 x 8 texels, five orders; `fine` has as many texels where they matter."""
+
+TEXEL_DIRECTION_S = 9.6e-9
+"""Processor seconds of a texel of S, an incident direction, a wavelength and an order after the first: `standard` and
+`fine`, within 15 % (`benchmarks/compare.csv`)."""
+TEXEL_BYTES = 68.0
+"""Bytes of a texel and wavelength while tables are filled (ibid.)."""
+DIRECTION_S = 3e-7
+"""Processor seconds of a direction and wavelength (ibid.)."""
+
+
+def cost(
+    medium: Medium, settings: TablesSettings, sun_elevations_deg: Sequence[float] | None, observer_altitude_km: float
+) -> Cost:
+    """Cost of a field, from the sizes of its tables."""
+    texels = settings.scattering_r * settings.scattering_mu * settings.scattering_mu_s * settings.scattering_nu
+    incident = settings.polar_directions * settings.azimuth_directions
+    return Cost(
+        fixed_bytes=0.0,
+        bytes_per_wavelength=TEXEL_BYTES * texels,
+        cpu_s_per_wavelength=TEXEL_DIRECTION_S * texels * incident * (settings.max_orders - 1),
+        cpu_s_per_direction=DIRECTION_S,
+    )
 
 
 def refuse_unseen_layers(medium: Medium, mapping: Mapping) -> None:

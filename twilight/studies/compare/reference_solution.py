@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from twilight import solvers
-from twilight.atmosphere.csv_columns import numbered_lines
+from twilight.atmosphere.csv_columns import cells_of
 from twilight.base.errors import TwilightError
 from twilight.base.progress import PhasedProgress, Progress
 from twilight.base.whole_files import write_csv
@@ -62,17 +61,11 @@ def read_lines(path: Path) -> tuple[int, list[str], list[tuple[int, dict[str, st
     Empty lines and those that begin with # are left out.
     Errors: TwilightError that names the file, and the line of a row with other cells than the header.
     """
-    try:
-        found = [(i, next(csv.reader([line]))) for i, line in numbered_lines(path)]
-    except csv.Error as error:
-        raise TwilightError(f"{path}: cannot be read: {error}") from None
+    found = cells_of(path)
     if not found:
         raise TwilightError(f"{path}: holds no radiances")
-    header = [cell.strip() for cell in found[0][1]]
-    for line, cells in found[1:]:
-        if len(cells) != len(header):
-            raise TwilightError(f"{path}: line {line}: has {len(cells)} cells, the header has {len(header)}")
-    return found[0][0], header, [(line, dict(zip(header, cells, strict=True))) for line, cells in found[1:]]
+    (line_of_header, header), *rows = found
+    return line_of_header, header, [(line, dict(zip(header, cells, strict=True))) for line, cells in rows]
 
 
 def read_number(path: Path, line: int, row: Mapping[str, str], column: str, low: float, high: float) -> float:

@@ -20,9 +20,10 @@ from twilight.config.load import Series
 from twilight.config.scene import Config
 from twilight.config.solver import complete_solver
 from twilight.config.vary import DRAWS
-from twilight.engine.problem import check_size
+from twilight.engine.problem import START_S, Problem, check_size, field_cpu_s
 from twilight.io.provenance import configuration_hash, to_json
 from twilight.numerics.directions import half_of, texture_centres
+from twilight.scene import resolve
 from twilight.scene.medium import climate_medium, name_by_content, wavelengths_of
 from twilight.scene.suns import suns_of
 from twilight.studies.sweep.dimensions import (
@@ -41,6 +42,8 @@ MAX_FIELDS = 200_000
 """Configurations that are checked one by one before a sweep begins."""
 CHUNK_BYTES = 16 * 2**20
 """Most bytes of radiance in a chunk, before compression."""
+PLANNED_FIELDS = 2
+"""Fields whose cost is asked for before a sweep begins."""
 FEW_TASKS = 16
 """The suns of a sweep with fewer tasks than this are divided among more tasks, so that its workers have work."""
 FEW_SKIES = 16
@@ -123,6 +126,31 @@ class Sweep:
             "azimuth_deg": self.azimuth_deg,
             "blocks": [[self.position(scene) for scene in block.scenes()] for block in task.blocks],
         }
+
+    def planned_cpu_s(self) -> float | None:
+        """Processor time [s] of all tasks, from what solvers say of some fields evenly among all; None where one does
+        not say."""
+        skies: dict[str, int] = {}
+        place: dict[str, tuple[int, ...]] = {}
+        for task in self.tasks:
+            skies[task.field_key] = skies.get(task.field_key, 0) + task.skies
+            place.setdefault(task.field_key, task.blocks[0].index)
+        keys = list(skies)
+        chosen = [keys[i] for i in np.unique(np.linspace(0, len(keys) - 1, PLANNED_FIELDS).round().astype(int))]
+        directions = self.elevation_deg.size * self.azimuth_deg.size
+        seconds = 0.0
+        for key in chosen:
+            config = self._field_config(place[key])
+            # a noisy light takes longer the lower the sun
+            ranges = [(0, d.size) for d in self.inner]
+            suns = {
+                self.position(scene).sun_elevation_deg for scene in DatasetBlock(place[key], tuple(ranges)).scenes()
+            }
+            problem = Problem(resolve(config, wavelength_nm=self.wavelength_nm, for_plan=True), tuple(sorted(suns)))
+            if problem.cost is None:
+                return None
+            seconds += field_cpu_s(problem, skies[key], directions)
+        return START_S + seconds * len(keys) / len(chosen)
 
     def position(self, scene: Sequence[int]) -> ScenePosition:
         """Sun and observer of the scene with that index."""

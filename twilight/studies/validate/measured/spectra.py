@@ -22,7 +22,6 @@ suns in turn (jackknife), for residuals of neighbouring wavelengths are not inde
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -30,7 +29,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
-from twilight.atmosphere.csv_columns import numbered_lines
+from twilight.atmosphere.csv_columns import cells_of
 from twilight.atmosphere.screen import Screen
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
@@ -128,8 +127,8 @@ def read_spectra(path: Path, series: str | None = None) -> Recorded:
 
     Errors: TwilightError that names the file, the line or the column, and what is allowed.
     """
-    lines = numbered_lines(path)
-    names = [name.strip() for name in lines[0][1].split(",")] if lines else []
+    lines = cells_of(path)
+    names = lines[0][1] if lines else []
     sun = next((name for name in SUN_NAMES if name in names), None)
     columns = [name for name in names if name.replace(".", "", 1).isdigit()]
     if sun is None or len(columns) < 2:
@@ -142,7 +141,8 @@ def read_spectra(path: Path, series: str | None = None) -> Recorded:
     suns: list[float] = []
     spectra: list[list[float]] = []
     known: dict[str, None] = {}
-    for (n, _), row in zip(lines[1:], csv.DictReader((line for _, line in lines[1:]), names), strict=True):
+    for n, cells in lines[1:]:
+        row = dict(zip(names, cells, strict=True))
         if part is not None:
             known[row[part]] = None
             if series is not None and row[part] != series:
@@ -150,7 +150,7 @@ def read_spectra(path: Path, series: str | None = None) -> Recorded:
         try:
             suns.append(float(row[sun]))
             spectra.append([float(row[name]) for name in columns])
-        except (TypeError, ValueError):
+        except ValueError:
             raise TwilightError(f"{path}: line {n}: {sun} and all wavelengths must be numbers") from None
         if not -90.0 <= suns[-1] <= 90.0:
             raise TwilightError(f"{path}: line {n}: {sun} is {suns[-1]:g}; allowed is -90 to 90")
