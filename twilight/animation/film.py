@@ -137,6 +137,7 @@ class Animation:
         lit_from = [*self.line.elevation_deg, *(moon.elevation_deg for moon in self.moons or () if moon.shines)]
         self._lit_deg = min(lit_from), max(lit_from)
         self.suns_deg = suns_between(*self._lit_deg)
+        self._cached = scene is None
         self.scene = scene = resolve(config) if scene is None else scene
         check_altitudes(scene, None, config.title)
         self._rows_deg = first_rows(*with_ground(scene, scene.altitude_km), nodes[0])
@@ -189,7 +190,8 @@ class Animation:
         path = self.folder / f"tables-{self._scene[:32]}.npz"
         arrays = stored_arrays(path)
         if arrays is None:
-            solved = solve(self.scene, self.suns_deg.tolist(), part_of(progress, 0.0, 0.5, "field"))
+            tell = part_of(progress, 0.0, 0.5, "field")
+            solved = solve(self.scene, self.suns_deg.tolist(), tell, cached=self._cached)
             channels = Channels(solved.medium.wavelength_nm, self.config.solar_spectrum, self._measures)
             altitude = self.scene.altitude_km
             tables = SunTables(solved, altitude, rows_deg=self._rows_deg, columns_deg=self._columns_deg)

@@ -260,12 +260,17 @@ def coefficients(m: complex, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     orders = np.arange(1, last + 1)[:, None]
     beyond = orders > terms
     found = []
-    for factor in (derivative * (1.0 / m), derivative * m):
+    for factor in (derivative * (1.0 / m), derivative * m):  # in place: what is allocated anew costs most here
         factor += orders * inverse_x
-        upper = factor * psi[1:] - psi[:-1]
-        lower = upper + 1j * (factor * chi[1:] - chi[:-1])
-        lower[beyond] = np.inf
-        found.append(np.conj(upper / lower).T)
+        upper = factor * psi[1:]
+        upper -= psi[:-1]
+        factor *= chi[1:]
+        factor -= chi[:-1]
+        factor *= 1j
+        factor += upper
+        factor[beyond] = np.inf
+        upper /= factor
+        found.append(np.conj(upper, out=upper).T)
     return found[0], found[1]
 
 

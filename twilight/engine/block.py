@@ -104,6 +104,7 @@ class Block:
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
         self._once: ScatteredOnce | None = None
+        self._widening: dict[float, np.ndarray] = {}
         self.field: Field = self._prepare(self._altitude_km)
 
     def _prepare(self, altitude_km: float) -> Field:
@@ -263,7 +264,21 @@ class Block:
             self._once = ScatteredOnce(
                 self.medium, self.bands, altitude_km, aerosol=self.capabilities.kind != "formula"
             )
+            self._widening.clear()
         return self._once
+
+    def widening(self, sun_elevation_deg: float, altitude_km: float) -> np.ndarray | None:
+        """`ScatteredOnce.widening` of a sun for an observer; None without an aureole, and of a solver with noise."""
+        once = self.scattered_once(altitude_km)
+        if once.log_phase is None or self.capabilities.standard_error:
+            return None
+        if sun_elevation_deg not in self._widening:
+
+            def light(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+                return self.answer(sun_elevation_deg, elevation_deg, azimuth_deg, altitude_km).radiance
+
+            self._widening[sun_elevation_deg] = once.widening(light, sun_elevation_deg)
+        return self._widening[sun_elevation_deg]
 
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         """The sun's direct light at an observer."""

@@ -181,8 +181,8 @@ class Field:
     def table(self, sun_elevation_deg: float, observer_altitude_km: float | None = None, **nodes: Any) -> SkyTable:
         """The sky of one sun on nodes that are as close as its light needs.
 
-        nodes: rows_deg and columns_deg to begin with, those of another table, and limits as of
-        `twilight.engine.table.fill`.
+        nodes: rows_deg and columns_deg to begin with, those of another table; aureole_sun_deg, the sun whose aureole
+        the phase function is of, which tables of several suns share; and limits as of `twilight.engine.table.fill`.
         """
         return self.gather(sun_elevation_deg, observer_altitude_km, **nodes).table
 

@@ -97,16 +97,20 @@ def _table(
     altitude_km: float,
     rows_deg: np.ndarray | None = None,
     columns_deg: np.ndarray | None = None,
+    aureole_sun_deg: float | None = None,
     **limits: Any,
 ) -> SkyTable:
     """The sky of one sun in one block; arguments as of `Field.table`."""
     once = block.scattered_once(altitude_km)
+    shared_sun_deg = sun_elevation_deg if aureole_sun_deg is None else aureole_sun_deg
+    own, shared = (block.widening(sun, altitude_km) for sun in (sun_elevation_deg, shared_sun_deg))
+    widening = None if own is None or shared is None else (own, shared)
     rows = first_rows(*row_breaks(block.scene, altitude_km)) if rows_deg is None else rows_deg
 
     def light(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> Answer:
         return block.texture(sun_elevation_deg, elevation_deg, azimuth_deg, altitude_km)
 
-    return fill(light, once, sun_elevation_deg, rows, columns_deg, **limits)
+    return fill(light, once, sun_elevation_deg, rows, columns_deg, widening=widening, **limits)
 
 
 def equal_grid(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
