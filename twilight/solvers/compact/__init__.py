@@ -1,7 +1,7 @@
 """The solver compact: skies from a model of all clear air in one file, without compiled code."""
 
 from twilight.solvers.base import Capabilities
-from twilight.solvers.compact.field import QUALITIES, CompactSettings, prepare
+from twilight.solvers.compact.field import COST, QUALITIES, CompactSettings, prepare
 from twilight.solvers.compact.field import ClearAirField as Field
 
 CAPABILITIES = Capabilities(
