@@ -226,7 +226,7 @@ class Estimate:
         names = {"white balance": "the white balance", "curve": "the tone curve", "orientation": "the camera's angles"}
         dear = [f"{names[k]} {c:.1f}" for k, c in self.best.costs.items() if k in names and c >= 1.05]
         if dear:
-            lines.append(f"the haze's interval is wider for not knowing ... (times): {', '.join(dear)}")
+            lines.append(f"the haze's interval is so many times wider for not knowing: {', '.join(dear)}")
         levels = self.best.camera.get("exposure")
         if levels is not None and self.photograph.log_exposure is not None:
             lines.append(
@@ -284,6 +284,17 @@ class Estimate:
             "fits": self.fits,
             "sun_elevation_deg": self.sun_elevation_deg,
             "sun_azimuth_deg": self.sun_azimuth_deg,
+            "photographs": [
+                {
+                    "name": one.name,
+                    "sun_elevation_deg": one.sun_elevation_deg,
+                    "sun_azimuth_deg": one.sun_azimuth_deg,
+                    "orientation": one.photograph.camera.orientation.model_dump(),
+                }
+                for one in self.shown
+            ],
+            "camera": {kind: found.tolist() for kind, found in self.best.camera.items()},
+            "times_wider_for_not_knowing": self.best.costs,
             "aerosol_type": self.best.aerosol_type,
             "climate_settings": self.settings,
             "estimates": [
