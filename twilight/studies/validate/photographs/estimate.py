@@ -10,13 +10,14 @@ a parameter that they do not tell, whose interval is then most of what was tried
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from twilight.base.progress import Progress, silent
-from twilight.studies.validate.photographs.airs import SUN, SUN_DEG, Airs, Parameter, Skies
+from twilight.studies.validate.photographs.airs import AEROSOL, SUN, SUN_DEG, Airs, Parameter, Skies
 from twilight.studies.validate.photographs.fit import REACH, Fit, Frame, Freedom
 from twilight.studies.validate.photographs.photo import Curve
 
@@ -56,7 +57,7 @@ EQUIVALENT = 4.0
 NEAR_ENOUGH = (16.0, EQUIVALENT)
 """chi^2 above the best up to which a type is fitted again with a sky of its own, in each round."""
 
-MOST_STARTS = 2
+MOST_STARTS = 3
 """The best of the starts, from which a first fit is made."""
 
 LARGE_PITCH_DEG = 5.0
@@ -188,17 +189,14 @@ def first_look(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:
 
 
 def starts(fit: Fit) -> list[np.ndarray]:
-    """Where a first fit begins: three optical depths, several pitches where that is not known, the rest in the
-    middle."""
+    """Where a first fit begins: optical depths, albedos, pitches where that is not known; the rest in the middle."""
     pitches = [0.5]
     if fit.freedom.pitch_deg > LARGE_PITCH_DEG:
         pitches = [0.3, 0.43, 0.57, 0.7]
     made = []
-    for aerosol in (0.2, 0.5, 0.8):
-        for pitch in pitches:
-            start = np.array([pitch if p.name == "pitch" else 0.5 for p in fit.parameters])
-            start[0] = aerosol
-            made.append(start)
+    for aerosol, albedo, pitch in itertools.product((0.2, 0.5, 0.8), (0.25, 0.7), pitches):
+        chosen = {AEROSOL.name: aerosol, "albedo": albedo, "pitch": pitch}
+        made.append(np.array([chosen.get(p.name, 0.5) for p in fit.parameters]))
     return made
 
 
