@@ -102,7 +102,7 @@ class AirEstimate:
     parameters: with intervals, of the type that is taken; correlation (P, P): of them.
     camera: what the camera did to the picture, by kind: exposure, white balance, curve, lens.  curve: of its tones,
         None where it is not free.  costs: how many times wider the optical depth's interval is for not knowing each.
-    amplitude: of the sky's own errors, over `fit.SKY_LN`.
+    amplitude: of the sky's own errors, over `fit.SKY_LN`.  strained: the brightness contradicts the file's exposure.
     """
 
     aerosol_type: str
@@ -115,11 +115,12 @@ class AirEstimate:
     curve: Curve | None = None
     costs: dict[str, float] = field(default_factory=dict)
     amplitude: float = 1.0
+    strained: bool = False
 
     @property
     def fits(self) -> bool:
-        """Whether the sky is about as the photograph shows it."""
-        return self.misfit <= LARGEST_MISFIT
+        """Whether the sky is about as the photograph shows it, and as bright as its exposure says."""
+        return self.misfit <= LARGEST_MISFIT and not self.strained
 
 
 @dataclass(frozen=True)
@@ -277,7 +278,9 @@ def _search(airs: Airs, frames: Sequence[Frame], options: Options, suns: np.ndar
 
 def plain(fit: Fit, best: Fit) -> AirEstimate:
     """A type's estimate without intervals, beside the fit of the best type."""
-    return AirEstimate(fit.skies.aerosol_type, fit.misfit(), fit.chi2 - best.chi2, fit.values())
+    return AirEstimate(
+        fit.skies.aerosol_type, fit.misfit(), fit.chi2 - best.chi2, fit.values(), strained=fit.strained()
+    )
 
 
 def described(fit: Fit, best: Fit) -> AirEstimate:

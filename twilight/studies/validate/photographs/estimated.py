@@ -314,6 +314,12 @@ class Estimate:
 
 def _misfit(best: AirEstimate) -> str:
     """The sentence of a fit that does not fit."""
+    if best.strained:
+        return (
+            "THE FIT DOES NOT FIT: the sky that has the photograph's colours and shape is several times brighter or "
+            "darker than exposure, aperture and ISO say; its values are no estimate (a wrong sun, clouds, a curve that "
+            "is not known)"
+        )
     return (
         f"THE FIT DOES NOT FIT: its misfit is {best.misfit:.2g}, and 1 is a sky off by {100 * LOG_SCALE:.0f} % in "
         f"luminance or by {CHROMATICITY_SCALE:g} in u', v'; its values are no estimate (clouds that were not masked, a "

@@ -39,7 +39,7 @@ SKY_LN = (0.02, 0.01, 0.01)
 """Those of the sky itself, times an amplitude."""
 SKY_DEG = 10.0
 """Angle over which they are correlated [deg]."""
-CAMERA_LN = (0.02, 0.01, 0.01)
+CAMERA_LN = (0.03, 0.016, 0.016)
 """Standard errors of what a camera leaves that is smooth over its picture: flat field, colour matrix, cells that are
 not points."""
 CAMERA_DEG = 45.0
@@ -64,6 +64,8 @@ FLOOR = 0.03
 """Part of the luminance below which a channel counts as that: colours beyond Rec. 709."""
 REACH = 4.0
 """Standard errors of an angle within which it is sought."""
+STRAINED = 3.0
+"""Standard errors of an exposure beyond which a fit is at a wrong place."""
 STEP = 2e-3
 """Step of the Jacobian's differences, as a fraction of a parameter's range."""
 AT_BOUND = 5e-3
@@ -316,6 +318,12 @@ class Fit:
         """What the camera most likely did at the best, by kind of mode."""
         found, kinds = self.errors.camera(self.difference(self.x)), np.array(self.errors.kinds)
         return {kind: found[kinds == kind] for kind in dict.fromkeys(self.errors.kinds)}
+
+    def strained(self) -> bool:
+        """Whether the best contradicts the exposure that a file says by more than `STRAINED` standard errors."""
+        told = [frame.log_exposure for frame in self.frames]
+        found = self.camera()["exposure"]
+        return any(one is not None and abs(at) > STRAINED * one[1] for one, at in zip(told, found, strict=True))
 
     def curve(self) -> Curve | None:
         """The camera's tone curve at the best; None where it is not free."""
