@@ -1,9 +1,9 @@
 """Airs for the fit of the model of clear air: drawn, and solved by `zones` for every sun and two observers.
 
-    python benchmarks/clear_air_airs.py FOLDER --first 6000 --step 2    the odd ones beside it: --first 6001 --step 2
+    python benchmarks/clear_air_airs.py FOLDER               in two processes: --step 2, and --first 1 --step 2
 
 One file for each air, FOLDER/<number>.npz, until --last is reached or it is stopped; what is there stays.  An air is
-drawn from its number alone.  3 to 25 processor seconds an air.  `--approximate FOLDER2` computes in place of it what
+drawn from its number alone.  5 to 40 processor seconds an air.  `--approximate FOLDER2` computes in place of it what
 the model itself computes of the airs that are there, to be done again when its code changes: a processor second each.
 `benchmarks/clear_air.py` fits both.
 """
@@ -25,9 +25,9 @@ from twilight.config.aerosol import AerosolType
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.compact.air_columns import AirColumns, two_phase_functions
-from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG
-from twilight.solvers.compact.clear_air_sky import ApproximateSkies, ClearAirSky
+from twilight.solvers.compact.air import air_of
+from twilight.solvers.compact.field import shipped_model
+from twilight.transport.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, Skies
 
 HUMIDITIES = (0, 50, 70, 80, 90, 95)
 """Classes of OPAC [%]."""
@@ -39,11 +39,23 @@ STRATOSPHERES = (
 WAVELENGTH_NM = (320.0, 340.0, 380.0, 440.0, 500.0, 550.0, 600.0, 650.0, 720.0, 850.0, 1000.0)
 """Of which each air has `WAVELENGTHS`."""
 WAVELENGTHS = 8
-POWER_LAW = 0.2
-"""Part of the airs with an aerosol by the power law of Angstrom."""
-MERGED = 6000
-"""Airs of numbers below have one phase function below 12 km and one above in place of those of their aerosols."""
-PURE = 0.06
+VOLCANOES = ("moderate_volcanic", "high_volcanic", "extreme_volcanic", *(s for s in STRATOSPHERES if "extreme" in s))
+"""Loaded stratospheres."""
+VOLCANIC = 0.3
+"""Part of the airs whose stratosphere is one of `VOLCANOES`; others have any."""
+EXTREME_DUST = 0.25
+"""Part of LOWTRAN's stratospheres with much meteoric dust above 30 km."""
+LOW_HAZE = 0.35
+"""Part of the airs whose boundary layer and scale height are drawn in place of the type's own."""
+CARRIED_DUST = 0.08
+"""Part of the airs with a layer of transported desert dust."""
+RAISED = 0.15
+"""Part of the airs over raised ground."""
+HIGHEST_GROUND_KM = 4.5
+"""Highest ground."""
+RED_NM, RED_CHANCE = 600.0, 2.5
+"""Wavelengths from which on one is as many times likelier to be drawn: light carried along the horizon is red."""
+PURE = 0.05
 """Part of the airs without any particles."""
 ODD = 0.3
 """Part of the airs with absorption that no climate's gases have, or with other ozone absorption."""
@@ -66,26 +78,43 @@ SETTINGS = zones.ZonesSettings(
     polarisation_degree=3,
     late_polarisation_degree=2,
 )
+STANDARD = zones.ZonesSettings()
+AT_STANDARD = (0, 5)
+"""Numbers modulo 20 of the airs that are solved by `STANDARD` too: judges of the fit, and what corrects `SETTINGS`."""
 
 
-def drawn_climate(rng: np.random.Generator) -> dict[str, Any]:
-    """A climate's document."""
-    stratosphere: dict[str, Any] = {"kind": str(rng.choice(STRATOSPHERES))}
+def drawn_climate(rng: np.random.Generator, number: int) -> dict[str, Any]:
+    """A climate's document: the aerosol's type in turn, the rest drawn."""
+    volcanic = rng.random() < VOLCANIC
+    stratosphere: dict[str, Any] = {"kind": str(rng.choice(VOLCANOES if volcanic else STRATOSPHERES))}
     if stratosphere["kind"].endswith(("background", "volcanic")):
         stratosphere["season"] = str(rng.choice(["spring_summer", "fall_winter"]))
-    aerosol: dict[str, Any] = {"optical_depth_550nm": float(np.exp(rng.uniform(np.log(0.01), np.log(1.0))))}
-    if rng.random() < POWER_LAW:
+        stratosphere["upper_atmosphere"] = "extreme" if rng.random() < EXTREME_DUST else "normal"
+    aerosol: dict[str, Any] = {"optical_depth_550nm": _log_uniform(rng, 0.01, 1.0)}
+    kinds = (*get_args(AerosolType), "angstrom", "angstrom")
+    kind = kinds[number % len(kinds)]
+    if kind == "angstrom":
         law = {"exponent": (0.0, 2.2), "single_scattering_albedo": (0.8, 1.0), "asymmetry": (0.55, 0.78)}
         aerosol["angstrom"] = {key: float(rng.uniform(*limits)) for key, limits in law.items()}
     else:
-        aerosol["type"] = str(rng.choice(get_args(AerosolType)))
+        aerosol["type"] = kind
         aerosol["relative_humidity_percent"] = int(rng.choice(HUMIDITIES))
+    if rng.random() < LOW_HAZE:
+        aerosol["boundary_layer_top_km"] = _log_uniform(rng, 0.25, 3.0)
+        aerosol["scale_height_km"] = _log_uniform(rng, 0.2, 8.0)
+    if rng.random() < CARRIED_DUST:
+        bottom = float(rng.uniform(1.0, 4.0))
+        layer = {"bottom_km": bottom, "top_km": bottom + float(rng.uniform(1.0, 3.0))}
+        aerosol["mineral_transported"] = layer | {"optical_depth_550nm": _log_uniform(rng, 0.01, 0.4)}
+        aerosol["optical_depth_550nm"] = 0.4 + 0.6 * aerosol["optical_depth_550nm"]
     particles = {} if rng.random() < PURE else {"aerosol": aerosol, "stratosphere": stratosphere}
+    ground = {"altitude_km": float(rng.uniform(0.0, HIGHEST_GROUND_KM))} if rng.random() < RAISED else {}
     return {
         "version": 1,
         "name": "drawn",
         "description": "drawn",
         "atmosphere": {"profile": str(rng.choice(PROFILES))},
+        "ground": ground,
         "gases": {
             "oxygen": False,
             "water_vapour": {"column_mm": 0},
@@ -94,20 +123,24 @@ def drawn_climate(rng: np.random.Generator) -> dict[str, Any]:
     } | particles
 
 
-def drawn_medium(rng: np.random.Generator, vary: bool = True) -> Medium:
-    """The medium of a drawn climate.  vary: with each wavelength's own ground, air and absorption beside what the
-    climate says, so that few wavelengths teach all."""
-    wavelength = np.sort(rng.choice(WAVELENGTH_NM, WAVELENGTHS, replace=False))
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def drawn_medium(rng: np.random.Generator, number: int) -> Medium:
+    """The medium of a drawn climate, with each wavelength's own ground, air and absorption beside what the climate
+    says, so that few wavelengths teach all."""
+    red = np.array(WAVELENGTH_NM) >= RED_NM
+    chance = np.where(red, RED_CHANCE, 1.0)
+    wavelength = np.sort(rng.choice(WAVELENGTH_NM, WAVELENGTHS, replace=False, p=chance / chance.sum()))
     while True:
         try:
-            medium = climate_medium(load_climate_document(drawn_climate(rng)), wavelength)
+            medium = climate_medium(load_climate_document(drawn_climate(rng, number)), wavelength)
             break
         except TwilightError:  # less aerosol in all than in the stratosphere alone: another one
             continue
     n = medium.n_wavelengths
     albedo = np.where(rng.random(n) < 0.15, 0.0, rng.uniform(0.0, 0.9, n))
-    if not vary:
-        return replace(medium, ground_albedo=np.full(n, albedo[0]))
     absorption = medium.absorption_per_km
     if rng.random() < ODD:
         depth = medium.optical_depth("absorption")
@@ -149,44 +182,36 @@ def several(medium: Medium, settings: zones.ZonesSettings, observers_km: tuple[f
     )
 
 
-def drawn(number: int) -> tuple[Medium, AirColumns, tuple[float, ...]]:
-    """The air of a number, the same in columns, and its observers' altitudes above the ground [km]."""
-    rng = np.random.default_rng([32, number])
-    medium = drawn_medium(rng)
-    observers = (0.0, float(HIGHEST_KM * rng.random() ** 2))
-    if number < MERGED:
-        medium = two_phase_functions(medium)
-    return medium, AirColumns.of(medium), observers
+def drawn(number: int) -> tuple[Medium, tuple[float, ...]]:
+    """The air of a number, and its observers' altitudes above the ground [km]."""
+    rng = np.random.default_rng([49, number])
+    return drawn_medium(rng, number), (0.0, float(HIGHEST_KM * rng.random() ** 2))
 
 
 def sample(path: Path, number: int) -> None:
-    """Draw an air, solve it, and write its light."""
-    medium, _, observers = drawn(number)
-    write(path, light=several(medium, SETTINGS, observers))
+    """Draw an air, solve it, and write its light; one in ten also at `standard`."""
+    medium, observers = drawn(number)
+    fine = {"standard": several(medium, STANDARD, observers)} if number % 20 in AT_STANDARD else {}
+    write(path, light=several(medium, SETTINGS, observers), **fine)
 
 
 def approximate(path: Path, number: int) -> None:
     """Write what the model computes of a drawn air: inputs of the network, M_0, light scattered once."""
-    _, columns, observers = drawn(number)
-    skies = [ApproximateSkies(columns, above) for above in observers]
-    bases = [[one.base_at(float(sun), ELEVATION_DEG, AZIMUTH_DEG) for sun in SUN_DEG] for one in skies]
+    medium, observers = drawn(number)
+    skies = [Skies(shipped_model(), air_of(medium), above) for above in observers]
     write(
         path,
-        base=np.array(bases, np.float32),
+        base=np.array([s.base_at(SUN_DEG, ELEVATION_DEG, AZIMUTH_DEG, s.nodes) for s in skies], np.float32),
         single=np.array([[_single_scattering(one, float(sun)) for sun in SUN_DEG] for one in skies], np.float32),
         inputs=np.array([one.inputs for one in skies], np.float32),
-        log_base=np.array([one.log_base() for one in skies], np.float32),
+        log_base=np.array([one.log_base for one in skies], np.float32),
     )
 
 
-def _single_scattering(skies: ApproximateSkies, sun_deg: float) -> np.ndarray:
+def _single_scattering(skies: Skies, sun_deg: float) -> np.ndarray:
     """Light scattered once at the nodes, (E, A, W)."""
-    logarithms = np.log(skies.single_at_nodes(sun_deg))
-    nothing = np.full((1, *logarithms.shape[1:]), -np.inf)
-    apparent = skies.shells.apparent_elevation_deg(sun_deg)
-    columns, parts = skies.columns, np.concatenate([nothing, logarithms])
-    sky = ClearAirSky(apparent, columns.medium.depolarisation, columns.phase_functions, parts, nothing[:0])
-    return sky.at_nodes()
+    sky = skies.sky(sun_deg)
+    return sky.light(ELEVATION_DEG, AZIMUTH_DEG, widen=False)[..., 0, :] - np.exp(sky.logarithms[0])
 
 
 def write(path: Path, **arrays: np.ndarray) -> None:
@@ -198,9 +223,9 @@ def write(path: Path, **arrays: np.ndarray) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--first", type=int, default=MERGED)
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--step", type=int, default=1)
-    parser.add_argument("--last", type=int, default=2 * MERGED)
+    parser.add_argument("--last", type=int, default=4000)
     parser.add_argument("--approximate", type=Path)
     options = parser.parse_args()
     for number in range(options.first, options.last, options.step):

@@ -14,6 +14,7 @@ Processor seconds are of all processes of a command, wall seconds those of this 
 from __future__ import annotations
 
 import argparse
+import compileall
 import os
 import resource
 import subprocess
@@ -33,9 +34,12 @@ NIGHT = ("timeline", "continental-average", "--at", "2026-03-20", "--latitude", 
 
 
 def environment(root: Path, folder: Path) -> dict[str, str]:
-    """The variables under which the program at `root` keeps machine code and fields in a folder."""
+    """The variables under which the program at `root` keeps machine code and fields in a folder.
+
+    Its bytecode is kept beside its modules, as an installation has it: without, a command takes 0.9 s more.
+    """
     env = {**os.environ, "PYTHONPATH": str(root), "NUMBA_CACHE_DIR": str(folder / "numba")}
-    return env | {"TWILIGHT_CACHE_DIR": str(folder / "cache")}
+    return env | {"TWILIGHT_CACHE_DIR": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": ""}
 
 
 def seconds(root: Path, command: tuple[str, ...], folder: Path, **more: str) -> tuple[float, float] | None:
@@ -72,6 +76,7 @@ def preview_seconds(root: Path, folder: Path) -> tuple[float, float] | None:
 
 def measure(root: Path) -> dict[str, tuple[float, float] | None]:
     """The cases of one checkout."""
+    compileall.compile_dir(root / "twilight", quiet=1)
     with tempfile.TemporaryDirectory() as made:
         folder, empty, first = Path(made), Path(made) / "empty", Path(made) / "first"
         empty.mkdir()

@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageOps
 
 ROOT = Path(__file__).resolve().parents[1]
-SIZE = (360, 162)
+SIZE = (300, 135)
 HABER = ["--set", "solver.azimuth_cells=36", "--set", "texture.resolution_deg=10"]
 FIGURES = {
     "haber2005-fig7": HABER,
@@ -25,10 +25,15 @@ FIGURES = {
     "haber2005-fig9": HABER,
     "haber2005-fig10": HABER,
     "haber2005-fig12": HABER,
-    "bruneton2008-fig6": [],
+    "bruneton2008-fig6": ["--set", "wavelengths={list_nm: [440, 550, 680]}"],  # his three
     "preetham1999-fig9": [],
     "preetham1999-fig10": [],
 }
+
+
+def in_frame(image: Image.Image) -> Image.Image:
+    """A wide picture cut to SIZE, a fisheye whole."""
+    return ImageOps.fit(image, SIZE) if image.width > image.height else ImageOps.pad(image, SIZE, color="white")
 
 
 def pictures(name: str, folder: Path) -> list[tuple[str, Image.Image]]:
@@ -40,6 +45,7 @@ def pictures(name: str, folder: Path) -> list[tuple[str, Image.Image]]:
     ).stdout
     labels = dict.fromkeys(line.split("\t")[0] for line in plan.splitlines())
     made = [(label, path) for label in labels if (path := folder / label / "sky.png").is_file()]
+    made = made or [(path.parent.name, path) for path in sorted(folder.glob("sun*/sky*.png"), reverse=True)]
     found = [(label, Image.open(path).convert("RGB")) for label, path in made]
     if name == "haber2005-fig7":
         once, more = (np.asarray(image, float) / 255.0 for _, image in found)
@@ -52,7 +58,7 @@ def main() -> None:
     rows = []
     for name in names:
         made = pictures(name, ROOT / "out" / "paper-figures" / name)  # what is there is not rendered again
-        rows.append((name, [(label, ImageOps.fit(image, SIZE)) for label, image in made]))
+        rows.append((name, [(label, in_frame(image)) for label, image in made]))
         print(name, flush=True)
     columns = max(len(found) for _, found in rows)
     sheet = Image.new("RGB", (columns * SIZE[0], len(rows) * (SIZE[1] + 18)), "white")
@@ -60,7 +66,7 @@ def main() -> None:
     for i, (name, found) in enumerate(rows):
         for j, (label, image) in enumerate(found):
             sheet.paste(image, (j * SIZE[0], i * (SIZE[1] + 18) + 18))
-            draw.text((j * SIZE[0] + 4, i * (SIZE[1] + 18) + 3), f"{name}: {label[:48]}", fill="black")
+            draw.text((j * SIZE[0] + 4, i * (SIZE[1] + 18) + 3), f"{name}: {label[:30]}", fill="black")
     sheet.save(ROOT / "docs" / "paper-figures.jpg", quality=88)
 
 

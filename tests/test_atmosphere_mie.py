@@ -152,6 +152,24 @@ def test_small_spheres_are_rayleigh_scatterers():
     np.testing.assert_allclose(got.ratios[3, 0], 0.0, atol=1e-3)
 
 
+@pytest.mark.parametrize("index", [1.5 - 0.01j, 1.33 - 0j, 1.75 - 0.44j, 1.1 - 1e-8j, 2.5 - 2j, 0.8 - 0.1j])
+def test_coefficients_are_those_of_miepython(index):
+    """A Mie coefficient would be off by more than 1e-10 of the largest, also of a sphere among larger ones.
+
+    miepython itself is off by 1.9e-10 for x = 900, m = 1.1 - 1e-8 i, n = 921, where ours is by 1.4e-12 (40 digits).
+    """
+    import miepython
+
+    x = np.geomspace(0.01, 900.0, 60)
+    for i, (a, b) in enumerate(zip(*mie.coefficients(index, x), strict=True)):
+        for one, other in zip((a, b), miepython.coefficients(index, x[i]), strict=True):
+            n = min(one.size, other.size)
+            np.testing.assert_allclose(
+                one[:n], other[:n], rtol=0.0, atol=(1e-10 if x[i] < 100.0 else 1e-9) * np.abs(other).max()
+            )
+            assert np.abs(one[n:]).max(initial=0.0) < 1e-6 and np.abs(other[n:]).max(initial=0.0) < 1e-6
+
+
 def test_population_of_one_size_is_one_sphere():
     """A narrow distribution has the cross sections and intensities that miepython gives for the sphere itself."""
     import miepython
@@ -173,15 +191,15 @@ def test_population_of_one_size_is_one_sphere():
 def test_shipped_rows_are_what_the_code_computes():
     """A sample of the shipped file, computed anew; every population of the ten types is in it."""
     shipped = shipped_optics.load()
-    assert len(shipped.rows) == len(ship_optics.particles()) * len(shipped_optics.WAVELENGTHS_NM)
+    assert len(shipped) == len(ship_optics.particles()) * len(shipped_optics.WAVELENGTHS_NM)
     for component, humidity, wavelength in (
         ("waso", 80.0, 550.0),
         ("soot", 0.0, 380.0),
         ("suso", 0.0, shipped_optics.WAVELENGTHS_NM[4]),
     ):
         size, index = opac.particles(component, humidity, [wavelength])
-        key = mie.cache_key(size, complex(index[0]), wavelength, shipped.miepython_version)
-        np.testing.assert_allclose(shipped.rows[key], mie.compute_optics(size, index[0], wavelength), rtol=2e-6)
+        key = mie.cache_key(size, complex(index[0]), wavelength)
+        np.testing.assert_allclose(shipped[key], mie.compute_optics(size, index[0], wavelength), rtol=2e-6)
 
 
 def test_damaged_shipped_file_is_not_used(monkeypatch):
@@ -189,7 +207,7 @@ def test_damaged_shipped_file_is_not_used(monkeypatch):
     monkeypatch.setattr(shipped_optics, "_digest", lambda *_: "another")
     shipped_optics.load.cache_clear()
     try:
-        assert shipped_optics.load().rows == {}
+        assert shipped_optics.load() == {}
     finally:
         shipped_optics.load.cache_clear()
 
@@ -230,17 +248,35 @@ def test_cache_key_depends_on_everything(small):
     """Two populations would find each other's optics in the cache."""
     size, index = small
     keys = {
-        mie.cache_key(size, index[0], 500.0, "3"),
-        mie.cache_key(size, index[0], 500.1, "3"),
-        mie.cache_key(size, index[0] + 1e-6, 500.0, "3"),
-        mie.cache_key(size, index[0] + 1e-6j, 500.0, "3"),
-        mie.cache_key(size, index[0], 500.0, "4"),
+        mie.cache_key(size, index[0], 500.0),
+        mie.cache_key(size, index[0], 500.1),
+        mie.cache_key(size, index[0] + 1e-6, 500.0),
+        mie.cache_key(size, index[0] + 1e-6j, 500.0),
         *(
-            mie.cache_key(replace(size, **{name: 1.001 * getattr(size, name)}), index[0], 500.0, "3")
+            mie.cache_key(replace(size, **{name: 1.001 * getattr(size, name)}), index[0], 500.0)
             for name in ("median_radius_um", "sigma", "min_radius_um", "max_radius_um")
         ),
     }
-    assert len(keys) == 9
+    assert len(keys) == 8
+
+
+def test_optics_between_spectral_nodes():
+    """Interpolated optics of many wavelengths would differ from computed ones; few would be interpolated too."""
+    nm = np.linspace(420.0, 470.0, 51)  # across 450 nm, where OPAC's index has a kink
+    size, index = opac.particles("waso", 80.0, nm)
+    nodes = mie.spectral_nodes(index, nm)
+    assert nodes[0] == 0 and nodes[-1] == 50 and 5 <= nodes.size <= 9
+    got = mie.particle_optics(size, index, nm)
+    for i in (5, 29, 43):
+        assert i not in nodes
+        computed = mie.particle_optics(size, index[i : i + 1], nm[i : i + 1])
+        assert got.extinction_per_km[i] == pytest.approx(computed.extinction_per_km[0], rel=2e-4)
+        assert got.scattering_per_km[i] == pytest.approx(computed.scattering_per_km[0], rel=2e-4)
+        assert got.asymmetry[i] == pytest.approx(computed.asymmetry[0], abs=1e-4)
+        np.testing.assert_allclose(got.log_phase[i], computed.log_phase[0], atol=5e-3)
+        np.testing.assert_allclose(got.ratios[:, i], computed.ratios[:, 0], atol=3e-3)
+    assert mie.spectral_nodes(index[::10], nm[::10]).size == 6  # whoever asks for few has each computed
+    assert mie.spectral_nodes(index[::-1], nm[::-1]).size == 51
 
 
 HUMIDITY_LEFT_OUT = {50.0: 0.08, 70.0: 0.025, 80.0: 0.025, 90.0: 0.025, 95.0: 0.025, 98.0: 0.025}

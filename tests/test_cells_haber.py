@@ -11,7 +11,14 @@ from test_cells import air
 
 from twilight.solvers import cells
 from twilight.solvers.cells import QUALITIES
-from twilight.solvers.cells.exchange import exchange, full_turn, pair_capture, sphere_capture
+from twilight.solvers.cells.exchange import (
+    BLOCKS,
+    exchange,
+    full_turn,
+    pair_capture,
+    rounds_of_blocks,
+    sphere_capture,
+)
 from twilight.solvers.cells.layers import layer_of, make_layers, path_depth
 from twilight.solvers.cells.refraction import MAX_STEPS, refracted_sun, trace_to_space
 from twilight.transport.ray_profile import ray_profile
@@ -172,6 +179,16 @@ def test_savings_change_nothing(few_cells):
                     sent = power[source, :, fold[a]] + phase * forward[source, :, fold[a]]
                     expected[target, :, u] += there * sent
     np.testing.assert_allclose(got, expected, rtol=2e-5)  # the phase function is in single precision
+
+
+def test_every_pair_of_blocks_comes_once():
+    """Light between two rings would be left out or counted twice, or two threads would write to one ring."""
+    own, *games = rounds_of_blocks(BLOCKS)
+    pairs = {tuple(sorted(pair)) for one in games for pair in one.tolist()}
+    assert len(pairs) == sum(map(len, games)) == BLOCKS * (BLOCKS - 1) // 2
+    assert own.tolist() == [[b, b] for b in range(BLOCKS)]
+    for one in games:
+        assert sorted(one.ravel()) == list(range(BLOCKS))
 
 
 def test_sphere_capture_limits():

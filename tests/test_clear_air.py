@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import twilight
 from twilight import solvers
@@ -18,11 +19,18 @@ from twilight.base.errors import TwilightError
 from twilight.config import load
 from twilight.engine import solve
 from twilight.scene import resolve
-from twilight.solvers.compact.clear_air import AZIMUTH_DEG, ELEVATION_DEG, ClearAirModel
-from twilight.solvers.compact.clear_air_field import SHIPPED
-from twilight.solvers.compact.clear_air_sky import azimuth_splines, elevation_splines
-from twilight.solvers.compact.diffuse_light import POLAR, rays_of_all_layers
-from twilight.transport.shells import ALTITUDE_KM, RefractedShells, sublayers
+from twilight.solvers.compact.air import air_of, side_by_side, slope
+from twilight.solvers.compact.field import SHIPPED, load_model
+from twilight.transport.clear_air import (
+    ALTITUDE_KM,
+    AZIMUTH_DEG,
+    BOUNDARY_KM,
+    Shells,
+    Skies,
+    azimuth_splines,
+    splines,
+    sublayers,
+)
 
 WAVELENGTH_NM = [380.0, 450.0, 550.0, 650.0]
 SUNS_DEG = (50.0, 10.0, 0.0, -4.0, -8.0, -14.0)
@@ -46,7 +54,7 @@ def exponential_shells(depth=1e-6, refractivity=0.0):
     """Shells of air of a scale height of 8 km and a vertical optical depth of scattering alone."""
     per_km = -np.diff(np.exp(-ALTITUDE_KM / 8.0))[:, None] * depth / np.diff(ALTITUDE_KM)[:, None]
     n = refractivity * np.exp(-sublayers(ALTITUDE_KM) / 8.0)
-    return RefractedShells(ALTITUDE_KM, per_km, per_km[None], np.zeros_like(per_km), n)
+    return Shells(ALTITUDE_KM, per_km, per_km[None], np.zeros_like(per_km), n)
 
 
 @pytest.mark.parametrize("elevation", [90.0, 30.0, 5.0, 0.0])
@@ -92,8 +100,9 @@ def test_the_refracted_beam_carries_the_flux_of_its_sphere(k):
     shells = exponential_shells(depth=0.0, refractivity=2.8e-4)
     zenith = np.linspace(0.0, np.radians(95.0), 20001)
     beam = np.exp(shells.log_sunbeam(k, zenith)[0][:, 0])
-    beams = shells._sunbeam[k]
-    down = np.maximum(np.cos(np.interp(zenith, beams.zenith_rad, beams.apparent_rad)), 0.0)
+    beams = shells.beams
+    some = slice(*beams.start[k : k + 2])
+    down = np.maximum(np.cos(np.interp(zenith, beams.zenith_rad[some], beams.apparent_rad[some])), 0.0)
     n = 1.0 + 2.8e-4 * np.exp(-ALTITUDE_KM[k] / 8.0)
     assert 2.0 * np.trapezoid(beam * down * np.sin(zenith), zenith) == pytest.approx(n**2, rel=1e-3)
 
@@ -107,9 +116,13 @@ def test_the_sun_is_lifted_as_by_the_sunbeam_of_other_solvers(urban):
 
 def test_rays_between_scatterings_see_all_directions_and_stay_in_the_air():
     """Weights of rays would not be a mean over the sphere, or a way be negative."""
-    for rays in rays_of_all_layers():
-        assert rays.weight.sum() == pytest.approx(1.0, abs=1e-6) and rays.length_km.min() >= 0.0
-    assert rays_of_all_layers()[0].weight.size == 2 * POLAR
+    start, layer, length, _, cosine, weight = load_model(SHIPPED).segments
+    for k in range(BOUNDARY_KM.size):
+        assert weight[start == k].sum() == pytest.approx(1.0, abs=1e-6)
+        assert (weight * cosine)[start == k].sum() == pytest.approx(
+            2 / 3 if k == BOUNDARY_KM.size - 1 else 0.0, abs=1e-3
+        )
+    assert length.min() >= 0.0 and np.abs(np.diff(layer)[weight[1:] == 0.0]).max() <= BOUNDARY_KM.size - 1
 
 
 @pytest.mark.parametrize(
@@ -154,8 +167,54 @@ def test_a_grid_gives_what_its_directions_give_and_the_sky_is_its_own_mirror_ima
 
 def test_splines_meet_their_nodes():
     """Interpolation over the sky would not go through what was computed."""
-    assert elevation_splines(ELEVATION_DEG) == pytest.approx(np.eye(ELEVATION_DEG.size), abs=1e-9)
-    assert azimuth_splines(AZIMUTH_DEG) == pytest.approx(np.eye(AZIMUTH_DEG.size), abs=1e-9)
+    even, odd = azimuth_splines(AZIMUTH_DEG)
+    assert even == pytest.approx(np.eye(AZIMUTH_DEG.size), abs=1e-9)
+    assert odd[1:-1] == pytest.approx(np.eye(AZIMUTH_DEG.size)[1:-1], abs=1e-9)
+
+
+def test_airs_side_by_side_are_each_as_alone(urban):
+    """A batch would mix its airs, or one of fewer aerosols get another's."""
+    model = load_model(SHIPPED)
+    mediums = [urban.medium, solve(resolve(scene(climate="pure-air"))).medium]
+    first, second = (air_of(medium) for medium in mediums)
+    alone = [first, second._replace(refractivity=first.refractivity, radius_km=first.radius_km)]
+    both = Skies(model, side_by_side(alone)).sky(-4.0).light(E, A, 3)
+    for n, air in enumerate(alone):
+        some = slice(4 * n, 4 * n + 4)
+        assert both[..., some] == pytest.approx(Skies(model, air).sky(-4.0).light(E, A, 3), rel=1e-4, abs=1e-9)
+
+
+def test_derivatives_are_those_of_differences():
+    """A fit would walk the wrong way: by optical depth, ozone and ground, in twilight."""
+    keys = {
+        "climate__aerosol__optical_depth_550nm": (0.2, 0.01),
+        "climate__gases__ozone__column_du": (300.0, 5.0),
+        "climate__ground__albedo": (0.3, 0.01),
+    }
+
+    def solved(**changes):
+        values = {key: value for key, (value, _) in keys.items()} | changes
+        return solve(resolve(scene(climate="maritime-clean", **values))).blocks[0].field
+
+    field, e, a = solved(), np.array([5.0, 30.0, 80.0]), np.array([20.0, 100.0, 0.0])
+    either = [[solved(**{key: value + sign * step}) for sign in (-1, 1)] for key, (value, step) in keys.items()]
+    steps = [2.0 * step for _, step in keys.values()]
+    directions = [slope(low.medium, high.medium, step) for (low, high), step in zip(either, steps, strict=True)]
+    found = field.slopes(directions, -4.0, e, a)[:, :, 0]
+    light = field.radiance(-4.0, e, a)
+    for (low, high), step, one in zip(either, steps, found, strict=True):
+        difference = high.radiance(-4.0, e, a) - low.radiance(-4.0, e, a)
+        assert one * step / light == pytest.approx(difference / light, rel=0.01, abs=2e-5)
+
+
+@pytest.mark.parametrize("n", [4, 5, 9])
+def test_the_spline_between_nodes_is_not_a_knot(n):
+    nodes = np.cumsum(np.random.default_rng(n).uniform(0.5, 2.0, n))
+    values = np.random.default_rng(0).normal(size=n)
+    x = np.linspace(nodes[0], nodes[-1], 40)
+    got = splines(nodes, x) @ values
+    expected = CubicSpline(nodes, values)(x)
+    assert got == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.slow
@@ -205,22 +264,18 @@ def test_suns_and_directions_that_it_has_not(urban):
         unpolarised.stokes(5.0, 10.0, 0.0)
 
 
-def test_its_file_comes_back_and_is_small_and_a_damaged_one_is_one_sentence(tmp_path):
-    """Weights would change on disk, or the wheel grow."""
+def test_its_file_is_small_and_a_damaged_one_is_one_sentence(tmp_path):
+    """The wheel would grow, or a broken file end in a traceback."""
     assert SHIPPED.stat().st_size < 12e6
-    model = ClearAirModel.load(SHIPPED)
-    model.save(tmp_path / "again.npz")
-    again = ClearAirModel.load(tmp_path / "again.npz")
-    assert again.provenance == model.provenance
-    air = np.full((2, model.input_mean.size - model.base_vectors.shape[0]), 0.1)
-    base = np.full((2, model.base_mean.size), -9.0)
-    assert again.at_nodes(air, base) == pytest.approx(model.at_nodes(air, base), abs=0.02)
+    model = load_model(SHIPPED)
     (tmp_path / "half.npz").write_bytes(SHIPPED.read_bytes()[:100000])
     with pytest.raises(TwilightError, match=r"half\.npz: is no model of clear air"):
-        ClearAirModel.load(tmp_path / "half.npz")
+        load_model(tmp_path / "half.npz")
     np.savez(tmp_path / "other.npz", format="another")
     with pytest.raises(TwilightError, match="of this version"):
-        ClearAirModel.load(tmp_path / "other.npz")
+        load_model(tmp_path / "other.npz")
+    air = np.full((2, model.input_mean.size - model.base_vectors.shape[0]), 0.1)
+    base = np.full((2, model.base_mean.size), -9.0)
     assert replace(model, members=model.members[:1]).at_nodes(air, base)[3].max() == 0.0
 
 

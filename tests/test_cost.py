@@ -60,6 +60,18 @@ def test_of_a_solver_that_does_not_say_the_arrays_alone_are_known(solver):
     assert sizes.sky_bytes > 0 and (sizes.field_bytes, sizes.total_bytes, sizes.cpu_s) == (None, None, None)
 
 
+def test_habers_system_is_planned_for_each_sun():
+    """The plan of `render haber2005` was without time and memory; every sun is a solution of its own."""
+    plans = {}
+    for cells, suns in ((24, (5.0,)), (48, (5.0,)), (48, (5.0, 0.0, -3.0))):
+        changes = {"solver.azimuth_cells": cells, "sun": {"elevations_deg": suns}}
+        plans[cells, suns] = full_cost(resolve(load("haber2005", changes)))
+    one, three = (plans[48, suns].cpu_s for suns in ((5.0,), (5.0, 0.0, -3.0)))
+    assert three - one > 1.5 * (one - plans[24, (5.0,)].cpu_s) > 0.0
+    assert plans[48, (5.0,)].field_bytes > 4.0 * plans[24, (5.0,)].field_bytes > 0.0
+    assert full_cost(resolve(load("pure-air", {"solver.name": "cells", "sun.elevation_deg": 5.0}))).cpu_s is None
+
+
 def test_more_of_anything_costs_more():
     """The plan would miss wavelengths, quality or texture."""
     base = {"sun.elevation_deg": -4.0, "solver.quality": "draft", "wavelengths": {"count": 40}}

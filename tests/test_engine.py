@@ -85,6 +85,17 @@ def test_one_block_is_held_at_a_time_where_they_are_taken_one_by_one():
     assert found == [400.0, 500.0, 600.0]
 
 
+def test_a_model_without_grids_takes_bands_and_others_in_one_block():
+    """A night's light would be computed three times over."""
+    keys = {"wavelengths.list_nm": [545.0, 590.0, 620.0]}
+    count = {}
+    for name in ("compact", "zones"):
+        made = plan(resolve(load("pure-air", keys | {"solver.name": name})))
+        assert made.term_counts[1] > 1 and made.term_counts[0] == made.term_counts[2] == 1
+        count[name] = len(parts(made))
+    assert count == {"compact": 1, "zones": 3}
+
+
 def test_a_field_of_one_observer_is_solved_anew_for_another_and_serves_until_then():
     solver = toy_solver()
     solved = solved_toy(solver)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from closed_sky import closed
 
 import twilight
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 
 
 @pytest.fixture
@@ -81,3 +83,38 @@ def test_suns_beyond_a_model_are_refused_with_its_range():
     assert field.sky(-17.9).sun_normalised_radiance.min() > 0.0  # the last table is that of the model's last sun
     with pytest.raises(TwilightError, match=r"sun.elevation_deg is -25; the compact solver allows -18 to 90"):
         field.sky(-25.0)
+
+
+def test_a_sky_without_light_says_why(field):
+    """A black picture would look like a fault of the program."""
+    said = (
+        "no sunlight reaches it with the sun at -40 deg; a field has no light of the night: render with night.airglow=1"
+    )
+    with pytest.warns(TwilightWarning, match=said):
+        field.sky(-40.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", TwilightWarning)
+        assert field.sky(-4.0).sun_normalised_radiance.all()
+        rows, columns = np.array([10.0, 50.0]), np.arange(6) * 60.0
+        field.sky(-40.0, rows, columns, night_radiance=np.full((2, 6, 8), 1e-7))
+    above = closed("thin air", level=0.0)
+    with pytest.warns(TwilightWarning, match="an observer at 80 km is above the air, which ends at 60 km"):
+        above.sky(30.0, rows, columns, observer_altitude_km=80.0)
+
+
+@pytest.mark.parametrize("elevation_deg", [-1.0, -90.0])
+def test_a_sky_from_the_ground_ends_at_the_horizon(field, elevation_deg):
+    """Light of the lowest row would stand for the ground."""
+    for ask in (field.sky(-4.0).sample, field.sky(-4.0).luminance_at):
+        with pytest.raises(TwilightError, match=rf"elevation_deg is {elevation_deg:g}; allowed in this sky is 0 to 90; "
+                                                "below is the ground"):  # fmt: skip
+            ask(elevation_deg, 20.0)
+
+
+@pytest.mark.parametrize("name", ["preetham", "cie"])
+def test_a_formula_of_the_day_has_no_twilight(name):
+    """It would be black, or negative."""
+    field = twilight.solve("continental-average", solver=name)
+    for ask in (field.sky, field.illuminance_lux, lambda sun: field.radiance(sun, 10.0, 0.0)):
+        with pytest.raises(TwilightError, match=rf"the {name} solver has no sky for this sun: .* is -2, allowed"):
+            ask(-2.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import subprocess
 import sys
 from pathlib import Path
@@ -43,25 +44,23 @@ def test_imports_keep_to_the_contract():
     assert "3 kept, 0 broken" in result.stdout
 
 
-def imported_when_loaded(path: Path, modules: set[str]) -> set[str]:
-    """The modules of the package that a module imports while it is loaded, those for types alone left out."""
-
-    def statements(body: list[ast.stmt]):
-        for one in body:
-            if isinstance(one, ast.Import | ast.ImportFrom):
-                yield one
-            elif isinstance(one, ast.If) and "TYPE_CHECKING" not in ast.unparse(one.test):
-                yield from statements([*one.body, *one.orelse])
-            elif isinstance(one, ast.Try | ast.With):
-                yield from statements([*one.body, *getattr(one, "orelse", [])])
-
-    found = set()
-    for one in statements(ast.parse(path.read_text(encoding="utf-8")).body):
+@functools.cache
+def imports_of(path: Path) -> dict[str, set[str]]:
+    """What a module imports from where, those in functions and for types alone too."""
+    found: dict[str, set[str]] = {}
+    for one in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(one, ast.Import):
-            found |= {alias.name for alias in one.names}
-        else:
-            inside = {f"{one.module}.{alias.name}" for alias in one.names}
-            found |= inside & modules or {one.module or ""}
+            found |= {alias.name: set() for alias in one.names}
+        elif isinstance(one, ast.ImportFrom):
+            found.setdefault(one.module or "", set()).update(alias.name for alias in one.names)
+    return found
+
+
+def imported(path: Path, modules: set[str]) -> set[str]:
+    """The modules of the package that a module imports."""
+    found = set()
+    for module, names in imports_of(path).items():
+        found |= {f"{module}.{name}" for name in names} & modules or {module}
     return found & modules
 
 
@@ -77,14 +76,34 @@ def circles(imports: dict[str, set[str]]) -> list[list[str]]:
 
 
 def test_no_modules_import_each_other():
+    """Neither when they are loaded, nor in functions, nor for types alone: a reader of one needs not the other."""
     names = {}
     for path in (ROOT / "twilight").rglob("*.py"):
         parts = path.relative_to(ROOT).with_suffix("").parts
         names[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    imports = {name: imported_when_loaded(path, set(names)) - {name} for name, path in names.items()}
-    assert len(imports) > 300 and sum(map(len, imports.values())) > 1000
+    imports = {name: imported(path, set(names)) - {name} for name, path in names.items()}
+    assert len(imports) > 250 and sum(map(len, imports.values())) > 1000
     assert circles(imports) == []
     assert circles({"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set()}) == [["a", "b", "c"]]
+
+
+INSIDE_THE_ENGINE = {"Problem", "Block", "MixedBlock", "Answer"}
+OF_THE_TABLES_FILL = {"test_sky_table.py", "test_prague.py"}
+"""Tests of `engine.table.fill`, which takes answers."""
+
+
+def test_fields_and_skies_are_all_that_the_engine_hands_out():
+    """A film, a sweep, a test or a benchmark would join blocks of wavelengths by itself."""
+    files = [p for room in ("twilight", "tests", "benchmarks") for p in (ROOT / room).rglob("*.py")]
+    outside = [p for p in files if (ROOT / "twilight" / "engine") not in p.parents]
+    users = {
+        p.name: INSIDE_THE_ENGINE & names
+        for p in outside
+        for module, names in imports_of(p).items()
+        if module.startswith("twilight.engine") and INSIDE_THE_ENGINE & names
+    }
+    assert users == {name: {"Answer"} for name in OF_THE_TABLES_FILL}
+    assert len(outside) > 400
 
 
 def unexplained_imports(path: Path) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import functools
 import os
+import pickle
 import re
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from numba.core.caching import IndexDataCacheFile
 
 import twilight
 from twilight.base.errors import TwilightError
@@ -141,3 +143,10 @@ def test_the_command_line_refuses_a_version_in_one_sentence(tmp_path):
     )
     assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
     assert done.stderr.startswith("twilight: numba 99.0.0 is installed")
+
+
+def test_machine_code_of_types_that_have_moved_counts_as_none(tmp_path):
+    """Without, a version whose types have moved would end in an ImportError beside the caches of the one before."""
+    file = IndexDataCacheFile(str(tmp_path), "kernel", "stamp")
+    (tmp_path / "kernel.nbi").write_bytes(pickle.dumps(file._version) + b"ctwilight.moved\nAir\n.")
+    assert file._load_index() == {}

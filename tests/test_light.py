@@ -115,7 +115,8 @@ def test_the_disc_of_the_sun_is_that_of_its_strips(light):
         elevation, beams = light.disc.strips(np.array([sun]))
         level = np.maximum(np.sin(np.radians(elevation[0])), 0.0) @ beams[0]
         exact = light.solved.disc_irradiance(sun)
-        assert level == pytest.approx(exact, rel=0.01, abs=1e-3 * exact.max() + 1e-9), sun
+        rel = 0.01 if sun > -0.5 else 0.02  # the disc is all but gone
+        assert level == pytest.approx(exact, rel=rel, abs=1e-3 * exact.max() + 1e-9), sun
     assert not light.disc.strips(np.array([-3.0]))[1].any()
 
 

@@ -46,9 +46,11 @@ class SmoothField:
 
     def __init__(self, medium, brightness):
         self.medium, self.brightness = medium, brightness
-        self.blocks = [SimpleNamespace(term_medium=medium, bands=None)]
         self.scene = SimpleNamespace(medium=medium)
         self.once = ScatteredOnce(medium, None, medium.bottom_km, aerosol=False)
+
+    def of_terms(self, value):
+        return value(self.medium)
 
     def table(self, sun, altitude_km, *, rows_deg, columns_deg, refine):
         def light(rows, columns):

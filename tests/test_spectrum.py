@@ -1,10 +1,8 @@
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
 
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
-from twilight.numerics.spectrum import spline_matrix
 
 
 def test_solar_irradiance_over_coarse_bins_keeps_the_total():
@@ -141,16 +139,3 @@ def test_observers_are_those_of_colour_science(name):
     white = science.CCS_ILLUMINANTS[spectrum.OBSERVERS[name]]["D65"]
     rgb = spectrum.xyz_to_rgb_matrix(name) @ science.xy_to_XYZ(white)
     np.testing.assert_allclose(rgb, 1.0, atol=1e-4)
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 9])
-def test_the_spline_between_nodes_is_not_a_knot(n):
-    nodes = np.cumsum(np.random.default_rng(n).uniform(0.5, 2.0, n))
-    values = np.random.default_rng(0).normal(size=n)
-    x = np.linspace(nodes[0], nodes[-1], 40)
-    got = spline_matrix(nodes, x) @ values
-    if n < 4:
-        expected = np.polyval(np.polyfit(nodes, values, n - 1), x)
-    else:
-        expected = CubicSpline(nodes, values)(x)
-    assert got == pytest.approx(expected, abs=1e-9)

@@ -16,10 +16,12 @@ from twilight.engine.view import landscape, view_radiance
 from twilight.scene import Scene
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
+from twilight.solvers.analytic import preetham
+from twilight.solvers.analytic.ground import hemisphere
 from twilight.terrain.aerial_perspective import AerialPerspective, sunlit_air
 from twilight.terrain.heights import Heights, Standpoint, heights_of
 from twilight.terrain.march import ShadowGrid, TerrainAir, first_hits, height_at, shadow_over, sunlight_on_lines
-from twilight.terrain.scene import Viewpoint, add_terrain
+from twilight.terrain.scene import FormulaField, Viewpoint, add_terrain
 from twilight.transport.beam import beam_at, prepare_beam
 from twilight.transport.scaling import species_phase
 from twilight.transport.steps import distance_to_sphere
@@ -143,6 +145,25 @@ def test_shadows_only_take_light(air, shadows):
     clear = add_terrain(sky, rays, mountain, Even(), medium, beam, place, 0.2, "none").radiance
     dark = add_terrain(sky, rays, mountain, Even(), medium, beam, place, 0.2, shadows).radiance
     assert (dark <= clear + 1e-6).all() and (dark < clear - 1e-3).any() and (dark >= 0).all()
+
+
+def test_preethams_air_lies_before_terrain_that_his_sun_lights(air):
+    """Terrain in Preetham's sky would be seen through another air, or lit by another sun."""
+    medium, beam = air
+    field = preetham.prepare(medium, preetham.PreethamSettings(turbidity=3.0), observer_altitude_km=0.5)
+    elevation, azimuth = np.array([-3.0, -8.0, -20.0]), np.array([0.0, 70.0, 180.0])
+    e, a = np.radians(elevation), np.radians(azimuth)
+    rays = np.stack([np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)], axis=-1)[None]
+    sky, place = np.zeros((1, 3, 3), np.float32), Viewpoint(0.5, 30.0, 0.0)
+    dark, white = (
+        add_terrain(sky, rays, flat(0.0), FormulaField(field), medium, beam, place, albedo, "none").radiance[0]
+        for albedo in (0.0, 1.0)
+    )
+    light, passed = field.inscatter(30.0, elevation, azimuth, 0.4999 / -np.sin(e))
+    np.testing.assert_allclose(dark, light, rtol=0.03)
+    sky_e, sky_a, solid = hemisphere()
+    irradiance = (np.sin(np.radians(sky_e)) * solid) @ field.radiance(30.0, sky_e, sky_a) + 0.5 * field.sunlight(30.0)
+    np.testing.assert_allclose(white - dark, passed * irradiance / np.pi, rtol=0.03)
 
 
 def test_a_plain_is_the_ground_that_the_solver_sees(tmp_path):

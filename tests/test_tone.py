@@ -14,8 +14,9 @@ from twilight.io.eight_bit import to_bytes
 from twilight.io.outputs import write_outputs
 from twilight.numerics import spectrum
 from twilight.sky import colour
+from twilight.sky.quantities.measure import adaptation_coefficient
+from twilight.sky.quantities.responses import SCOTOPIC_EFFICACY_LM_PER_W, scotopic_efficiency
 from twilight.sky.tone import (
-    SCOTOPIC_EFFICACY_LM_PER_W,
     SENSORS,
     Camera,
     Eye,
@@ -23,12 +24,10 @@ from twilight.sky.tone import (
     Shot,
     acuity_cycles_per_deg,
     adapt,
-    adaptation_coefficient,
     balance,
     cone_threshold,
     illuminant,
     rod_threshold,
-    scotopic_efficiency,
     tone_of,
 )
 

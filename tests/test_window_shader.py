@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import os
 import shutil
 from pathlib import Path
 
@@ -33,6 +34,8 @@ MOST_BYTES = 7.5e6
 """Of the shader's two files of numbers [bytes]: what its page in the manual promises."""
 SMALL = {"rows_deg": first_rows(-90.0, [0.0], 17), "columns_deg": first_columns(13)}
 """Nodes of tables."""
+SUNSET = Path(__file__).parents[1] / "docs" / "examples" / "sunset.html"
+"""The example of three.js."""
 PAGES = Path(__file__).parent / "data"
 """Pages that read the shaders' answers back: `twilight.read(views, suns)`."""
 
@@ -161,7 +164,34 @@ def test_a_folder_that_cannot_be_written_leaves_nothing(tmp_path):
 
 def test_the_page_of_three_js_is_short():
     """The example of the manual: 25 lines that read the files by their names and turn the axes."""
-    text = (Path(__file__).parents[1] / "docs" / "examples" / "sunset.html").read_text()
+    text = SUNSET.read_text()
     assert text.count("\n") <= 25
     for word in ("sky.bin", "lines.bin", "sky.json", "sky.glsl", "skyTable", "skyLines", "skyRgb", "zUp"):
         assert word in text, word
+
+
+@pytest.mark.slow
+def test_the_page_of_three_js_draws_sunsets(tmp_path, webgpu):
+    """Axes or textures would be turned: the sun's side is to be the brightest and reddest, low in the picture."""
+    three = os.environ.get("THREE_JS_BUILD")
+    if not three:
+        pytest.skip("needs three.js: `npm pack three`, and THREE_JS_BUILD=folder of its three.module.js")
+    field = solve(resolve(load("continental-average", {"solver.quality": "draft"})))
+    write_folder(tmp_path / "sky", shader_sky(field, "continental").files())
+    for file in (Path(three) / "three.module.js", Path(three) / "three.core.js", SUNSET):
+        shutil.copy(file, tmp_path / "sky")
+    with open_page(tmp_path / "sky" / SUNSET.name, 160, 120) as (page, errors):
+        for sun in (3.0, -2.0, -6.0):
+            drawn = page.evaluate(
+                "sun => { twilight.draw(sun); return document.querySelector('canvas').toDataURL(); }", sun
+            )
+            shown = np.asarray(Image.open(io.BytesIO(base64.b64decode(drawn.split(",")[1]))).convert("RGB"), float)
+            brightness = shown.sum(axis=2)
+            horizon = int(np.argmax(brightness[:, 80]))
+            # the camera looks 14 deg up, 55 deg from the top to the bottom
+            assert 75 < horizon < 95, sun
+            assert np.abs(brightness[:85] - brightness[:85, ::-1]).mean() < 3.0, sun
+            assert brightness[horizon, 80] > brightness[horizon, 2] > 0.0, sun
+            low, high = shown[horizon - 2, 80], shown[5, 80]
+            assert low[0] / low[2] > 1.2 * high[0] / high[2], sun
+        assert errors == []

@@ -65,7 +65,7 @@ def scattered_by_rotations(matrix, field, weight, here, there) -> np.ndarray:
 
 
 def test_scattering_keeps_every_spin2_harmonic_and_multiplies_it_by_a_moment():
-    """All rules at the head of `spin2_harmonics`, signs included, for a matrix of random moments and for air."""
+    """All rules at the head of `angles`, signs included, for a matrix of random moments and for air."""
     degree = 5
     x, w = np.polynomial.legendre.leggauss(24)
     around = np.arange(32) * 2 * np.pi / 32

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import itertools
-import os
-import secrets
-import shutil
+import subprocess
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.base.extras import is_installed, missing
 from twilight.base.progress import Progress
-from twilight.base.whole_files import unfinished, whole_file
+from twilight.base.whole_files import link_or_copy, whole_file, whole_folder
 from twilight.io.exr import write_channels
 from twilight.numerics import spectrum
 from twilight.sky import colour
@@ -50,7 +49,7 @@ def check_output(output: Path, shape: tuple[int, int], frames_per_second: float)
 
 
 def encode(pictures: Sequence[Path], output: Path, frames_per_second: float, progress: Progress) -> None:
-    """Make the film of pictures that are on disk: PNG of one size, or EXR.  Errors: TwilightError, OSError."""
+    """Make the film of pictures that are on disk: PNG of one size, or EXR.  Errors: TwilightError."""
     if not output.suffix:
         _folder(pictures, output)
         return
@@ -71,31 +70,26 @@ def _reporting(pictures: Sequence[Path], progress: Progress) -> Iterator[Any]:
 
 
 def _mp4(pictures: Sequence[Path], path: Path, frames_per_second: float, progress: Progress) -> None:
+    """Pipe the pictures through ffmpeg, whose exit code alone says whether the disk held the end of the film."""
     import imageio_ffmpeg  # optional
 
     images = _reporting(pictures, progress)
     first = next(images)
-    writer = imageio_ffmpeg.write_frames(
-        str(path),
-        first.size,
-        fps=frames_per_second,
-        codec="libx264",
-        quality=None,
-        macro_block_size=2,
-        ffmpeg_log_level="error",
-        output_params=[
-            *("-crf", str(MP4_QUALITY), "-vf", "scale=out_color_matrix=bt709:out_range=tv"),
-            *(*MP4_COLOURS, "-movflags", "+faststart"),
-        ],
-    )
-    writer.send(None)
-    try:
-        for image in itertools.chain([first], images):
-            writer.send(np.asarray(image).tobytes())
-    finally:
-        writer.close()
-    if not path.is_file():
-        raise TwilightError(f"{path}: the encoder made no file")
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
+    command += ["-s", "{}x{}".format(*first.size), "-r", f"{frames_per_second:.2f}", "-i", "-", "-an"]
+    command += ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", str(MP4_QUALITY)]
+    command += ["-vf", "scale=out_color_matrix=bt709:out_range=tv", *MP4_COLOURS, "-movflags", "+faststart"]
+    with subprocess.Popen([*command, str(path)], stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        try:
+            with suppress(BrokenPipeError):  # ffmpeg has left, and says why
+                for image in itertools.chain([first], images):
+                    process.stdin.write(np.asarray(image).tobytes())  # type: ignore[union-attr]
+            said = process.communicate()[1].decode(errors="replace").strip()
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode or not path.is_file():
+        raise OSError(said or f"ffmpeg left with {process.returncode}")
 
 
 def _animated(pictures: Sequence[Path], path: Path, frames_per_second: float, progress: Progress) -> None:
@@ -118,16 +112,9 @@ def _indexed(image: Any) -> Any:
 
 def _folder(pictures: Sequence[Path], output: Path) -> None:
     """The pictures as 00001.exr and so on; they are linked or copied, so that none is lost on the way."""
-    made = output.with_name(f".{output.name}.{secrets.token_hex(4)}.part")
-    with unfinished(made):
-        made.mkdir()
+    with whole_folder(output) as made:
         for i, picture in enumerate(pictures):
-            target = made / f"{i + 1:05d}.exr"
-            try:
-                os.link(picture, target)
-            except OSError:
-                shutil.copyfile(picture, target)
-        os.rename(made, output)
+            link_or_copy(picture, made / f"{i + 1:05d}.exr")
 
 
 def write_exr(light: np.ndarray, inside: np.ndarray, path: Path, facts: dict[str, Any]) -> None:

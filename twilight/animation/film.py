@@ -137,6 +137,7 @@ class Animation:
         lit_from = [*self.line.elevation_deg, *(moon.elevation_deg for moon in self.moons or () if moon.shines)]
         self._lit_deg = min(lit_from), max(lit_from)
         self.suns_deg = suns_between(*self._lit_deg)
+        self._cached = scene is None
         self.scene = scene = resolve(config) if scene is None else scene
         check_altitudes(scene, None, config.title)
         self._rows_deg = first_rows(*with_ground(scene, scene.altitude_km), nodes[0])
@@ -154,32 +155,43 @@ class Animation:
         """
         tell = progress or silent
         self.folder.mkdir(parents=True, exist_ok=True)
-        drawn, processor_s = 0, 0.0
         with locked(self.folder / "lock", "another film"):
-            parts = self._parts(part_of(tell, 0.0, 0.4))
-            painter = SkyPainter(parts, self._directions(self.view))
-            exposures_of_frames = self._exposures(parts, part_of(tell, 0.4, 0.1))
-            paths, fraction = [], part_of(tell, 0.5, 0.4)
-            for i, exposure_of_frame in enumerate(exposures_of_frames):
-                facts = self._facts(i, exposure_of_frame)
-                path = self.folder / f"{configuration_hash(facts)[:32]}{'.png' if self.output.suffix else '.exr'}"
-                if not path.is_file():
-                    begin = time.process_time()
-                    self._draw(painter, parts, i, exposure_of_frame, path, facts)
-                    processor_s += time.process_time() - begin
-                    drawn += 1
-                paths.append(path)
-                fraction(f"picture {i + 1} of {len(exposures_of_frames)}", (i + 1) / len(exposures_of_frames))
-            encode(paths, self.output, self.frames_per_second, part_of(tell, 0.9, 0.1))
+            try:
+                drawn, processor_s = self._make(tell)
+            except BaseException:
+                if [path.name for path in self.folder.iterdir()] == ["lock"]:
+                    shutil.rmtree(self.folder)
+                raise
         shutil.rmtree(self.folder)
         return FilmResult(drawn, processor_s)
+
+    def _make(self, tell: Progress) -> tuple[int, float]:
+        """How many pictures were drawn, and the processor time [s] of it."""
+        drawn, processor_s = 0, 0.0
+        parts = self._parts(part_of(tell, 0.0, 0.4))
+        painter = SkyPainter(parts, self._directions(self.view))
+        exposures_of_frames = self._exposures(parts, part_of(tell, 0.4, 0.1))
+        paths, fraction = [], part_of(tell, 0.5, 0.4)
+        for i, exposure_of_frame in enumerate(exposures_of_frames):
+            facts = self._facts(i, exposure_of_frame)
+            path = self.folder / f"{configuration_hash(facts)[:32]}{'.png' if self.output.suffix else '.exr'}"
+            if not path.is_file():
+                begin = time.process_time()
+                self._draw(painter, parts, i, exposure_of_frame, path, facts)
+                processor_s += time.process_time() - begin
+                drawn += 1
+            paths.append(path)
+            fraction(f"picture {i + 1} of {len(exposures_of_frames)}", (i + 1) / len(exposures_of_frames))
+        encode(paths, self.output, self.frames_per_second, part_of(tell, 0.9, 0.1))
+        return drawn, processor_s
 
     def _parts(self, progress: Progress) -> FilmParts:
         """The field's tables, discs, moon and nights where they are asked for; from the folder where it has them."""
         path = self.folder / f"tables-{self._scene[:32]}.npz"
         arrays = stored_arrays(path)
         if arrays is None:
-            solved = solve(self.scene, self.suns_deg.tolist(), part_of(progress, 0.0, 0.5, "field"))
+            tell = part_of(progress, 0.0, 0.5, "field")
+            solved = solve(self.scene, self.suns_deg.tolist(), tell, cached=self._cached)
             channels = Channels(solved.medium.wavelength_nm, self.config.solar_spectrum, self._measures)
             altitude = self.scene.altitude_km
             tables = SunTables(solved, altitude, rows_deg=self._rows_deg, columns_deg=self._columns_deg)

@@ -17,7 +17,6 @@ import numpy as np
 import xarray
 from numpy.typing import ArrayLike
 
-from twilight.api.representation import Sky, plot
 from twilight.api.types import PlotOptions
 from twilight.base.errors import TwilightError
 from twilight.io.facts import fields_from
@@ -25,6 +24,7 @@ from twilight.io.labels import attributes
 from twilight.io.provenance import provenance_from_fields
 from twilight.sky.quantities.measure import quantity, unit_of
 from twilight.sky.quantities.responses import ResponseLike, response
+from twilight.sky.sky import Sky
 from twilight.sky.table import SkyTable
 
 if TYPE_CHECKING:
@@ -197,7 +197,7 @@ class SkyAccessor:
 
     def plot(self, projection: str = "wide", ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Figure:
         """Draw the one sky that is left (`Sky.plot`)."""
-        return plot(self.scene(), projection, ax, **options)
+        return self.scene().plot(projection, ax, **options)
 
     def _each(
         self, name: str, figure: Callable[[Sky], ArrayLike], unit: str, about: str, dims: tuple[str, ...] = ()

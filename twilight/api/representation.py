@@ -1,7 +1,7 @@
 """How a sky shows itself: in a notebook, as a plot, in a browser, as a dataset of xarray's.
 
 `Sky` and `SkySeries` stand in a room below those that draw and write; their methods are attached here, at the end, and
-every public way to a sky (`twilight.__getattr__`) leads through this module.
+every public way to a sky leads through this module, which the room imports first.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ def _check_plot(projection: object, ax: object, options: Mapping[str, object]) -
 
 
 def plot_comparison(
-    self: SkyComparison,
+    self: SkyComparison[Sky],
     projection: str = "fisheye",
     ax: Axes | None = None,
     wavelength_nm: float | None = None,
@@ -185,7 +185,7 @@ def plot_comparison(
 
 
 def _compared(
-    self: SkyComparison, elevation: np.ndarray, azimuth: np.ndarray, wavelength_nm: float | None
+    self: SkyComparison[Sky], elevation: np.ndarray, azimuth: np.ndarray, wavelength_nm: float | None
 ) -> tuple[np.ndarray, str, str]:
     """Values (height, width) in directions, what they are of, and the unit of that."""
 
@@ -205,7 +205,7 @@ def _compared(
     return self.of(seen(self.first), seen(self.second)), what, unit
 
 
-def comparison_to_xarray(self: SkyComparison) -> xarray.Dataset:
+def comparison_to_xarray(self: SkyComparison[Sky]) -> xarray.Dataset:
     """`radiance` and `luminance` of the comparison as a dataset of xarray's."""
     import xarray  # start-up
 
@@ -305,8 +305,8 @@ def open_dataset(path: str) -> xarray.Dataset:
         raise TwilightError(f"{path}: is neither a sky.h5, a series.nc nor a sweep ({first_line(error)})") from None
 
 
-SkyComparison.plot = plot_comparison  # type: ignore[method-assign]
-SkyComparison.to_xarray = comparison_to_xarray  # type: ignore[method-assign]
+SkyComparison.plot = plot_comparison  # type: ignore[method-assign, assignment]
+SkyComparison.to_xarray = comparison_to_xarray  # type: ignore[method-assign, assignment]
 Sky.plot = plot  # type: ignore[method-assign, assignment]
 Sky.view = view  # type: ignore[method-assign]
 Sky.to_xarray = to_xarray  # type: ignore[method-assign]

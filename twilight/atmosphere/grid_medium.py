@@ -12,14 +12,14 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from twilight.base.errors import TwilightError
 
-if TYPE_CHECKING:
-    from twilight.atmosphere.medium import Medium
+M = TypeVar("M")
+"""A `Medium`, whose module imports this one."""
 
 RANGES: tuple[tuple[float, tuple[float, ...]], ...] = (
     (300.0, (300.0, 308.0, 316.0)),
@@ -43,14 +43,14 @@ def fixed_wavelengths(wavelength_nm: Iterable[float]) -> np.ndarray:
     return np.array([w for i in found for w in RANGES[i][1]])
 
 
-class _OnDemand:
+class _OnDemand(Generic[M]):
     """The air at fixed wavelengths, built when it is first asked for and then cached."""
 
-    def __init__(self, build: Callable[[np.ndarray], Medium], wavelength_nm: np.ndarray):
+    def __init__(self, build: Callable[[np.ndarray], M], wavelength_nm: np.ndarray):
         self._build, self._wavelength_nm = build, wavelength_nm
 
     @cached_property
-    def medium(self) -> Medium | None:
+    def medium(self) -> M | None:
         try:
             return self._build(self._wavelength_nm) if self._wavelength_nm.size else None
         except TwilightError:  # the user's table of optics covers some of the wavelengths
@@ -66,8 +66,8 @@ class _OnDemand:
 
 
 @dataclass(frozen=True, eq=False)
-class GridMedium:
-    """The air of a medium at fixed wavelengths, by which grids are laid out; the field `Medium.grid_medium`.
+class GridMedium(Generic[M]):
+    """The air of a medium, M, at fixed wavelengths, by which grids are laid out; the field `Medium.grid_medium`.
 
     It stands for certain optics: those of the medium that it is first given to.  `dataclasses.replace` of that medium
     keeps it where the optics stay the same (another ground, filter above the air, name or notes), and drops it where
@@ -78,28 +78,28 @@ class GridMedium:
     _optics: tuple[Any, ...] | None = None
 
     @staticmethod
-    def built_by(build: Callable[[np.ndarray], Medium], wavelength_nm: np.ndarray) -> GridMedium:
+    def built_by(build: Callable[[np.ndarray], M], wavelength_nm: np.ndarray) -> GridMedium[M]:
         """What `build` makes of those wavelengths (W,) [nm] whose optics are known, when it is first asked for."""
         return GridMedium(_OnDemand(build, wavelength_nm))
 
     @staticmethod
-    def of(medium: Medium) -> GridMedium:
+    def of(medium: M) -> GridMedium[M]:
         """A medium that is built already."""
         return GridMedium(SimpleNamespace(medium=medium))
 
     @property
-    def medium(self) -> Medium | None:
+    def medium(self) -> M | None:
         """At those of the fixed wavelengths where the optics are known; None where they are known at none."""
         return self._source.medium
 
-    def given_to(self, optics: tuple[Any, ...]) -> GridMedium | None:
+    def given_to(self, optics: tuple[Any, ...]) -> GridMedium[M] | None:
         """For a medium of these optics: bound to them where it is given for the first time, None for other optics."""
         if self._optics is None:
             return replace(self, _optics=optics)
         same = len(optics) == len(self._optics) and all(map(_equal, optics, self._optics))
         return self if same else None
 
-    def unbound(self) -> GridMedium:
+    def unbound(self) -> GridMedium[M]:
         """The same, to be given to a medium of the same air in other arrays."""
         return replace(self, _optics=None)
 

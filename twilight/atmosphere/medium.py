@@ -100,7 +100,7 @@ class Medium:
     screen: Screen | None = None
     name: str = ""
     notes: dict = field(default_factory=dict)
-    grid_medium: GridMedium | None = field(default=None, repr=False, compare=False)
+    grid_medium: GridMedium[Medium] | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self):
         if self.grid_medium is not None:

@@ -1,7 +1,7 @@
-"""Optics of a population of spheres by Mie theory (miepython), cached on disk.
+"""Optics of a population of spheres by Mie theory, cached on disk.
 
-The Mie coefficients a_n, b_n of each radius come from ``miepython.coefficients``.  Efficiencies and scattering
-functions are sums over them; for many radii and angles these sums are matrix products, with
+Efficiencies and scattering functions are sums over the Mie coefficients a_n, b_n of each radius (``coefficients``); for
+many radii and angles these sums are matrix products, with
 S1 +- S2 = sum_n (2n+1)/(n(n+1)) (a_n +- b_n) (pi_n +- tau_n)   (Bohren & Huffman 1983, sec. 4.4).
 With p = S1 + S2 and m = S1 - S2 the elements of the scattering matrix (their eq. 4.77) are
 4 S11 = |p|^2 + |m|^2,   2 S12 = -Re(p m*),   4 S33 = |p|^2 - |m|^2,   2 S34 = Im(p m*).
@@ -11,19 +11,18 @@ from __future__ import annotations
 
 import hashlib
 import math
-import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import metadata
 
 import numpy as np
 
 from twilight.atmosphere import shipped_optics
 from twilight.base import cache
+from twilight.base.blas import one_blas_thread
 from twilight.numerics.phase import TABLE, PhaseFunction, table_angles_rad
 
-METHOD_VERSION = 2
+METHOD_VERSION = 3
 """Part of every cache key; to be raised with any change of this file that moves a number."""
 
 N_ANGLES = 513
@@ -56,9 +55,17 @@ _CLEAR_BELOW = 1e-3
 _GROUP = 96
 """Radii per matrix product."""
 
-_JIT_FROM_SECONDS = 4.0
-"""Estimated work of one population from which miepython's compiled kernels are loaded: twenty times faster, but 3 s to
-load, and 20 s of compilation once per machine.  Eight wavelengths of land aerosol stay below, of sea salt are above."""
+SPECTRAL_STEP = 0.025
+"""Largest step in the logarithm of the wavelength over which optics are interpolated."""
+
+INDEX_ERROR = 3e-4
+"""Largest error of the real part of the refractive index over such a step."""
+
+ABSORPTION_ERROR = 2e-3
+"""Largest relative error of its imaginary part over such a step, where that is above some 1e-6."""
+
+_EXTRA_ORDERS = 25.0
+"""Orders above the last one needed, plus 1.5 sqrt(argument), at which downward recurrences begin: double precision."""
 
 
 @dataclass(frozen=True)
@@ -196,39 +203,98 @@ def _angular_functions(n_terms: int) -> tuple[np.ndarray, np.ndarray]:
     return plus, minus
 
 
-def _groups(radii: np.ndarray) -> Iterator[slice]:
-    for start in range(0, radii.size, _GROUP):
-        yield slice(start, min(start + _GROUP, radii.size))
+def n_terms(x):
+    """Terms of the Mie series at size parameters x; Wiscombe 1980, Appl. Opt. 19, 1505."""
+    return (x + 4.05 * np.cbrt(x) + 2.0).astype(np.int64)
 
 
-def compute_optics(
-    size: SizeDistribution, index: complex, wavelength_nm: float, mie_coefficients: Callable | None = None
-) -> np.ndarray:
+def coefficients(m: complex, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mie coefficients a_n, b_n of spheres, n = 1..N, each (R, N), 0 beyond the terms of a sphere.
+
+    With D_n = psi_n'(m x)/psi_n(m x), xi = psi + i chi of x, and u_n = (D_n/m + n/x) psi_n - psi_{n-1},
+        a_n* = u_n / ((D_n/m + n/x) xi_n - xi_{n-1}),    b_n* with D_n m in place of D_n/m
+    (Bohren & Huffman 1983, eq. 4.88).  D and psi come by downward, chi by upward recurrence.  Beside miepython within
+    1e-10 of the largest coefficient for x from 0.01 on, and 1e-9 at sharp resonances of large clear spheres, where the
+    error is miepython's.
+
+    m: n - i k; x: (R,), size parameters that ascend.
+    """
+    terms = n_terms(x)
+    last = int(terms[-1])
+    inverse_x, inverse_z = 1.0 / x, 1.0 / (m * x)
+
+    def begins(argument: np.ndarray) -> np.ndarray:
+        """The first sphere (n_max + 1,) that takes part in a downward recurrence at order n."""
+        at = (np.maximum(terms, argument) + _EXTRA_ORDERS + 1.5 * np.sqrt(argument)).astype(np.int64)
+        return np.searchsorted(at, np.arange(at[-1] + 1))
+
+    psi = np.empty((last + 1, x.size))
+    above, here = np.zeros(x.size), np.full(x.size, 1e-50)
+    first = begins(x)
+    for n in range(first.size - 1, 0, -1):
+        i = first[n]
+        above[i:], here[i:] = here[i:], (2 * n + 1) * inverse_x[i:] * here[i:] - above[i:]
+        if n <= last + 1:
+            psi[n - 1] = here
+    sine, cosine = np.sin(x), np.cos(x)
+    psi_1 = sine * inverse_x - cosine
+    psi *= np.where(np.abs(sine) > np.abs(psi_1), sine / psi[0], psi_1 / psi[1])  # they are not both small
+
+    derivative = np.empty((last, x.size), dtype=complex)
+    d = np.zeros(x.size, dtype=complex)
+    first = begins(np.abs(m * x))
+    for n in range(first.size - 1, 1, -1):
+        i = first[n]
+        ratio = n * inverse_z[i:]
+        d[i:] = ratio - 1.0 / (d[i:] + ratio)
+        if n <= last + 1:
+            derivative[n - 2] = d
+
+    chi = np.zeros((last + 1, x.size))
+    chi[0], chi[1] = cosine, cosine * inverse_x + sine
+    first = np.searchsorted(terms, np.arange(last + 1))
+    for n in range(1, last):
+        i = first[n + 1]
+        chi[n + 1, i:] = (2 * n + 1) * inverse_x[i:] * chi[n, i:] - chi[n - 1, i:]
+
+    orders = np.arange(1, last + 1)[:, None]
+    beyond = orders > terms
+    found = []
+    for factor in (derivative * (1.0 / m), derivative * m):  # in place: what is allocated anew costs most here
+        factor += orders * inverse_x
+        upper = factor * psi[1:]
+        upper -= psi[:-1]
+        factor *= chi[1:]
+        factor -= chi[:-1]
+        factor *= 1j
+        factor += upper
+        factor[beyond] = np.inf
+        upper /= factor
+        found.append(np.conj(upper, out=upper).T)
+    return found[0], found[1]
+
+
+@one_blas_thread()
+def compute_optics(size: SizeDistribution, index: complex, wavelength_nm: float) -> np.ndarray:
     """Extinction, scattering [km^-1 per cm^-3], asymmetry, and at the table's angles ln P11, P12/P11, P33/P11, P34/P11.
 
     One array (ROW,).
 
     index: n + i k with k of either sign; k is taken as absorption.
-    mie_coefficients: function (m, x) -> (a_n, b_n), None to choose by the amount of work.
     """
     wavelength_um = wavelength_nm * 1e-3
     wavenumber = 2.0 * math.pi / wavelength_um
     m = complex(index.real, -abs(index.imag))
-    mie_coefficients = mie_coefficients or _mie_coefficients(_seconds(size, m, wavelength_nm))
     radii, weights = radius_grid(size, m, wavelength_um)
-    n_terms = int(wavenumber * radii[-1] + 4.05 * (wavenumber * radii[-1]) ** (1 / 3) + 4)
-    plus, minus = _angular_functions(128 * 2 ** max(0, math.ceil(math.log2(n_terms / 128))))
+    most = int(n_terms(wavenumber * radii[-1]))
+    plus, minus = _angular_functions(128 * 2 ** max(0, math.ceil(math.log2(most / 128))))
     extinction = scattering = forward = 0.0
     intensity, difference, cross, twist = np.zeros((4, N_ANGLES))
-    for group in _groups(radii):
-        pairs = [mie_coefficients(m, wavenumber * r) for r in radii[group]]
-        length = max(a_n.size for a_n, _ in pairs)
-        a, b = np.zeros((2, len(pairs), length), dtype=complex)
-        for i, (a_n, b_n) in enumerate(pairs):
-            a[i, : a_n.size] = a_n
-            b[i, : b_n.size] = b_n
+    for start in range(0, radii.size, _GROUP):
+        group = slice(start, start + _GROUP)
+        a, b = coefficients(m, wavenumber * radii[group])
+        length, w = a.shape[1], weights[group]
         n = np.arange(1, length + 1)
-        w = weights[group]
         extinction += float(w @ ((a.real + b.real) @ (2 * n + 1)))
         scattering += float(w @ ((np.abs(a) ** 2 + np.abs(b) ** 2) @ (2 * n + 1)))
         neighbours = (a[:, :-1] * a[:, 1:].conj() + b[:, :-1] * b[:, 1:].conj()).real @ (n * (n + 2) / (n + 1))[:-1]
@@ -257,68 +323,69 @@ def compute_optics(
 
 
 def particle_optics(size: SizeDistribution, index: Sequence[complex] | np.ndarray, wavelength_nm) -> ParticleOptics:
-    """Optics of a population at W wavelengths [nm], with the refractive index (W,) of the particles in air."""
+    """Optics of a population at W wavelengths [nm], with the refractive index (W,) of the particles in air.
+
+    Of at least twice as many wavelengths as there are `spectral_nodes` those between the nodes are interpolated: ln
+    extinction, ln scattering, ln P11 and the rest go linearly with the logarithm of the wavelength.  In the middle of a
+    step OPAC's ten mixtures are then within 4e-4 (extinction), 7e-5 (albedo) and 3e-4 (asymmetry) of computed ones;
+    P11 at 95 % of the angles within 3e-4 on continents, 2e-3 in desert and the Arctic, 5e-3 over the sea, where
+    computed ones 4 nm apart scatter by 3e-3, for their radii sample ripples.
+    """
     wavelengths = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
-    indices = [complex(m) for m in np.broadcast_to(np.asarray(index, dtype=complex), wavelengths.shape)]
-    keys = [cache_key(size, m, w, installed_miepython()) for m, w in zip(indices, wavelengths, strict=True)]
-    found = [
-        cache.read_array(cache.OPTICS, key, (ROW,)) if shipped is None else shipped
-        for key, shipped in zip(keys, _shipped(size, indices, wavelengths), strict=True)
-    ]
-    missing = [i for i, row in enumerate(found) if row is None]
-    mie_coefficients = (
-        _mie_coefficients(sum(_seconds(size, indices[i], wavelengths[i]) for i in missing)) if missing else None
-    )
-    table = np.empty((wavelengths.size, ROW))
-    for i, row in enumerate(found):
-        if row is None:
-            row = compute_optics(size, indices[i], wavelengths[i], mie_coefficients)
-            cache.store_array(cache.OPTICS, keys[i], row)
-        table[i] = row
+    indices = np.broadcast_to(np.asarray(index, dtype=complex), wavelengths.shape)
+    nodes = spectral_nodes(indices, wavelengths)
+    if 2 * nodes.size > wavelengths.size:
+        nodes = np.arange(wavelengths.size)
+    table = np.stack([_row(size, complex(indices[i]), float(wavelengths[i])) for i in nodes])
+    if nodes.size < wavelengths.size:
+        at = np.interp(np.log(wavelengths), np.log(wavelengths[nodes]), np.arange(nodes.size))
+        lower = np.minimum(at.astype(np.int64), nodes.size - 2)
+        part = (at - lower)[:, None]
+        table[:, :2] = np.log(table[:, :2])
+        table = (1.0 - part) * table[lower] + part * table[lower + 1]
+        table[:, :2] = np.exp(table[:, :2])
     p11, p12, p33, p34 = table[:, 3:].reshape(-1, 4, N_ANGLES).transpose(1, 0, 2)
     return ParticleOptics(table[:, 0], table[:, 1], table[:, 2], p11, np.stack([p12, np.ones_like(p12), p33, p34]))
 
 
-def _shipped(size: SizeDistribution, indices: Sequence[complex], wavelengths: np.ndarray) -> list[np.ndarray | None]:
-    """Rows that come with the package, None for the others."""
-    table = shipped_optics.load()
-    return [
-        table.rows.get(cache_key(size, m, w, table.miepython_version))
-        for m, w in zip(indices, wavelengths, strict=True)
-    ]
+def spectral_nodes(index: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
+    """Which of some wavelengths (W,) [nm] are so close that optics are nearly linear between them: indices, ascending.
+
+    Neighbours are within SPECTRAL_STEP, and the refractive index (W,) is linear between them within INDEX_ERROR
+    and ABSORPTION_ERROR.
+    All wavelengths where they do not ascend.
+    """
+    if np.any(np.diff(wavelength_nm) <= 0.0):
+        return np.arange(wavelength_nm.size)
+    nodes, at = [0], np.log(wavelength_nm)
+    while nodes[-1] < at.size - 1:
+        i = nodes[-1]
+        j = max(i + 1, int(np.searchsorted(at, at[i] + SPECTRAL_STEP, side="right")) - 1)
+        while j > i + 1:
+            straight = index[i] + (index[j] - index[i]) * (at[i:j] - at[i]) / (at[j] - at[i])
+            off, k = straight - index[i:j], np.abs(index[i:j].imag)
+            if np.abs(off.real).max() <= INDEX_ERROR and np.all(np.abs(off.imag) <= ABSORPTION_ERROR * k + 1e-6):
+                break
+            j -= 1
+        nodes.append(j)
+    return np.array(nodes)
 
 
-@lru_cache(maxsize=1)
-def installed_miepython() -> str:
-    return metadata.version("miepython")
+def _row(size: SizeDistribution, index: complex, wavelength_nm: float) -> np.ndarray:
+    """What `compute_optics` gives (ROW,): shipped, from the cache, or computed now."""
+    key = cache_key(size, index, wavelength_nm)
+    row = shipped_optics.load().get(key)
+    if row is None:
+        row = cache.read_array(cache.OPTICS, key, (ROW,))
+    if row is None:
+        row = compute_optics(size, index, wavelength_nm)
+        cache.store_array(cache.OPTICS, key, row)
+    return row
 
 
-def cache_key(size: SizeDistribution, index: complex, wavelength_nm: float, miepython_version: str) -> str:
+def cache_key(size: SizeDistribution, index: complex, wavelength_nm: float) -> str:
     """Hash of everything that enters one row of results; numbers count to 12 digits."""
     numbers = (*size.numbers, index.real, abs(index.imag), wavelength_nm)
     method = (METHOD_VERSION, N_ANGLES, _NEGLIGIBLE, _NODES_PER_PANEL, _PANELS_ABSORBING, _PANELS_CLEAR, _CLEAR_BELOW)
-    text = " ".join(f"{x:.12e}" for x in numbers) + f" {method} miepython {miepython_version}"
+    text = " ".join(f"{x:.12e}" for x in numbers) + f" {method}"
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _seconds(size: SizeDistribution, index: complex, wavelength_nm: float) -> float:
-    """Rough time for one wavelength without compiled kernels: 0.1 ms + 8 us per term of each radius."""
-    radii, _ = radius_grid(size, index, wavelength_nm * 1e-3)
-    return float(np.sum(1e-4 + 8e-6 * (2e3 * math.pi / wavelength_nm) * radii))
-
-
-def _mie_coefficients(seconds: float) -> Callable:
-    """The function (m, x) -> (a_n, b_n): of miepython, compiled where there is much to do, else in numpy.
-
-    Both give the same numbers to rounding.  miepython itself chooses once, at import, by an environment variable;
-    here the choice depends on the work, because loading the compiled kernels takes longer than a small job.
-    """
-    if seconds >= _JIT_FROM_SECONDS or "miepython.mie_jit" in sys.modules:
-        from miepython import mie_jit  # start-up
-
-        kernel = getattr(mie_jit, "_an_bn_nb", None)  # not part of miepython's public interface
-        if kernel is not None:
-            return lambda m, x: kernel(m, x, 0)
-    import miepython  # start-up
-
-    return miepython.coefficients

@@ -33,14 +33,13 @@ def particles() -> list[tuple[LogNormal, np.ndarray]]:
 
 
 def write(path: Path) -> None:
-    """Compute all rows and write the file; a minute or two."""
-    version = mie.installed_miepython()
+    """Compute all rows and write the file; some 10 s."""
     keys, rows = [], []
     for size, index in particles():
         for m, wavelength in zip(index, shipped_optics.WAVELENGTHS_NM, strict=True):
-            keys.append(mie.cache_key(size, complex(m), wavelength, version))
+            keys.append(mie.cache_key(size, complex(m), wavelength))
             rows.append(mie.compute_optics(size, complex(m), wavelength))
-    shipped_optics.write(path, version, keys, np.stack(rows))
+    shipped_optics.write(path, keys, np.stack(rows))
 
 
 if __name__ == "__main__":

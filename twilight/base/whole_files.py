@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import os
 import secrets
@@ -104,8 +105,61 @@ def whole_file(path: str | os.PathLike) -> Iterator[Path]:
         with unfinished(temporary):
             yield temporary
             os.replace(temporary, path)
-    except OSError as error:
-        raise TwilightError(f"{path}: cannot be written ({error.strerror or error})") from error
+    except Exception as error:
+        if (reason := refusal(error)) is None:
+            raise
+        raise TwilightError(f"{path}: cannot be written ({reason})") from error
+
+
+def link_or_copy(source: Path, target: Path) -> None:
+    """Have a file under a second name: a link to the same data where the file system has them, else a copy, whole or
+    not at all.  Errors: TwilightError where the system refuses."""
+    with suppress(OSError, NotImplementedError, AttributeError):
+        os.link(source, target)
+        return
+    with whole_file(target) as temporary:
+        shutil.copyfile(source, temporary)
+
+
+@contextmanager
+def whole_folder(path: str | os.PathLike) -> Iterator[Path]:
+    """Give a new folder beside ``path`` to fill, and rename it when the block ends well; else nothing is left of it.
+
+    ``path`` itself may be an empty folder; folders above it are made.  Raises TwilightError where the system refuses.
+    """
+    path = Path(path)
+    _check_name(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with unfinished(path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")) as temporary:
+            temporary.mkdir()
+            yield temporary
+            os.replace(temporary, path)
+    except Exception as error:
+        if (reason := refusal(error)) is None:
+            raise
+        raise TwilightError(f"{path}: cannot be written ({reason})") from error
+
+
+_REFUSALS = tuple(
+    os.strerror(getattr(errno, name))
+    for name in ("ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS", "EACCES", "EPERM", "ENXIO", "ENODEV", "ESTALE")
+    if hasattr(errno, name)
+)
+"""What the system says where it does not let a file be written."""
+
+
+def refusal(error: BaseException) -> str | None:
+    """In the system's words why it refused to write, where that is what an error says; else None.
+
+    Libraries in C and C++ (OpenEXR, HDF5) wrap its words in errors of their own, which are no OSError.
+    """
+    if isinstance(error, OSError) and error.strerror in _REFUSALS:
+        return error.strerror
+    said = str(error)
+    if (found := next((words for words in _REFUSALS if words in said), None)) is not None:
+        return found
+    return (error.strerror or said.partition("\n")[0]) if isinstance(error, OSError) else None
 
 
 def write_csv(path: str | os.PathLike, columns: Sequence[str], rows: Iterable[Sequence[Any]], note: str = "") -> Path:

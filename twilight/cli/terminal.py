@@ -15,6 +15,7 @@ import typer
 
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.progress import Progress
+from twilight.base.whole_files import refusal
 from twilight.cli.signals import SENTENCES, leaving_on_signals
 
 PROGRESS_LINE_S = 15.0
@@ -33,15 +34,17 @@ def with_errors_as_sentences(command: Callable[..., None]) -> Callable[..., None
         except TwilightError as error:
             print(f"twilight: {error}", file=sys.stderr)
             raise typer.Exit(2) from None
-        except OSError as error:
-            # a file or folder that the system refuses in a way that nobody foresaw
-            if error.filename is None:
-                raise
-            print(f"twilight: {TwilightError(f'{error.filename}: {error.strerror}')}", file=sys.stderr)
-            raise typer.Exit(2) from None
         except KeyboardInterrupt:
             print(f"twilight: {SENTENCES[signal.SIGINT]}", file=sys.stderr)
             raise typer.Exit(130) from None
+        except Exception as error:
+            # a file or folder that the system refuses in a way that nobody foresaw
+            reason = refusal(error)
+            if reason is None or (isinstance(error, OSError) and error.filename is None):
+                raise  # `twilight.cli.main` has a sentence for the standard output
+            where = getattr(error, "filename", None)
+            print(f"twilight: {TwilightError(f'{where}: {reason}' if where else reason)}", file=sys.stderr)
+            raise typer.Exit(2) from None
 
     return guarded
 

@@ -10,9 +10,9 @@
 - `light`: the light at places and times, a sum of `light_sources`, on directions and `surfaces`.
 """
 
-from twilight.engine.field import Field, Part, parts, plan, solve
+from twilight.engine.field import Field, Part, parts, solve
 from twilight.engine.frames import Frame, frames, run
-from twilight.engine.problem import check_size, full_cost
+from twilight.engine.problem import check_size, full_cost, plan
 from twilight.engine.sunbeam import Direct, Sunbeam
 
 __all__ = [

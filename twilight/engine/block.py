@@ -23,7 +23,7 @@ from twilight.base.digest import code_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.engine.problem import VALUES_AT_ONCE, Problem
-from twilight.engine.sunbeam import Direct, Sunbeam
+from twilight.engine.sunbeam import Direct, Sunbeam, disc_strips
 from twilight.numerics.directions import half_of
 from twilight.solvers.base import Field, Interpolation
 from twilight.transport.scattered_once import ScatteredOnce
@@ -100,10 +100,11 @@ class Block:
         self.capabilities = problem.scene.capabilities
         self.from_disk = False
         self.term_medium = self.medium if self.bands is None else self.bands.expand(self.medium)
-        self.sunbeam = Sunbeam(self.term_medium, self.capabilities.kind == "fitted" or problem.numpy_only_sun)
+        self.sunbeam = Sunbeam(self.term_medium, self.capabilities.kind != "transport" or problem.numpy_only_sun)
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
         self._once: ScatteredOnce | None = None
+        self._widening: dict[float, np.ndarray] = {}
         self.field: Field = self._prepare(self._altitude_km)
 
     def _prepare(self, altitude_km: float) -> Field:
@@ -263,13 +264,36 @@ class Block:
             self._once = ScatteredOnce(
                 self.medium, self.bands, altitude_km, aerosol=self.capabilities.kind != "formula"
             )
+            self._widening.clear()
         return self._once
+
+    def widening(self, sun_elevation_deg: float, altitude_km: float) -> np.ndarray | None:
+        """`ScatteredOnce.widening` of a sun for an observer; None without an aureole, and of a solver with noise."""
+        once = self.scattered_once(altitude_km)
+        if once.log_phase is None or self.capabilities.standard_error:
+            return None
+        if sun_elevation_deg not in self._widening:
+
+            def light(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+                return self.answer(sun_elevation_deg, elevation_deg, azimuth_deg, altitude_km).radiance
+
+            self._widening[sun_elevation_deg] = once.widening(light, sun_elevation_deg)
+        return self._widening[sun_elevation_deg]
 
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         """The sun's direct light at an observer."""
         altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
         found = self.sunbeam.at(sun_elevation_deg, altitude)
         return found if self.bands is None else found._replace(irradiance=self.bands.sum_terms(found.irradiance))
+
+    def disc_irradiance(self, sun_elevation_deg: float, altitude_km: float) -> np.ndarray:
+        """Irradiance of level ground by the sun's disc over F0, (W,)."""
+        found = self.sunbeam.strips(sun_elevation_deg, max(altitude_km, self.medium.bottom_km))
+        if found is None:
+            return np.zeros(self.medium.n_wavelengths)
+        elevation, beams = found
+        beams = disc_strips()[1][:, None] * (beams if self.bands is None else self.bands.sum_terms(beams))
+        return np.maximum(np.sin(np.radians(elevation)), 0.0) @ beams
 
 
 def check_question(sun_elevation_deg: Any, elevation_deg: Any, azimuth_deg: Any) -> None:

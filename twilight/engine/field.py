@@ -21,10 +21,10 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.block import Answer, Block, check_question, join
-from twilight.engine.one_sun import SunLight
-from twilight.engine.problem import Problem
+from twilight.engine.one_sun import SunLight, warn_of_black
+from twilight.engine.problem import Problem, plan
 from twilight.engine.sun_tables import SunTables
-from twilight.engine.sunbeam import Direct, disc_strips, join_direct, make_disc
+from twilight.engine.sunbeam import Direct, join_direct, make_disc
 from twilight.numerics.directions import hemisphere, texture_centres
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene.scene import Scene
@@ -165,6 +165,12 @@ class Field:
         """The sun's direct light at an observer."""
         return join_direct([block.direct(sun_elevation_deg, observer_altitude_km) for block in self.blocks])
 
+    def of_terms(self, value: Callable[[Medium], np.ndarray]) -> np.ndarray:
+        """What a function finds for a medium at the terms of the wavelengths' exponential sums, (..., T), summed to
+        wavelengths (..., W)."""
+        found = [(value(block.term_medium), block.bands) for block in self.blocks]
+        return np.concatenate([v if bands is None else bands.sum_terms(v) for v, bands in found], axis=-1)
+
     def disc(
         self, sun_elevation_deg: float, observer_altitude_km: float | None = None, *, distance_au: float = 1.0
     ) -> Disc:
@@ -175,8 +181,8 @@ class Field:
     def table(self, sun_elevation_deg: float, observer_altitude_km: float | None = None, **nodes: Any) -> SkyTable:
         """The sky of one sun on nodes that are as close as its light needs.
 
-        nodes: rows_deg and columns_deg to begin with, those of another table, and limits as of
-        `twilight.engine.table.fill`.
+        nodes: rows_deg and columns_deg to begin with, those of another table; aureole_sun_deg, the sun whose aureole
+        the phase function is of, which tables of several suns share; and limits as of `twilight.engine.table.fill`.
         """
         return self.gather(sun_elevation_deg, observer_altitude_km, **nodes).table
 
@@ -257,6 +263,11 @@ class Field:
         ------
         TwilightError
             For what the solver cannot do.
+
+        Warns
+        -----
+        TwilightWarning
+            For a black sky: of a sun too low, or an observer above the air.
         """
         unknown = [name for name in facts if name not in SKY_FACTS]
         if unknown:
@@ -270,7 +281,10 @@ class Field:
             grid = rows if elevation_deg is None else elevation_deg, columns if azimuth_deg is None else azimuth_deg
             light = self.gather(sun_elevation_deg, altitude, grid)
         direct = self.direct(sun_elevation_deg, altitude)
-        return light.sky(self.medium, grid, direct, sun_elevation_deg, altitude, **facts)
+        made = light.sky(self.medium, grid, direct, sun_elevation_deg, altitude, **facts)
+        without_night = "a field has no light of the night: render with night.airglow=1 has, or give night_radiance"
+        warn_of_black(self.scene, made, "" if made.night_radiance is not None else without_night, stacklevel=2)
+        return made
 
     def inscatter(
         self,
@@ -395,33 +409,13 @@ class Field:
 
     def disc_irradiance(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> np.ndarray:
         """Irradiance of level ground by the sun's disc over F0, (W,)."""
-        altitude_km = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
-        _, fractions = disc_strips()
-        elevation, beams = np.zeros(0), []
-        for block in self.blocks:
-            found = block.sunbeam.strips(sun_elevation_deg, max(altitude_km, self.medium.bottom_km))
-            if found is None:
-                return np.zeros(self.medium.n_wavelengths)
-            elevation, out = found
-            beams.append(out if block.bands is None else block.bands.sum_terms(out))
-        across = fractions[:, None] * np.concatenate(beams, axis=1)
-        return np.maximum(np.sin(np.radians(elevation)), 0.0) @ across
+        altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
+        each = [block.disc_irradiance(sun_elevation_deg, altitude) for block in self.blocks]
+        return np.concatenate(each)
 
     if TYPE_CHECKING:  # the viewer stands above this room: `twilight.api.calls` attaches it
 
         def view(self, **options: Any) -> BrowserPage: ...
-
-
-def plan(
-    scene: Scene,
-    sun_elevations_deg: Sequence[float] | None = None,
-    *,
-    cached: bool = False,
-    numpy_only_sun: bool = False,
-) -> Problem:
-    """How a scene is going to be solved: its blocks of wavelengths and their cost; arguments as of `solve`."""
-    known = None if sun_elevations_deg is None else tuple(float(sun) for sun in sun_elevations_deg)
-    return Problem(scene, known, cached, numpy_only_sun)
 
 
 def solve(

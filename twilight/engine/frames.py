@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -11,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from twilight import __version__
-from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.errors import TwilightError
 from twilight.base.progress import PhasedProgress, Progress, silent
 from twilight.config.sun import SunAt
-from twilight.engine.field import Field, parts, plan
+from twilight.engine.field import Field, parts
 from twilight.engine.night import (
     check_stars,
     moon_light,
@@ -23,8 +22,8 @@ from twilight.engine.night import (
     warn_of_the_moon,
     with_moon,
 )
-from twilight.engine.one_sun import SunLight, equal_grid, merged_grids
-from twilight.engine.problem import check_size
+from twilight.engine.one_sun import SunLight, equal_grid, is_above_air, merged_grids, warn_of_black
+from twilight.engine.problem import check_size, plan
 from twilight.engine.sunbeam import Direct, join_direct, make_disc
 from twilight.engine.view import (
     ViewRadiance,
@@ -46,9 +45,6 @@ from twilight.sky.moon import Moon
 from twilight.sky.sky import Sky
 from twilight.sky.table import plain_grid
 from twilight.terrain.heights import Standpoint
-
-DARK = 1e-12
-"""Radiance over F0 [sr^-1] that counts as none: a thousandth of the darkest night, 1e-7 cd m^-2."""
 
 
 @dataclass(frozen=True)
@@ -119,29 +115,13 @@ def frames(
             found[s].take(solved, sun)
             if b == len(todo) - 1:
                 frame = _frame(scene, sun, found[s], set_up_s)
-                _warn_of_black(scene, frame.sky)
+                if scene.observer.view is None or not is_above_air(scene, scene.altitude_km):
+                    without_night = "" if config.night else "add the night sky with night.airglow=1"
+                    warn_of_black(scene, frame.sky, without_night, stacklevel=2)
                 yield frame
                 found[s] = _SunResult(None)
         del solved
     tell("done", 1.0)
-
-
-def _warn_of_black(scene: Scene, sky: Sky) -> None:
-    """TwilightWarning for a sky without light that anybody would see, which says why."""
-    config, top_km = scene.configuration, scene.medium.top_km
-    above = config.climate.medium is None and scene.altitude_km >= top_km
-    if sky.normalised_radiance.max() > DARK or (above and scene.observer.view is not None):
-        return
-    what = "black in every direction" if not sky.normalised_radiance.any() else "darker than a thousandth of any night"
-    if above:
-        why = f"an observer at {scene.altitude_km:g} km is above the air, which ends at {top_km:g} km, and looks up"
-        ask = "take a lower observer.altitude_km"
-    elif config.night is None:
-        why = f"no sunlight reaches it with the sun at {sky.sun_elevation_deg:g} deg"
-        ask = "add the night sky with night.airglow=1"
-    else:
-        why, ask = "there is no light in this air", "see the climate"
-    warnings.warn(f"the sky is {what}: {why}; {ask}", TwilightWarning, stacklevel=3)
 
 
 def _standpoint(sun: SceneSun) -> Standpoint | None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.errors import TwilightWarning
 from twilight.engine.block import Answer, Block, join
 from twilight.engine.sunbeam import Direct
 from twilight.engine.table import HIGH_FROM_KM, fill, first_rows, row_breaks
@@ -18,6 +20,8 @@ from twilight.sky.table import SkyTable
 from twilight.sky.table import join as join_tables
 from twilight.transport.rays import horizon_dip_deg
 
+DARK = 1e-12
+"""Radiance over F0 [sr^-1] that counts as none: a thousandth of the darkest night, 1e-7 cd m^-2."""
 _NEAR_HORIZON_DEG = np.array([0.04, 0.15, 0.4, 0.9, 1.8, 3.5, 7.0, 14.0, 28.0, 56.0])
 """Distances of rows from the horizon: there the light changes at once, and radiance is evaluated on both sides."""
 
@@ -93,16 +97,20 @@ def _table(
     altitude_km: float,
     rows_deg: np.ndarray | None = None,
     columns_deg: np.ndarray | None = None,
+    aureole_sun_deg: float | None = None,
     **limits: Any,
 ) -> SkyTable:
     """The sky of one sun in one block; arguments as of `Field.table`."""
     once = block.scattered_once(altitude_km)
+    shared_sun_deg = sun_elevation_deg if aureole_sun_deg is None else aureole_sun_deg
+    own, shared = (block.widening(sun, altitude_km) for sun in (sun_elevation_deg, shared_sun_deg))
+    widening = None if own is None or shared is None else (own, shared)
     rows = first_rows(*row_breaks(block.scene, altitude_km)) if rows_deg is None else rows_deg
 
     def light(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> Answer:
         return block.texture(sun_elevation_deg, elevation_deg, azimuth_deg, altitude_km)
 
-    return fill(light, once, sun_elevation_deg, rows, columns_deg, **limits)
+    return fill(light, once, sun_elevation_deg, rows, columns_deg, widening=widening, **limits)
 
 
 def equal_grid(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
@@ -141,3 +149,28 @@ def merged_grids(
     ))  # fmt: skip
     columns = columns[columns < 360.0]
     return rows, columns
+
+
+def is_above_air(scene: Scene, altitude_km: float) -> bool:
+    """Whether an observer stands above a scene's air; never where the air is a table, which ends anywhere."""
+    table = scene.config is not None and scene.config.climate.medium is not None
+    return not table and altitude_km >= scene.medium.top_km
+
+
+def warn_of_black(scene: Scene, sky: Sky, without_night: str, stacklevel: int) -> None:
+    """TwilightWarning for a sky without light that anybody would see, which says why.
+
+    without_night: what to do for light of the night; empty: it is in the sky.
+    """
+    if sky.normalised_radiance.max() > DARK:
+        return
+    what = "black in every direction" if not sky.normalised_radiance.any() else "darker than a thousandth of any night"
+    altitude, top_km = sky.observer_altitude_km, scene.medium.top_km
+    if is_above_air(scene, altitude):
+        why = f"an observer at {altitude:g} km is above the air, which ends at {top_km:g} km, and looks up"
+        ask = "take a lower observer.altitude_km"
+    elif without_night:
+        why, ask = f"no sunlight reaches it with the sun at {sky.sun_elevation_deg:g} deg", without_night
+    else:
+        why, ask = "there is no light in this air", "see the climate"
+    warnings.warn(f"the sky is {what}: {why}; {ask}", TwilightWarning, stacklevel=stacklevel + 1)

@@ -6,7 +6,7 @@ takes at once, so that 1000 need no more memory than one block.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -128,7 +128,7 @@ class Problem:
         scene, able = self.scene, self.scene.capabilities
         count = scene.medium.n_wavelengths
         keys: list[Hashable] = [0] * count
-        if count > 1 and not self._in_one_file:
+        if count > 1 and not self._in_one_file and able.kind != "fitted":
             if able.spectral_groups is not None:
                 keys = list(able.spectral_groups(scene.medium, scene.settings))
             keys = [key if self.term_counts[w] == 1 else 1 for w, key in enumerate(keys)]
@@ -154,7 +154,7 @@ class Problem:
 
         A block holds `wavelengths_at_once` terms of exponential sums at most, at least one wavelength.  Wavelengths of
         different spectral groups are in different blocks, and so are those in a band and others, whose grids would
-        follow the band's terms, unless a file is to hold them all.
+        follow the band's terms, unless a file is to hold them all, or a fitted model has no grids.
         """
         term_counts, keys = self.term_counts, self._groups
         starts, held = [0], int(term_counts[0])
@@ -172,6 +172,18 @@ class Problem:
         medium = scene.medium if part == slice(0, scene.medium.n_wavelengths) else scene.medium.select(part)
         bands = None if scene.bands is None else scene.bands.select(part)
         return medium, bands if bands is not None and bands.absorption_per_km.any() else None
+
+
+def plan(
+    scene: Scene,
+    sun_elevations_deg: Sequence[float] | None = None,
+    *,
+    cached: bool = False,
+    numpy_only_sun: bool = False,
+) -> Problem:
+    """How a scene is going to be solved: its blocks of wavelengths and their cost; arguments as of `solve`."""
+    known = None if sun_elevations_deg is None else tuple(float(sun) for sun in sun_elevations_deg)
+    return Problem(scene, known, cached, numpy_only_sun)
 
 
 @dataclass(frozen=True)
@@ -232,7 +244,7 @@ def full_cost(scene: Scene) -> SceneCost:
             seconds += times * found.cpu_s_per_wavelength * -(-n // found.block_size) * found.block_size
         else:
             seconds += times * found.cpu_s_per_interpolated * n
-        seconds += times * found.cpu_s_per_direction * len(suns) * directions * n
+        seconds += times * (found.cpu_s_per_direction * directions + found.cpu_s_per_sun) * len(suns) * n
     nodes = interpolated_from(problem)
     seconds += found.cpu_s_per_wavelength * (nodes[False] + found.band_cpu_factor * nodes[True])
     # one copy of a sky grows while its blocks are solved and evaluated; all are there while the last field still is

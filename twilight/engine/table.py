@@ -15,7 +15,7 @@ import numpy as np
 
 from twilight.engine.block import Answer
 from twilight.numerics.directions import scattering_angle_rad
-from twilight.sky.table import SkyTable, split
+from twilight.sky.table import SkyTable, at_angle, split
 from twilight.transport.rays import horizon_dip_deg
 from twilight.transport.scattered_once import ScatteredOnce
 
@@ -161,6 +161,7 @@ def fill(
     rows_deg: np.ndarray,
     columns_deg: np.ndarray | None = None,
     *,
+    widening: tuple[np.ndarray, np.ndarray] | None = None,
     refine: bool = True,
     closest_rows_deg: float = CLOSEST_ROWS_DEG,
     most: tuple[int, int] = (MOST_ROWS, MOST_COLUMNS),
@@ -170,13 +171,14 @@ def fill(
     rows_deg: the first rows, `first_rows`, or those of another table
     columns_deg: columns of another table, whose nodes are then halved only where a few lines of sight miss; None: the
         usual first ones, which are halved once
+    widening: `ScatteredOnce.widening` of this sun, and the one that the table's phase function has; None: no aureole
     refine: whether nodes are halved at all, and the table is compared with lines of sight that it has not used
     closest_rows_deg: rows closer than this are not halved [deg]; most: rows and columns
     """
     samples = _Samples(light, rows_deg, first_columns() if columns_deg is None else columns_deg)
 
     def table() -> SkyTable:
-        return _table(samples, once, sun_elevation_deg)
+        return _table(samples, once, sun_elevation_deg, widening)
 
     if not refine:
         return table()
@@ -225,12 +227,21 @@ def _checked(table: SkyTable, light: Light) -> SkyTable:
     return replace(table, error=float(np.percentile(error, 95)), worst=float(error.max()))
 
 
-def _table(samples: _Samples, once: ScatteredOnce, sun_elevation_deg: float) -> SkyTable:
+def _table(
+    samples: _Samples,
+    once: ScatteredOnce,
+    sun_elevation_deg: float,
+    widening: tuple[np.ndarray, np.ndarray] | None,
+) -> SkyTable:
     (rows, columns), answer = samples.nodes, samples.answer
     apparent = once.apparent_sun_deg(sun_elevation_deg)
     angle = scattering_angle_rad(apparent, rows[:, None], columns)[None]
     part = once.light(sun_elevation_deg, beside_breaks(rows), columns)
-    smooth, aureole = split(answer.radiance[None], None if part is None else part[None], angle, once.log_phase)
+    log_phase = once.log_phase
+    if part is not None and log_phase is not None and widening is not None:
+        part = part * np.exp(at_angle(widening[0], angle[0]))
+        log_phase = log_phase + widening[1]
+    smooth, aureole = split(answer.radiance[None], None if part is None else part[None], angle, log_phase)
     stokes = None
     if answer.polarisation is not None:
         total = answer.radiance[..., None, :]
@@ -243,6 +254,6 @@ def _table(samples: _Samples, once: ScatteredOnce, sun_elevation_deg: float) -> 
         columns,
         smooth,
         aureole,
-        None if aureole is None else once.log_phase,
+        None if aureole is None else log_phase,
         stokes,
     )

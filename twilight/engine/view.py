@@ -26,7 +26,7 @@ from twilight.sky.table import join as join_tables
 from twilight.solvers.base import Capabilities
 from twilight.terrain.aerial_perspective import DEGREE
 from twilight.terrain.heights import Standpoint, heights_of
-from twilight.terrain.scene import Viewpoint, add_terrain, check_above
+from twilight.terrain.scene import FormulaField, Viewpoint, add_terrain, check_above
 from twilight.transport.beam import prepare_beam
 from twilight.transport.rays import horizon_dip_deg
 from twilight.transport.scaling import delta_scaled
@@ -189,8 +189,8 @@ def _extent(view: View) -> tuple[tuple[float, float], tuple[float, float]]:
 def check_terrain(able: Capabilities, terrain: Terrain, altitude_km: float, standpoint: Standpoint | None) -> None:
     """TwilightError for a solver that cannot put terrain before its sky, for heights that cannot be read, and for an
     observer under the ground."""
-    if not (able.finite_segments and able.every_observer and able.kind != "formula"):
-        raise TwilightError("terrain: needs a solver with finite segments and every observer: zones or tables")
+    if not (able.finite_segments and (able.every_observer or able.kind == "formula")):
+        raise TwilightError("terrain: needs finite segments for every observer: zones, tables or preetham")
     check_above(heights_of(terrain, standpoint=standpoint), altitude_km)
 
 
@@ -219,7 +219,8 @@ def landscape(
         beam = prepare_beam(scaled.medium)
         sky = seen.radiance[..., w : w + medium.n_wavelengths]
         w += medium.n_wavelengths
-        made = add_terrain(sky, rays, heights, block.field, medium, beam, place, terrain.albedo, terrain.shadows)
+        field = FormulaField(block.field) if solved.scene.capabilities.kind == "formula" else block.field
+        made = add_terrain(sky, rays, heights, field, medium, beam, place, terrain.albedo, terrain.shadows)
         radiance.append(made.radiance)
     shown = np.concatenate(radiance, axis=-1)
     return ViewPixels(seen.kind, seen.rays, shown, seen.pitch_deg, hidden=np.isfinite(made.distance_km))

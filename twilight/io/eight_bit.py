@@ -9,6 +9,9 @@ import numpy as np
 MAX_CACHED_VALUES = 1 << 23
 """The noise of pictures with more values is not cached."""
 
+ROWS_AT_ONCE = 64
+"""Rows that are worked on at the same time: each step has copies of its own."""
+
 
 def to_bytes(picture: np.ndarray, first_row: int = 0) -> np.ndarray:
     """Display values 0..1 (height, width, K) as 8 bits, dithered by one step so that a smooth sky shows no bands.
@@ -20,15 +23,22 @@ def to_bytes(picture: np.ndarray, first_row: int = 0) -> np.ndarray:
     """
     make_noise = _cached_noise if picture.size <= MAX_CACHED_VALUES else _noise
     noise = make_noise(picture.shape, first_row)
-    return np.clip(np.floor(np.nan_to_num(picture) * 255.0 + noise), 0, 255).astype(np.uint8)
+    out = np.empty(picture.shape, np.uint8)
+    for first in range(0, len(picture), ROWS_AT_ONCE):
+        rows = slice(first, first + ROWS_AT_ONCE)
+        out[rows] = np.clip(np.floor(np.nan_to_num(picture[rows]) * 255.0 + noise[rows]), 0, 255)
+    return out
 
 
 def _noise(shape: tuple[int, ...], first_row: int) -> np.ndarray:
     height, width, channels = shape
-    y, x = np.indices((height, width), dtype=float)
-    shift = 5.588238 * np.arange(channels)
-    phase = 0.06711056 * (x[..., None] + shift) + 0.00583715 * (y[..., None] + first_row + shift)
-    return np.mod(52.9829189 * np.mod(phase, 1.0), 1.0)
+    x, shift = np.arange(float(width)), 5.588238 * np.arange(channels)
+    out = np.empty(shape)
+    for first in range(0, height, ROWS_AT_ONCE):
+        y = np.arange(float(first), float(min(first + ROWS_AT_ONCE, height)))[:, None, None]
+        phase = 0.06711056 * (x[:, None] + shift) + 0.00583715 * (y + first_row + shift)
+        out[first : first + ROWS_AT_ONCE] = np.mod(52.9829189 * np.mod(phase, 1.0), 1.0)
+    return out
 
 
 @lru_cache(maxsize=1)

@@ -19,7 +19,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.reading import check_expansion, first_line
-from twilight.base.whole_files import whole_content, whole_file
+from twilight.base.whole_files import whole_content
 from twilight.io.facts import coordinates_of, fields_from
 from twilight.io.hdf5_heaps import check_heaps
 from twilight.io.labels import attributes
@@ -89,8 +89,8 @@ def write_netcdf(dataset: xarray.Dataset, path: str | Path, encoding: dict[str, 
     Errors: TwilightError where it cannot be written.
     """
     interruptible_h5netcdf()
-    with whole_file(path) as temporary:
-        dataset.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+    with whole_content(path) as content:
+        dataset.to_netcdf(content, engine="h5netcdf", encoding=encoding)
 
 
 def _contents(sky: Sky) -> _Contents:

@@ -19,8 +19,9 @@ from twilight.numerics import projections
 from twilight.numerics.directions import direction
 from twilight.numerics.projections import PERSPECTIVE_UP_DEG, PROJECTIONS, usual_width
 from twilight.sky import colour
+from twilight.sky.quantities.measure import adaptation_coefficient
 from twilight.sky.sky import Sky
-from twilight.sky.tone import NAMES, Shot, Tone, adaptation_coefficient, tone_of
+from twilight.sky.tone import NAMES, Shot, Tone, tone_of
 
 VIEWS: tuple[str, ...] = ("wide", "panorama", "fisheye")
 DEFAULT_VIEW = "wide"

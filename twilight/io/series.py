@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +10,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.reading import MEMORY_FRACTION, memory_bytes
-from twilight.base.whole_files import write_csv
+from twilight.base.whole_files import link_or_copy, write_csv
 from twilight.io.folder import NUMBERED, numbered_files
 from twilight.io.labels import attributes
 from twilight.io.netcdf import read_sky, sky_to_dataset, write_netcdf
@@ -239,15 +236,8 @@ def number_files(folders: Sequence[Path], target: Path, names: Sequence[str] = N
                 if (folder / name).is_file():
                     target.mkdir(parents=True, exist_ok=True)
                     stem, _, suffix = name.rpartition(".")
-                    _link(folder / name, target / f"{stem}.{i:04d}.{suffix}")
+                    link_or_copy(folder / name, target / f"{stem}.{i:04d}.{suffix}")
                     count += 1
     except OSError as error:
         raise TwilightError(f"{target}: cannot be written ({error.strerror or error})") from error
     return count
-
-
-def _link(source: Path, target: Path) -> None:
-    with suppress(OSError, NotImplementedError):
-        os.link(source, target)
-        return
-    shutil.copyfile(source, target)

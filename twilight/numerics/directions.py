@@ -13,6 +13,15 @@ from numpy.typing import ArrayLike
 
 from twilight.base.errors import TwilightError
 
+HEMISPHERE_ROWS = 12
+"""Nodes of `whole_hemisphere` below the sun's elevation, and as many above it (uniform skies: test_light.py)."""
+HEMISPHERE_COLUMNS = 20
+"""Nodes over the azimuths of either half of `whole_hemisphere`."""
+LOWEST_NODE_DEG = 6.0
+"""Least elevation of the sun [deg] that parts the hemisphere's nodes in two: for lower suns the nodes stand still."""
+HIGHEST_NODE_DEG = 84.0
+"""Greatest elevation of the sun [deg] that parts them: for higher suns they stand still too."""
+
 
 def direction(azimuth_deg: np.ndarray | float, elevation_deg: np.ndarray | float) -> np.ndarray:
     """Unit vectors (..., 3) east, north, up; azimuth clockwise from north."""
@@ -98,16 +107,6 @@ def half_of(azimuth_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     folded = np.round(np.minimum(azimuth_deg, 360.0 - azimuth_deg), 9)
     _, column, back = np.unique(folded, return_index=True, return_inverse=True)
     return column, back
-
-
-HEMISPHERE_ROWS = 12
-"""Nodes of `whole_hemisphere` below the sun's elevation, and as many above it (uniform skies: test_light.py)."""
-HEMISPHERE_COLUMNS = 20
-"""Nodes over the azimuths of either half of `whole_hemisphere`."""
-LOWEST_NODE_DEG = 6.0
-"""Least elevation of the sun [deg] that parts the hemisphere's nodes in two: for lower suns the nodes stand still."""
-HIGHEST_NODE_DEG = 84.0
-"""Greatest elevation of the sun [deg] that parts them: for higher suns they stand still too."""
 
 
 def hemisphere(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Generic, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,14 +15,32 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from twilight.sky.sky import Sky
-
 SIGNS = {"difference": "-", "ratio": "/"}
 """Kinds of comparison, and how Python writes them."""
 
 
+class Comparable(Protocol):
+    """What a comparison asks of a `Sky`."""
+
+    @property
+    def wavelength_nm(self) -> np.ndarray: ...
+    @property
+    def elevation_deg(self) -> np.ndarray: ...
+    @property
+    def azimuth_deg(self) -> np.ndarray: ...
+    @property
+    def sun_elevation_deg(self) -> float: ...
+    @property
+    def radiance(self) -> np.ndarray: ...
+    def luminance(self) -> np.ndarray: ...
+    def resample(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> Self: ...
+
+
+S = TypeVar("S", bound=Comparable)
+
+
 @dataclass(frozen=True, eq=False)
-class SkyComparison:
+class SkyComparison(Generic[S]):
     """Difference `first - second` or ratio `first / second` of two skies with the same wavelengths.
 
     Both are of the radiance, sun and night together: skies under different suns, airs or observers may be compared, in
@@ -31,8 +49,8 @@ class SkyComparison:
     Errors: TwilightError for skies with other wavelengths, and a second that does not reach as low as the first.
     """
 
-    first: Sky
-    second: Sky
+    first: S
+    second: S
     kind: Literal["difference", "ratio"]
 
     def __post_init__(self):

@@ -158,11 +158,11 @@ class Sky(SkyLight):
 
     # Comparison -------------------------------------------------------------------------------------------------
 
-    def __sub__(self, other: Sky) -> SkyComparison:
+    def __sub__(self, other: Sky) -> SkyComparison[Sky]:
         """Difference of the radiances of two skies with the same directions and wavelengths."""
         return SkyComparison(self, other, "difference") if isinstance(other, Sky) else NotImplemented
 
-    def __truediv__(self, other: Sky) -> SkyComparison:
+    def __truediv__(self, other: Sky) -> SkyComparison[Sky]:
         """Ratio of the radiances of two skies with the same directions and wavelengths."""
         return SkyComparison(self, other, "ratio") if isinstance(other, Sky) else NotImplemented
 
@@ -319,8 +319,12 @@ class Sky(SkyLight):
         """Values (E, A, W) >= 0 of the grid in any direction."""
         elevation, azimuth = np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float)
         lower = self.elevation_edges_deg[0]
-        if elevation.size and not (elevation.min() >= lower - 1e-9 and elevation.max() <= 90 + 1e-9):
-            raise TwilightError(f"sample: elevation_deg must be between {lower:g} and 90 and not NaN")
+        beyond = elevation[~((elevation >= lower - 1e-9) & (elevation <= 90.0 + 1e-9))]
+        if beyond.size:
+            below = "; below is the ground, which observer.view shows" if beyond.min() < lower <= 0.0 else ""
+            raise TwilightError(
+                f"sample: elevation_deg is {beyond[0]:g}; allowed in this sky is {lower:g} to 90{below}"
+            )
         if not np.isfinite(azimuth).all():
             raise TwilightError("sample: azimuth_deg must be finite")
         return self.smooth(values, elevation, azimuth)

@@ -244,11 +244,7 @@ class SkyTable:
     def _log_phase_at(self, angle: np.ndarray) -> np.ndarray:
         """ln P at angles (...), (..., W)."""
         assert self.log_phase is not None
-        u = np.sqrt(angle / np.pi) * (PHASE_COUNT - 1)
-        k = np.minimum(u.astype(int), PHASE_COUNT - 2)
-        f = (u - k)[..., None].astype(np.float32)
-        table = self.log_phase.astype(np.float32, copy=False)
-        return (1.0 - f) * table[k] + f * table[k + 1]
+        return at_angle(self.log_phase.astype(np.float32, copy=False), angle)
 
     def light_at_nodes(self) -> np.ndarray:
         """Light at the nodes, (S, R, C, W), for what averages or fits it; none is left out as dark."""
@@ -435,11 +431,16 @@ def split(
         return np.log(light).astype(np.float32), None
     part = np.minimum(once, largest_fraction * light)
     part = part + rest * (light - part)
+    phase = at_angle(log_phase, angle_rad)
+    return np.log(light - part).astype(np.float32), (np.log(part) - phase).astype(np.float32)
+
+
+def at_angle(table: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
+    """Values at angles (...) of a table (PHASE_COUNT, W) at PHASE_ANGLE_RAD, (..., W)."""
     u = np.sqrt(angle_rad / np.pi) * (PHASE_COUNT - 1)
     k = np.minimum(u.astype(int), PHASE_COUNT - 2)
-    f = (u - k)[..., None]
-    phase = (1.0 - f) * log_phase[k] + f * log_phase[k + 1]
-    return np.log(light - part).astype(np.float32), (np.log(part) - phase).astype(np.float32)
+    f = (u - k)[..., None].astype(table.dtype)
+    return np.asarray((1.0 - f) * table[k] + f * table[k + 1])
 
 
 PLAIN_ERROR = 0.003

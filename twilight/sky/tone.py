@@ -37,6 +37,8 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
 from twilight.sky import colour
+from twilight.sky.quantities.measure import MESOPIC_RATIO, adaptation_coefficient
+from twilight.sky.quantities.responses import SCOTOPIC_EFFICACY_LM_PER_W, scotopic_efficiency
 
 NAMES = (*colour.TONE_MAPPINGS, "eye", "camera")
 
@@ -260,22 +262,12 @@ class Camera:
         return (electrons + random.normal(0.0, READ_NOISE_ELECTRONS, signal.shape)) / well
 
 
-SCOTOPIC_EFFICACY_LM_PER_W = 1700.06
-"""Luminous efficacy at the maximum of V'(lambda), 683 lm/W at 555.016 nm (CIE 018:2019)."""
-MESOPIC_RATIO = 683.0 / 1699.0
-"""V'(555 nm) as CIE 191:2010 has it."""
 DISPLAY_WHITE_CD_PER_M2 = 100.0
 """Luminance of white on a display."""
 DISPLAY_ADAPTATION_CD_PER_M2 = 27.0
 """What a picture at the meter's 1.5 times middle grey adapts its viewer to."""
 NIGHT_BLUE_XY = (0.25, 0.25)
 """Chromaticity of what rods alone see (Jensen et al. 2000)."""
-MESOPIC_OFFSET = 0.7670
-"""m at 1 cd m^-2 (CIE 191:2010)."""
-MESOPIC_PER_DECADE = 0.3334
-"""Change of m for a factor of ten in luminance (CIE 191:2010)."""
-NEWTON_STEPS = 6
-"""Newton steps for the equation of m: m is within 1e-15 for scotopic over photopic light 0.5 to 6, 0.005 at 0.1."""
 CONES_S = 110.0
 """Time constant of the dark adaptation of cones [s] (Pattanaik et al. 2000)."""
 RODS_S = 400.0
@@ -286,29 +278,6 @@ NIGHT_CD_PER_M2 = 0.005
 """Luminance below which an adapted eye has night vision alone, and the time constant of rods (CIE 191:2010)."""
 SIGMA_CYCLES = float(np.sqrt(2.0 * np.log(2.0)) / (2.0 * np.pi))
 """Standard deviation of the blur times the finest grating that is seen: half of that grating's contrast is left."""
-
-
-@lru_cache(maxsize=1)
-def scotopic_efficiency() -> np.ndarray:
-    """V'(lambda) of the CIE 1951 scotopic observer at ``spectrum.VISIBLE_NM``, (471,), from colour-science."""
-    from colour import SDS_LEFS  # start-up
-
-    found = SDS_LEFS["CIE 1951 Scotopic Standard Observer"]
-    return np.interp(spectrum.VISIBLE_NM, found.wavelengths, found.values, left=0.0, right=0.0)
-
-
-def adaptation_coefficient(photopic: np.ndarray, scotopic: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """m of CIE 191:2010 (0: night vision, 1: day vision) and the mesopic luminance [cd m^-2] for luminances of one
-    shape; photopic and scotopic [cd m^-2]."""
-    p, s = np.maximum(np.asarray(photopic, float), 1e-12), np.maximum(np.asarray(scotopic, float), 1e-12)
-    m = np.full(np.broadcast_shapes(p.shape, s.shape), 0.5)
-    for _ in range(NEWTON_STEPS):
-        light, weight = m * p + (1.0 - m) * s * MESOPIC_RATIO, m + (1.0 - m) * MESOPIC_RATIO
-        found = np.clip(MESOPIC_OFFSET + MESOPIC_PER_DECADE * np.log10(light / weight), 0.0, 1.0)
-        slope = MESOPIC_PER_DECADE / np.log(10.0) * ((p - s * MESOPIC_RATIO) / light - (1.0 - MESOPIC_RATIO) / weight)
-        inside = (found > 0.0) & (found < 1.0)
-        m = np.clip(m + (found - m) / np.where(inside, np.maximum(1.0 - slope, 0.5), 1.0), 0.0, 1.0)
-    return m, (m * p + (1.0 - m) * s * MESOPIC_RATIO) / (m + (1.0 - m) * MESOPIC_RATIO)
 
 
 def cone_threshold(luminance: np.ndarray | float) -> np.ndarray:

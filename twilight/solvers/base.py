@@ -43,6 +43,7 @@ class Cost:
     bytes_per_wavelength, cpu_s_per_wavelength: of each wavelength; of each block of `block_size` wavelengths, begun or
         full, they count block_size times
     cpu_s_per_direction: of a wavelength in one direction, when the field is evaluated
+    cpu_s_per_sun: of a wavelength under each sun, where the field is solved for one after the other
     cpu_s_per_interpolated: in place of cpu_s_per_wavelength where `spectral_interpolation` serves
     block_size: wavelengths that are computed as one
     band_bytes: added to fixed_bytes where the wavelengths are terms of a gas's exponential sum
@@ -57,6 +58,7 @@ class Cost:
     band_bytes: float = 0.0
     band_cpu_factor: float = 1.0
     cpu_s_per_interpolated: float = 0.0
+    cpu_s_per_sun: float = 0.0
 
     def n_bytes(self, wavelengths: int, in_band: bool = False) -> float:
         """Bytes of a field of so many wavelengths; in_band: or so many terms of an exponential sum."""
@@ -86,9 +88,9 @@ class Interpolation(Protocol):
 class Capabilities:
     """What a solver can do beyond the least that is asked of one, which the defaults describe.
 
-    kind: `transport`, light in the medium's coefficients; `fitted`, a model fitted to that, without a compiled kernel:
-        the engine then takes the sun's light at the ground from numpy alone; `formula`, light of a formula, to which
-        bands of gases mean nothing, for a sun above the horizon
+    kind: `transport`, light in the medium's coefficients; `fitted`, a model fitted to that; `formula`, light of a
+        formula, to which bands of gases mean nothing, for a sun above the horizon; neither of these two has a compiled
+        kernel, and the engine takes the sun's light at the ground from numpy alone
     takes_suns: `prepare` also takes `sun_elevations_deg`, all the suns that will be asked for (None: any), and computes
         only what they need
     every_sun: one field gives the sky of every sun, day to night, at a small part of the cost of the field
@@ -103,8 +105,8 @@ class Capabilities:
     spectral_interpolation: what interpolates light over the spectrum, from (medium, exponential sums of its bands or
         None, indices of wavelengths that share a spectral group, settings), for `prepare` to take as `interpolation`;
         None: each of these wavelengths is solved
-    cost: cost of a field from (medium, settings, sun elevations or None for any, altitude of the observer); None: not
-        known
+    cost: cost of a field from (medium, settings, sun elevations or None for any, altitude of the observer); None, or
+        where that gives None: not known
     package: name of a Python package that it needs beside those of twilight, which the extra `peers` installs
     """
 
@@ -119,7 +121,7 @@ class Capabilities:
     wavelengths_at_once: int = 32
     spectral_groups: Callable[[Medium, Any], Sequence[Hashable]] | None = None
     spectral_interpolation: Callable[[Medium, GasBands | None, np.ndarray, Any], Interpolation | None] | None = None
-    cost: Callable[[Medium, Any, Sequence[float] | None, float], Cost] | None = None
+    cost: Callable[[Medium, Any, Sequence[float] | None, float], Cost | None] | None = None
     package: str = ""
 
     @property

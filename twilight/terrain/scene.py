@@ -26,7 +26,7 @@ from twilight.numerics.directions import azimuth_elevation
 from twilight.terrain.aerial_perspective import AerialPerspective, sunlit_air
 from twilight.terrain.heights import Heights
 from twilight.terrain.march import ShadowGrid, first_hits, height_at, lit_ground, shadow_field, sunlight_on_lines
-from twilight.transport.beam import Beam
+from twilight.transport.beam import Beam, beam_at
 from twilight.transport.scaling import species_phase
 
 FARTHEST_KM = 600.0
@@ -45,6 +45,30 @@ class Viewpoint(NamedTuple):
     altitude_km: float
     sun_elevation_deg: float
     bending_deg: float
+
+
+class FormulaField:
+    """The field of a formula, over a flat ground and with one sky for every altitude, as `add_terrain` takes it.
+
+    Below the ground that the formula is for there is no air: a line ends where it meets that.
+    """
+
+    def __init__(self, field: Any):
+        self.field = field
+        self.sunlight = field.sunlight
+
+    def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float):
+        """As `Field.radiance` of :mod:`twilight.solvers.base`."""
+        return self.field.radiance(sun_elevation_deg, elevation_deg, azimuth_deg)
+
+    def inscatter(
+        self, sun_elevation_deg: float, elevation_deg, azimuth_deg, distance_km, *, observer_altitude_km: float,
+        peak_passes: bool,
+    ):  # fmt: skip
+        """As `SegmentField.inscatter` of the same."""
+        down = np.maximum(-np.sin(np.radians(elevation_deg)), 1e-12)
+        end = np.minimum(distance_km, (1.0 - 1e-9) * self.field.height_km / down)
+        return self.field.inscatter(sun_elevation_deg, elevation_deg, azimuth_deg, end)
 
 
 class TerrainView(NamedTuple):
@@ -67,7 +91,8 @@ def add_terrain(
 ) -> TerrainView:
     """The picture `sky` (H, W, K) [sr^-1] of rays (H, W, 3) with terrain.
 
-    field: a `SegmentField` that serves every observer; shadows: exact, segments or none.
+    field: a `SegmentField` that serves every observer, or a `FormulaField`, whose sun lights the ground; shadows:
+    exact, segments or none.
     Errors: TwilightError where the observer is under the ground.
     """
     radius = medium.earth_radius_km
@@ -116,9 +141,19 @@ class _Lines:
         self.shadow = None if shadows == "none" else _shadow(heights, self.radius, sun)
         hit = np.isfinite(far)
         sunward_km, altitude_km = _ends(self.radius, place.altitude_km, e[hit], a[hit], far[hit])
+        self.sun_factor = self._sun_factor(field)
         self.sky = None
         if hit.any():
             self.sky = _SkyIrradiance(field, place, self.radius, medium.bottom_km, sunward_km, altitude_km)
+
+    def _sun_factor(self, field: Any) -> np.ndarray:
+        """Sunlight of a formula over that of the beam at the observer, (W,); 1 for other fields."""
+        light = np.ones(self.medium.n_wavelengths)
+        if not hasattr(field, "sunlight"):
+            return light
+        beam_at(self.beam, self.place.altitude_km, np.sin(self.true_sun), light)
+        own = field.sunlight(self.place.sun_elevation_deg)
+        return np.divide(own, light, out=np.zeros_like(own), where=light > 0.0)
 
     def radiance(self, part: slice, light: np.ndarray) -> np.ndarray:
         """Radiance (D, W) of some lines; light (D, W): of the sky behind."""
@@ -180,7 +215,7 @@ class _Lines:
         )  # fmt: skip
         sky = self.sky.at(*_ends(self.radius, self.place.altitude_km, e, a, far))
         reflects = np.where(about[:, 2:] > 0.0, self.albedo, self.medium.ground_albedo)
-        return reflects / np.pi * (direct + 0.5 * (1.0 + about[:, :1]) * sky)
+        return reflects / np.pi * (direct * self.sun_factor + 0.5 * (1.0 + about[:, :1]) * sky)
 
 
 def _ends(radius_km: float, altitude_km: float, e, a, far) -> tuple[np.ndarray, np.ndarray]:

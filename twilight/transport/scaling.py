@@ -70,6 +70,21 @@ def delta_scaled(medium: Medium, degree: float | None) -> ScaledMedium:
     return ScaledMedium(scaled, moments, f, degree)
 
 
+def with_light_in_peak(
+    light: np.ndarray, whole: np.ndarray, scaled_passed: np.ndarray, passed: np.ndarray
+) -> np.ndarray:
+    """L_s + (1 - T / T_s) (L - L_s): light that a segment of air brings, forward peak and all, [sr^-1].
+
+    Scaled air counts light in the forward peak as passed: what the segment scatters on within the peak of the light
+    from behind, taken as even across the peak, is missing in L_s.
+
+    light: L_s, of the segment in scaled air; whole: L, of the whole line; scaled_passed, passed: transmittance T_s of
+    the scaled and T of the true air of the segment; all of one shape.
+    """
+    lost = np.where(scaled_passed > 0.0, 1.0 - passed / np.where(scaled_passed > 0.0, scaled_passed, 1.0), 0.0)
+    return light + np.maximum(lost, 0.0) * np.maximum(whole - light, 0.0)
+
+
 def species_phase(medium: Medium, forward_fraction: np.ndarray, cos_angle: np.ndarray) -> np.ndarray:
     """Exact phase functions of air and of each aerosol at scattering angles (D,), shape (D, 1 + K, W) [sr^-1].
 

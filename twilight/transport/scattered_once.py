@@ -1,17 +1,32 @@
 """Light that aerosol scattered once, about, by closed forms and numpy alone: what a `SkyTable` holds apart.
 
 It stands for no solver's light: a table's two layers always add up to that.  The nearer this is to what the solver has
-of light scattered once by aerosol, the smoother both layers are.
+of light scattered once by aerosol, the smoother both layers are.  Close to the sun several scatterings in the forward
+peak widen the glow: by how much is measured in the solver's light (:meth:`ScatteredOnce.widening`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
-from twilight.transport.shells import ALTITUDE_KM, RefractedShells, sublayers
+from twilight.numerics.spectrum import hermite_matrix
+from twilight.transport.clear_air import (
+    ALTITUDE_KM,
+    DARK_LOG,
+    SUBLAYERS,
+    Line,
+    Shells,
+    _parts,
+    _summed,
+    _through_layers,
+    lit_fraction,
+    log_mean,
+    sublayers,
+)
 
 if TYPE_CHECKING:
     from twilight.atmosphere.bands import GasBands
@@ -27,13 +42,80 @@ LOWEST_OBSERVER_KM = 1e-4
 ON_GROUND_KM = 0.1
 """Height up to which an observer sees no air between himself and the ground [km]."""
 
+WIDENED_DEG = 8.0
+"""Angle from the sun within which scattering in forward peaks changes the aureole on scales below those of nodes."""
+
+WIDENING_COUNT = 24
+"""Angles at which the widening is measured."""
+
+LEAST_OF_LIMB = 1e-12
+"""Light along lines through the limb, of the brightest, that stands for none."""
+
+MOST_WIDENING = 1.5
+"""Largest change of the logarithm of the aureole by widening."""
+
+
+class ShellsBelow(Shells):
+    """Shells in which lines may go down from the observer too, to the ground or through the limb."""
+
+    @property
+    def _boundary_x(self) -> np.ndarray:
+        """n r at the boundaries of layers [km]."""
+        return _parts(*self._geometry)[1][::SUBLAYERS]
+
+    @property
+    def middles_km(self) -> np.ndarray:
+        """n r in the middle of each layer below the observer, and at him [km]."""
+        middle = 0.5 * (self._boundary_x[1:] + self._boundary_x[:-1])
+        return np.append(middle[: self.first], self._boundary_x[self.first])
+
+    def invariant_km(self, elevation_deg: np.ndarray, above_km: float) -> tuple[np.ndarray, np.ndarray]:
+        """n r sin(zenith angle) of lines of sight by their elevations at an observer so far above the boundary that is
+        his, and the angle at the Earth's centre from him to where they enter the layers [rad], (E,) each; nan where
+        they do not."""
+        e, entry = np.radians(elevation_deg), self._boundary_x[self.first]
+        if above_km <= 0.0:
+            return entry * np.cos(e), np.zeros(e.size)
+        b = (entry + above_km) * np.cos(e)
+        b = np.where((b < entry) & (e < 0.0), b, np.nan)
+        return b, np.arccos(b / (entry + above_km)) - np.arccos(b / entry)
+
+    def scattered_once_below(
+        self, sun_deg: float, invariant_km: np.ndarray, before_rad: np.ndarray, azimuth_deg: np.ndarray
+    ) -> np.ndarray:
+        """`scattered_once` of lines that go down, (S, E, A, W), by their invariants (E,) and angles at the Earth's
+        centre before they enter the layers (E,)."""
+        (_, x, slope, index), edges, first = _parts(*self._geometry), self._boundary_x, self.first
+        path, angle = _through_layers(x, slope, index, invariant_km)
+        # layers in the order of the line: down to the ground or the lowest point, and up again through all of them
+        order = np.concatenate([np.arange(first)[::-1], np.arange(edges.size - 1)])
+        falling = np.arange(order.size) < first
+        passed = falling | (invariant_km > edges[0])[:, None]
+        path, angle = path[:, order] * passed, angle[:, order] * passed
+        depth = _summed(path[:, :, None] * self.extinction[order])
+        before = before_rad[:, None]
+        line = Line(path, np.concatenate([before, before + np.cumsum(angle, axis=1)], axis=1), depth)
+        boundary = np.concatenate([np.arange(first + 1)[::-1], np.arange(1, edges.size)])
+        light, edge = self.log_sunbeam(boundary, line.zenith(np.array([sun_deg]), azimuth_deg)[0])
+        light = np.maximum(light - depth[:, None], DARK_LOG)
+        out = np.zeros((len(self.scattering), invariant_km.size, azimuth_deg.size, self.extinction.shape[1]))
+        for j, k in enumerate(order):
+            low, high = (j + 1, j) if falling[j] else (j, j + 1)
+            # of the layer with the lowest point, the part above that
+            part = np.clip((invariant_km - edges[k]) / (edges[k + 1] - edges[k]), 0.0, 1.0)[:, None, None]
+            lowest = light[:, :, low] + part * (light[:, :, high] - light[:, :, low])
+            lit = lit_fraction(edge[:, :, low], edge[:, :, high])[..., None]
+            mean = log_mean(light[:, :, high], lowest) * lit
+            out += self.scattering[:, k][:, None, None] * path[None, :, j, None, None] * mean
+        return out
+
 
 class ScatteredOnce:
     """Light scattered once by the aerosol of a medium, for one observer.
 
     medium, bands: as of the engine's block of wavelengths; altitude_km: of the observer above sea level
     aerosol: whether its light is wanted, else the sun's apparent place alone
-    log_phase (PHASE_COUNT, W): ln of the phase function of the column's aerosol; None without aerosol or above the air
+    log_phase (PHASE_COUNT, W): ln of the phase function of the column's aerosol; None without aerosol
     """
 
     def __init__(self, medium: Medium, bands: GasBands | None, altitude_km: float, *, aerosol: bool = True):
@@ -44,25 +126,29 @@ class ScatteredOnce:
         self._phases = terms.phase_functions
         dip = np.degrees(np.sqrt(2.0 * height / terms.earth_radius_km))
         self._ground_deg = -float(dip) if height <= ON_GROUND_KM else -90.0
+        self._looks_down = height > ON_GROUND_KM
         boundary = ALTITUDE_KM
-        within = height <= ALTITUDE_KM[-1]
-        if within and np.abs(boundary - height).min() > LOWEST_OBSERVER_KM:
+        self._above_km = max(height - float(ALTITUDE_KM[-1]), 0.0)
+        if self._above_km == 0.0 and np.abs(boundary - height).min() > LOWEST_OBSERVER_KM:
             boundary = np.sort(np.append(boundary, height))
-        fine = terms.refined()
-        z = fine.altitude_km - fine.bottom_km
-        scattering = fine.aerosol_extinction_per_km * fine.aerosol_single_scattering_albedo
-        kinds = [_in_layers(z, scattering * f, boundary) for f in fine.aerosol_phase_fraction]
-        shape = (len(self._phases), boundary.size - 1, terms.n_wavelengths)
-        scatters = np.reshape(kinds, shape)
-        rest = fine.air_scattering_per_km + fine.absorption_per_km + fine.aerosol_extinction_per_km
-        peak = np.zeros(shape[1:])
-        if self._phases:
+        wavelengths = terms.n_wavelengths if aerosol else 1
+        shape = (len(self._phases), boundary.size - 1, wavelengths)
+        scatters, rest, peak = np.zeros(shape), np.zeros(shape[1:]), np.zeros(shape[1:])
+        if aerosol:
+            fine = terms.refined()
+            z = fine.altitude_km - fine.bottom_km
+            scattering = fine.aerosol_extinction_per_km * fine.aerosol_single_scattering_albedo
+            kinds = [_in_layers(z, scattering * f, boundary) for f in fine.aerosol_phase_fraction]
+            scatters = np.reshape(kinds, shape)
+            per_km = fine.air_scattering_per_km + fine.absorption_per_km + fine.aerosol_extinction_per_km
+            rest = _in_layers(z, per_km, boundary)
+        if aerosol and self._phases:
             forward = np.array([p.legendre_moments(PEAK_DEGREE)[:, PEAK_DEGREE] for p in self._phases])
             peak = np.einsum("kw,klw->lw", np.clip(forward, 0.0, 0.999), scatters)
         middle = terms.n_wavelengths // 2
-        self._shells = RefractedShells(
+        self._shells = ShellsBelow(
             boundary,
-            _in_layers(z, rest, boundary) - peak,
+            rest - peak,
             scatters,
             peak,
             terms.at(sublayers(boundary) + terms.bottom_km).refractivity[:, middle],
@@ -71,7 +157,7 @@ class ScatteredOnce:
         )
         column = np.einsum("klw,l->kw", scatters, np.diff(boundary))
         self.log_phase = None
-        if aerosol and self._phases and within and column.any():
+        if aerosol and self._phases and column.any():
             each = np.stack([p(np.cos(PHASE_ANGLE_RAD)).T for p in self._phases])
             total = column.sum(axis=0)
             weight = np.where(total > 0.0, column / np.where(total > 0.0, total, 1.0), 1.0 / len(column))
@@ -84,17 +170,74 @@ class ScatteredOnce:
         """Apparent elevation of a sun [deg]; of one below the horizon, as far above it as at the horizon."""
         return self._shells.apparent_elevation_deg(sun_elevation_deg)
 
-    def light(self, sun_elevation_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
-        """Light / F0 on rows (E,) and columns (A,), (E, A, W); rows below the horizontal as the lowest above it.
+    def widening(self, light: Callable[[np.ndarray, np.ndarray], np.ndarray], sun_elevation_deg: float) -> np.ndarray:
+        """By what the logarithm of the aureole of a sun differs from that of light scattered once, (PHASE_COUNT, W).
 
-        The ground in front of an observer who stands on it has none.
+        light: the solver's, of directions (D,), (D, W).  Within `WIDENED_DEG` of the sun, level with it, what is not in
+        the aureole is taken as linear in the angle; beyond, and for a sun whose apparent place is below the horizon,
+        the difference is 0.
+        """
+        assert self.log_phase is not None
+        sun = self.apparent_sun_deg(sun_elevation_deg)
+        if sun <= 0.0:
+            return np.zeros_like(self.log_phase)
+        angle = 1.5 * WIDENED_DEG * np.linspace(0.0, 1.0, WIDENING_COUNT) ** 2
+        h, t = np.radians(sun), np.radians(angle)
+        elevation = np.degrees(np.arcsin(np.sin(h) * np.cos(t)))
+        azimuth = np.degrees(np.arctan2(np.sin(t), np.cos(h) * np.cos(t)))
+        found = light(elevation, azimuth).astype(float)
+        pairs = zip(elevation, azimuth, strict=True)
+        once = np.stack([self.light(sun_elevation_deg, e[None], a[None])[0, 0] for e, a in pairs])  # type: ignore[index]
+        edge = int(np.searchsorted(angle, WIDENED_DEG))
+        rest = found - once
+        rest = rest[edge] + (angle[:, None] - angle[edge]) * (rest[-1] - rest[edge]) / (angle[-1] - angle[edge])
+        change = np.log(np.maximum(found - rest, 1e-30) / np.maximum(once, 1e-30))
+        change[edge:] = 0.0
+        change[:, change.min(axis=0) < -MOST_WIDENING] = 0.0  # a sky without an aureole
+        change = np.minimum(change, MOST_WIDENING)
+        between = hermite_matrix(np.sqrt(np.radians(angle)), np.sqrt(PHASE_ANGLE_RAD))
+        return (between @ change).astype(np.float32)
+
+    def _below(
+        self, sun_elevation_deg: float, invariant_km: np.ndarray, before_rad: np.ndarray, azimuth_deg: np.ndarray
+    ) -> np.ndarray:
+        """`ShellsBelow.scattered_once_below`, through the limb between lines that are lowest in the middle of a
+        layer: at its edges the path has a root of the height, which neither of a table's layers can hold."""
+        middle = self._shells.middles_km
+        limb = invariant_km > middle[0]
+        out = np.empty((len(self._phases), invariant_km.size, azimuth_deg.size, self._shells.extinction.shape[1]))
+        if not limb.all():
+            straight = invariant_km[~limb], before_rad[~limb]
+            out[:, ~limb] = self._shells.scattered_once_below(sun_elevation_deg, *straight, azimuth_deg)
+        if limb.any():
+            order = np.argsort(invariant_km)
+            before = np.interp(middle, invariant_km[order], before_rad[order])
+            found = self._shells.scattered_once_below(sun_elevation_deg, middle, before, azimuth_deg)
+            logarithm = np.log(np.maximum(found, LEAST_OF_LIMB * found.max() + 1e-300))
+            between = hermite_matrix(middle, invariant_km[limb])
+            out[:, limb] = np.exp(np.einsum("em,smaw->seaw", between, logarithm))
+        return out
+
+    def light(self, sun_elevation_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
+        """Light / F0 on rows (E,) and columns (A,), (E, A, W).
+
+        The ground in front of an observer who stands on it has none, and lines between it and the horizontal that of
+        the horizontal.
         """
         if self.log_phase is None:
             return None
-        rows = np.maximum(elevation_deg, 0.0)
-        unique, back = np.unique(rows, return_inverse=True)
-        factors = self._shells.scattered_once(sun_elevation_deg, unique, azimuth_deg)[:, back]
+        up = np.full(elevation_deg.shape, self._above_km == 0.0) & ((elevation_deg >= 0.0) | (not self._looks_down))
+        shape = (len(self._phases), elevation_deg.size, azimuth_deg.size, self._shells.extinction.shape[1])
+        factors = np.zeros(shape)
+        if up.any():
+            unique, back = np.unique(np.maximum(elevation_deg[up], 0.0), return_inverse=True)
+            factors[:, up] = self._shells.scattered_once(sun_elevation_deg, unique, azimuth_deg)[:, back]
         factors[:, elevation_deg < self._ground_deg] = 0.0
+        if not up.all():
+            invariant, before = self._shells.invariant_km(elevation_deg, self._above_km)
+            down = ~up & np.isfinite(invariant)
+            if down.any():
+                factors[:, down] = self._below(sun_elevation_deg, invariant[down], before[down], azimuth_deg)
         apparent = self.apparent_sun_deg(sun_elevation_deg)
         cosine = np.cos(scattering_angle_rad(apparent, elevation_deg[:, None], azimuth_deg))
         out = sum(np.moveaxis(p(cosine), 0, -1) * part for p, part in zip(self._phases, factors, strict=True))

@@ -13,6 +13,7 @@ import numpy as np
 from twilight.io.view import DARKEST_FRACTION
 from twilight.numerics import spectrum
 from twilight.sky import colour, tone
+from twilight.sky.quantities.measure import MESOPIC_RATIO, adaptation_coefficient
 
 LOG10_PHOTOPIC = np.linspace(-6.0, 6.0, 241)
 """Nodes of the eye's tables: logarithms of luminance [cd m^-2]."""
@@ -25,7 +26,7 @@ def eye_tables() -> dict[str, np.ndarray]:
     photopic = 10.0 ** LOG10_PHOTOPIC[:, None]
     scotopic = photopic * 10.0**LOG10_RATIO
     return {
-        "adaptation_coefficient": tone.adaptation_coefficient(photopic, scotopic)[0],
+        "adaptation_coefficient": adaptation_coefficient(photopic, scotopic)[0],
         "display_gain": np.log(tone.display_gain(photopic, scotopic)),
         "acuity": tone.acuity_cycles_per_deg(photopic[:, 0]),
     }
@@ -62,7 +63,7 @@ def shader_constants() -> str:
         "BURNT_FROM": low,
         "BURNT_TO": high,
         "BURNT_LEAK": colour.BURNT_OUT_LEAK,
-        "MESOPIC_RATIO": tone.MESOPIC_RATIO,
+        "MESOPIC_RATIO": MESOPIC_RATIO,
         "LOG10_PHOTOPIC_FROM": LOG10_PHOTOPIC[0],
         "LOG10_PHOTOPIC_TO": LOG10_PHOTOPIC[-1],
         "LOG10_RATIO_FROM": LOG10_RATIO[0],

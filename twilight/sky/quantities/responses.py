@@ -30,6 +30,8 @@ CAMERA = "Nikon 5100 (NPL)"
 (JOSA A 32, 381), measured at the National Physical Laboratory."""
 ERYTHEMA_NM = np.arange(300.0, 401.0)
 """Where erythema is counted [nm]: the air's data begin at 300 nm, and some 1 to 5 % of a high sun's is below."""
+SCOTOPIC_EFFICACY_LM_PER_W = 1700.06
+"""Luminous efficacy at the maximum of V'(lambda), 683 lm/W at 555.016 nm (CIE 018:2019)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +122,16 @@ def erythema(wavelength_nm: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=1)
-def _scotopic() -> Response:
-    from twilight.sky.tone import scotopic_efficiency  # start-up
+def scotopic_efficiency() -> np.ndarray:
+    """V'(lambda) of the CIE 1951 scotopic observer at ``spectrum.VISIBLE_NM``, (471,), from colour-science."""
+    from colour import SDS_LEFS  # start-up
 
+    found = SDS_LEFS["CIE 1951 Scotopic Standard Observer"]
+    return np.interp(spectrum.VISIBLE_NM, found.wavelengths, found.values, left=0.0, right=0.0)
+
+
+@lru_cache(maxsize=1)
+def _scotopic() -> Response:
     return Response("scotopic", spectrum.VISIBLE_NM, scotopic_efficiency(), source="CIE 1951")
 
 

@@ -114,6 +114,8 @@ class Field(BareField):
                 surface.wi = direction
                 out[d, part] = emitter.eval(surface)
         out /= self._solar
+        # a sun below 2 deg: the fit is negative by up to 2 % of its brightest blue at the horizon, far from the sun
+        np.maximum(out, 0.0, out=out)
         return out.reshape(*elevation.shape, nm.size)
 
     def _emitter(self, sun_elevation_rad: float):

@@ -2,8 +2,8 @@
 
 from twilight.solvers.base import Capabilities
 from twilight.solvers.cells.settings import QUALITIES, CellsSettings
-from twilight.solvers.cells.solver import Field, prepare
+from twilight.solvers.cells.solver import Field, cost, prepare
 
-CAPABILITIES = Capabilities()
+CAPABILITIES = Capabilities(cost=cost)
 
 __all__ = ["CAPABILITIES", "QUALITIES", "CellsSettings", "Field", "prepare"]

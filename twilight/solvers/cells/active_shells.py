@@ -26,10 +26,10 @@ class ActiveShells(NamedTuple):
     outer: np.ndarray
     part: np.ndarray
 
-    def spread(self, values: np.ndarray) -> np.ndarray:
-        """From the active rings (A, ...) to all (G, ...)."""
-        part = self.part.reshape(-1, *(1,) * (values.ndim - 1))
-        return values[self.inner] * (1.0 - part) + values[self.outer] * part
+    def spread(self, values: np.ndarray, rings: slice = slice(None)) -> np.ndarray:
+        """From the active rings (A, ...) to all (G, ...), or to some of these."""
+        part = self.part[rings].reshape(-1, *(1,) * (values.ndim - 1))
+        return values[self.inner[rings]] * (1.0 - part) + values[self.outer[rings]] * part
 
 
 def make_active_shells(grid: CellGrid, step: int) -> ActiveShells:
@@ -54,8 +54,7 @@ def make_active_shells(grid: CellGrid, step: int) -> ActiveShells:
     return ActiveShells(ring, inner, outer, part)
 
 
-def energy_ratio(every: np.ndarray, active: ActiveShells, cells: np.ndarray) -> np.ndarray:
-    """I_all / I_active (W,) of the power (G, W, H) that all rings send out; cells (H,): of `full_turn`."""
-    energy = (every * cells).sum(axis=2)
+def energy_ratio(energy: np.ndarray, active: ActiveShells) -> np.ndarray:
+    """I_all / I_active (W,) of the energy (G, W) that all cells of each ring send out."""
     among_active = energy[active.ring].sum(axis=0)
     return np.where(among_active > 0.0, energy.sum(axis=0) / np.where(among_active > 0.0, among_active, 1.0), 1.0)

@@ -9,7 +9,8 @@ that aerosol scattered goes out by Henyey and Greenstein's function, eq. (1); in
 
 The paper's savings, all exact: the paths from one cell of a ring serve all its cells (ring reuse), a path serves its
 mirror image in the source's own vertical plane, and power is that of the half of the cells on one side of the sun's
-vertical.  Beyond the paper the way back is the same path.  Nothing of a pair is stored.
+vertical.  Beyond the paper the way back is the same path.  Nothing of a pair is stored, and threads share one sum: the
+rings are dealt into blocks, and of the pairs of blocks only disjoint ones are worked on at a time.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from twilight.jit.kernels import njit
 from twilight.solvers.cells.grid import CellGrid
 from twilight.solvers.cells.layers import Layers, layer_of, path_depth
 
-PARTS = 16
-"""Parts of the loop over pairs, each with sums of its own: threads do not change the light."""
+BLOCKS = 32
+"""Blocks of rings, twice the most threads of a pass; the order of all sums follows from them alone."""
 
 
 class Rings(NamedTuple):
@@ -255,11 +256,21 @@ def add_forward(capture, ways, power, asymmetry, sun, cosine, sent, out):
                 out[w, 0] += sent[n - s]
 
 
-@njit(cache=True, nogil=True)
-def _exchange(layers, extinction, rings, power, forward, asymmetry, sun, out, begin, end):
-    """`exchange` for the parts begin..end of PARTS, out (PARTS, G, W, H).
+def rounds_of_blocks(n: int) -> list[np.ndarray]:
+    """All pairs of n blocks (an even number), (P, 2) each: those of equal ones, then n - 1 rounds of a tournament.
 
-    layers, extinction, rings, power, forward, asymmetry, sun: as there.
+    Within a round no block comes twice but with itself.
+    """
+    last = n - 1
+    games = [[(r, last), *(((r + k) % last, (r - k) % last) for k in range(1, n // 2))] for r in range(last)]
+    return [np.array([(b, b) for b in range(n)]), *map(np.array, games)]
+
+
+@njit(cache=True, nogil=True)
+def _exchange(layers, extinction, rings, power, forward, asymmetry, sun, out, pairs, begin, end):
+    """`exchange` for the pairs begin..end of blocks, added to out (G, W, H); ring i is in block i modulo BLOCKS.
+
+    layers, extinction, rings, power, forward, asymmetry, sun: as there; pairs (P, 2): of `rounds_of_blocks`.
     """
     n_rings, n_wavelengths, n_half = power.shape
     directed = forward.shape[0] > 0
@@ -268,13 +279,12 @@ def _exchange(layers, extinction, rings, power, forward, asymmetry, sun, out, be
     depth = np.empty(n_wavelengths)
     wide = np.empty((n_wavelengths, 3 * n_half - 2))
     cosine, sent = np.empty(2 * n_half - 2, np.float32), np.empty(2 * n_half - 2, np.float32)
-    sends = np.zeros(n_rings, np.bool_)
-    if directed:
-        for ring in range(n_rings):
-            sends[ring] = np.max(forward[ring]) > 0.0
-    for part in range(begin, end):
-        for target in range(part, n_rings, PARTS):
-            for source in range(target + 1):
+    for i in range(begin, end):
+        for a in range(pairs[i, 0], n_rings, BLOCKS):
+            for b in range(pairs[i, 1], n_rings, BLOCKS):
+                if pairs[i, 0] == pairs[i, 1] and b > a:
+                    break
+                target, source = max(a, b), min(a, b)
                 for d in range(n_half):
                     turn = math.pi * d / (n_half - 1)
                     pair_capture(layers, extinction, rings, target, source, turn, depth, there[d], back[d], ways[d])
@@ -284,24 +294,24 @@ def _exchange(layers, extinction, rings, power, forward, asymmetry, sun, out, be
                     ways_back[d, 1] = c * ways[d, 1] - t * ways[d, 0]
                     ways_back[d, 2] = -ways[d, 2]
                 unfold(there, wide)
-                add_alike(wide, power[source], out[part, target])
+                add_alike(wide, power[source], out[target])
                 if source == target:
-                    if directed and sends[source]:
+                    if directed:
                         # of its own light a cell takes what leaves in the mean of all directions
-                        add_own(there[0], forward[source], out[part, target])
+                        add_own(there[0], forward[source], out[target])
                         there[0] = 0.0
                         unfold(there, wide)
                         g = asymmetry[rings.layer[source]]
-                        add_forward(wide, ways, forward[source], g, sun, cosine, sent, out[part, target])
+                        add_forward(wide, ways, forward[source], g, sun, cosine, sent, out[target])
                     continue
-                if directed and sends[source]:
+                if directed:
                     g = asymmetry[rings.layer[source]]
-                    add_forward(wide, ways, forward[source], g, sun, cosine, sent, out[part, target])
+                    add_forward(wide, ways, forward[source], g, sun, cosine, sent, out[target])
                 unfold(back, wide)
-                add_alike(wide, power[target], out[part, source])
-                if directed and sends[target]:
+                add_alike(wide, power[target], out[source])
+                if directed:
                     g = asymmetry[rings.layer[target]]
-                    add_forward(wide, ways_back, forward[target], g, sun, cosine, sent, out[part, source])
+                    add_forward(wide, ways_back, forward[target], g, sun, cosine, sent, out[source])
 
 
 def exchange(
@@ -312,13 +322,14 @@ def exchange(
     power (G, W, H): scattered isotropically, of the H = S/2 + 1 azimuths from 0 to 180 deg; forward: scattered by
     aerosol once, which goes out by eq. (1) from the sun, unit vector (3,); extinction is that of later events.
     """
-    out = np.zeros((PARTS, *power.shape))
+    out = np.zeros(power.shape)
     forward = np.zeros((0, *power.shape[1:])) if forward is None else forward
     sun = np.zeros(3) if sun is None else sun
-    in_slices(
-        lambda begin, end: _exchange(
-            layers, layers.later_extinction, rings, power, forward, layers.asymmetry, sun, out, begin, end
-        ),
-        PARTS,
-    )
-    return out.sum(axis=0)
+    extinction, asymmetry = layers.later_extinction, layers.asymmetry
+    for pairs in rounds_of_blocks(BLOCKS):
+
+        def work(begin: int, end: int, pairs: np.ndarray = pairs) -> None:
+            _exchange(layers, extinction, rings, power, forward, asymmetry, sun, out, pairs, begin, end)
+
+        in_slices(work, len(pairs))
+    return out

@@ -59,4 +59,6 @@ def sunlit(
     shape = (rings.radius.size, layers.air.shape[1], rings.azimuth_cells // 2 + 1)
     air, aerosol = np.empty(shape), np.empty(shape)
     in_slices(lambda begin, end: _sunlit(layers, rings, sun, tolerance, air, aerosol, begin, end), rings.radius.size)
-    return air * filtered[:, None], aerosol * filtered[:, None]
+    for light in (air, aerosol):
+        light *= filtered[:, None]
+    return air, aerosol

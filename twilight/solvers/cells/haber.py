@@ -29,6 +29,9 @@ from twilight.solvers.cells.layers import make_layers
 from twilight.solvers.cells.settings import CellsSettings, check_sun
 from twilight.solvers.cells.sky_texture import SkyTexture
 
+RINGS_AT_ONCE = 256
+"""Rings whose light of an event is there at the same time, beside the sum of all events."""
+
 
 class HaberField(BareField):
     """Haber's sky of one medium around one observer; the latest sun's is kept."""
@@ -77,8 +80,7 @@ class HaberField(BareField):
         s, rings, layers = self.settings, self.rings, self.layers
         self._progress("direct light", 0.0)
         filtered = np.exp(-self.medium.overhead_absorption_optical_depth)
-        air, aerosol = sunlit(layers, rings, sun, self.tolerance, filtered)
-        isotropic = air.copy()
+        isotropic, aerosol = sunlit(layers, rings, sun, self.tolerance, filtered)
         if s.max_orders == 1:
             self.convergence = Convergence(1, 1.0)
             return isotropic, aerosol
@@ -86,29 +88,31 @@ class HaberField(BareField):
         cells = full_turn(s.azimuth_cells)
         scattering = layers.later_scattering[rings.layer]
         extinction = layers.later_extinction[rings.layer]
-        albedo = np.divide(scattering, extinction, out=np.zeros_like(scattering), where=extinction > 0.0)
-        amount = (scattering * rings.volume[:, None])[:, :, None]
+        amount = scattering * rings.volume[:, None]
         reflected = self._first_of_ground(sun, filtered)
-        sent = air
-        forward: np.ndarray | None = aerosol
+        energy = isotropic @ cells + aerosol @ cells
+        sent = isotropic[active]
+        forward: np.ndarray | None = aerosol[active]
+        # what an active cell scatters of what it extinguishes, over sigma_s V
+        scattered = np.divide(1.0, (extinction * rings.volume[:, None])[active],
+                              out=np.zeros((active.size, amount.shape[1])), where=amount[active] > 0.0)  # fmt: skip
         fraction, event = 1.0, 1
         while event < s.max_orders and (event == 1 or fraction >= s.tolerance):
             event += 1
-            ratio = energy_ratio(sent if forward is None else sent + forward, self.active, cells)
-            from_active = sent[active]
-            received = exchange(
-                layers, self.active_rings, from_active, None if forward is None else forward[active], sun
-            )
-            received *= ratio[:, None]
-            reflected = self._through_ground(from_active, forward, ratio, reflected, received)
-            mean = np.divide(
-                received * albedo[active][:, :, None], amount[active], out=np.zeros_like(received),
-                where=amount[active] > 0.0,
-            )  # fmt: skip
-            sent, forward = self.active.spread(mean) * amount, None
-            isotropic += sent
-            lit = isotropic > 0.0
-            fraction = float(np.max(sent[lit] / isotropic[lit], initial=0.0))
+            ratio = energy_ratio(energy, self.active)
+            mean = exchange(layers, self.active_rings, sent, forward, sun)
+            mean *= ratio[:, None]
+            reflected = self._through_ground(sent, forward, ratio, reflected, mean)
+            mean *= scattered[:, :, None]
+            sent, forward = mean * amount[active][:, :, None], None
+            fraction = 0.0
+            for first in range(0, energy.shape[0], RINGS_AT_ONCE):
+                some = slice(first, first + RINGS_AT_ONCE)
+                more = self.active.spread(mean, some) * amount[some, :, None]
+                isotropic[some] += more
+                energy[some] = more @ cells
+                lit = isotropic[some] > 0.0
+                fraction = max(fraction, float(np.max(more[lit] / isotropic[some][lit], initial=0.0)))
             self._progress(f"scattering event {event}", 0.95 * event / s.max_orders)
         self.convergence = Convergence(event, fraction)
         return isotropic, aerosol
@@ -126,6 +130,6 @@ class HaberField(BareField):
         if self.patches is None or reflected is None:
             return None
         light = np.zeros_like(reflected)
-        all_sent = sent if forward is None else sent + forward[self.active.ring]
+        all_sent = sent if forward is None else sent + forward
         exchange_with_ground(self.layers, self.active_rings, self.patches, all_sent, reflected, received, light)
         return light * (ratio * self.medium.ground_albedo)[:, None]

@@ -50,12 +50,13 @@ class SkyTexture:
         # from the cell to the observer, light that travelled away from the sun
         e = self.elevation[:, None]
         cosine = (np.cos(e) * np.cos(azimuth) * sun[0] + np.sin(e) * sun[2])[self.grid.ring_row]
-        g = self.layers.asymmetry[self.rings.layer][:, :, None]
-        forward = (1.0 - g**2) / (1.0 + g**2 - 2.0 * g * cosine[:, None, :]) ** 1.5
-        light = (isotropic + aerosol * forward) / (4.0 * np.pi) * self.weight[:, :, None]
-        out = np.zeros((self.elevation.size, *light.shape[1:]))
-        np.add.at(out, self.grid.ring_row, light)
-        return out.transpose(0, 2, 1)
+        out = np.zeros((self.elevation.size, isotropic.shape[2], isotropic.shape[1]))
+        for w in range(isotropic.shape[1]):
+            g = self.layers.asymmetry[self.rings.layer, w, None]
+            forward = (1.0 - g**2) / (1.0 + g**2 - 2.0 * g * cosine) ** 1.5
+            light = (isotropic[:, w] + aerosol[:, w] * forward) / (4.0 * np.pi) * self.weight[:, w, None]
+            np.add.at(out[:, :, w], self.grid.ring_row, light)
+        return out
 
     def interpolate(self, texture: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """The texture (S/2, H, W) at directions (D,), (D, W).

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
-from twilight.solvers.base import BareField
+from twilight.solvers.base import BareField, Cost
+from twilight.solvers.cells.active_shells import make_active_shells
 from twilight.solvers.cells.exact import ExactCells
+from twilight.solvers.cells.grid import make_grid
 from twilight.solvers.cells.haber import HaberField
 from twilight.solvers.cells.line_integrals import MultipleView, coarse_elevations, horizon_deg
 from twilight.solvers.cells.settings import QUALITIES, CellsSettings, check_sun
@@ -18,6 +21,42 @@ from twilight.solvers.cells.single import make_straight_lines, single_scattering
 from twilight.transport.beam import prepare_beam
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled
+
+PAIR_S = 5.5e-7
+"""Processor seconds of a pair of cells in a pass, there and back, whatever its wavelengths (S = 48 to 120)."""
+PAIR_WAVELENGTH_S = 1.15e-7
+"""The same of each wavelength of the pair."""
+FORWARD_S = 2.7e-7
+"""The same of each wavelength more in the pass whose light goes out by Henyey and Greenstein's function."""
+SUNLIT_S = 2.5e-6
+"""Processor seconds of a cell and wavelength in direct light: the search for the sun."""
+POWERS_AT_ONCE = 2, 5
+"""Numbers of a cell and wavelength that are there at the same time: of every cell, and more of an active one."""
+WAVELENGTHS_OF_A_PASS = 32
+"""Most wavelengths that share the geometry of a pass: those of a block."""
+
+
+def cost(
+    medium: Medium, settings: CellsSettings, sun_elevations_deg: Sequence[float] | None, observer_altitude_km: float
+) -> Cost | None:
+    """Cost of Haber's system, all of it for each sun; None for the other modes, of which it is not known."""
+    if settings.multiple_scattering != "isotropic":
+        return None
+    air = medium.bottom_km, medium.top_km, medium.earth_radius_km
+    grid = make_grid(settings.azimuth_cells, settings.inner_radius_km, observer_altitude_km, *air)
+    active = make_active_shells(grid, settings.active_shell_step).ring.size
+    half, sharing = settings.azimuth_cells // 2 + 1, min(medium.n_wavelengths, WAVELENGTHS_OF_A_PASS)
+    pairs = half * active * (active + 1) / 2
+    passes = settings.max_orders - 1
+    seconds = SUNLIT_S * grid.n_rings * half + passes * pairs * (PAIR_S / sharing + PAIR_WAVELENGTH_S)
+    every, of_active = POWERS_AT_ONCE
+    return Cost(
+        fixed_bytes=0.0,
+        bytes_per_wavelength=8.0 * half * (every * grid.n_rings + of_active * active),
+        cpu_s_per_wavelength=0.0,
+        cpu_s_per_direction=0.0,
+        cpu_s_per_sun=seconds + min(passes, 1) * pairs * FORWARD_S,
+    )
 
 
 def prepare(

@@ -1,8 +1,8 @@
 """The solver compact: skies from a model of all clear air in one file, without compiled code."""
 
 from twilight.solvers.base import Capabilities
-from twilight.solvers.compact.clear_air_field import QUALITIES, CompactSettings, prepare
-from twilight.solvers.compact.clear_air_field import ClearAirField as Field
+from twilight.solvers.compact.field import QUALITIES, CompactSettings, prepare
+from twilight.solvers.compact.field import ClearAirField as Field
 
 CAPABILITIES = Capabilities(
     kind="fitted",

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -40,9 +39,6 @@ from twilight.solvers.montecarlo.paths import N_ORDERS
 from twilight.solvers.montecarlo.settings import MonteCarloSettings
 from twilight.solvers.montecarlo.sunlight import SolarBeam, prepare_beam_table, screen_in_space
 from twilight.transport.beam import prepare_beam
-
-if TYPE_CHECKING:
-    from twilight.solvers.montecarlo.field import Field
 
 BATCH_SAMPLES = 4096
 """Samples of a batch, about: between batches sums are added, progress is reported and the state saved."""

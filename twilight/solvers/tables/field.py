@@ -22,7 +22,7 @@ from twilight.solvers.tables.mapping import Mapping, grid
 from twilight.solvers.tables.passes import depths, read
 from twilight.transport.profile import prepare_profile
 from twilight.transport.ray_profile import passing_at, ray_profile
-from twilight.transport.scaling import delta_scaled, species_phase
+from twilight.transport.scaling import delta_scaled, species_phase, with_light_in_peak
 
 LOWEST_JUDGED_SUN_DEG = -6.0
 """Suns above this [deg] are those whose irradiance of the ground by the sky says how far the orders have converged."""
@@ -128,8 +128,7 @@ class Field(BareField):
         true = np.exp(-self._depths(self.profile, near, left))
         whole = self.inscattered(near)
         whole[near.ground] += self._ground(near)
-        lost = np.where(passed > 0.0, 1.0 - true / np.where(passed > 0.0, passed, 1.0), 0.0)
-        light += np.maximum(lost, 0.0) * np.maximum(whole - light, 0.0)
+        light = with_light_in_peak(light, whole, passed, true)
         return light.reshape(shape), true.reshape(shape)
 
     def inscattered(self, rays: ViewRays) -> np.ndarray:

@@ -13,7 +13,7 @@ with the azimuth a from the sun, positive to the right, and polar parts of a mea
 where d^l_mn are Wigner's functions of the zenith angle (generalised spherical functions).  Scattering by
 particles that lie at random keeps l and m, and does not mix what a mirror leaves (I, E) with what it turns round (B):
     I' = chi_l I + b_l E,      E' = b_l I + even_l E,      B' = odd_l B,
-    b_l = 2 pi int P12 d^l_02 dmu,     even_l +- odd_l = 2 pi int (P22 +- P33) d^l_2,+-2 dmu.
+with the moments b, even and odd of the phase matrix (`twilight.transport.scaling`).
 Air has only b_2 = -3 Delta/(5 sqrt 6) and even_2 = 3 Delta/5: it sees the traceless tensor of the field, five numbers.
 Reference: Hovenier, van der Mee & Domke 2004, Transfer of Polarized Light in Planetary Atmospheres, appendix B.
 """

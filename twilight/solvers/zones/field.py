@@ -31,7 +31,7 @@ from twilight.transport.azimuth_series import RayDirections, interpolate_azimuth
 from twilight.transport.beam import Beam
 from twilight.transport.lines import trace_rays, with_refraction
 from twilight.transport.profile import prepare_profile
-from twilight.transport.scaling import species_phase, species_polarising_phase
+from twilight.transport.scaling import species_phase, species_polarising_phase, with_light_in_peak
 from twilight.transport.sunlit import scattered_once
 from twilight.transport.sunlit_ray import Phases, SunlitAir
 
@@ -135,11 +135,8 @@ class Field(BareField):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Light scattered in between the observer and a distance, and the transmittance of that air.
 
-        The field counts light in the narrow forward peak of aerosol as passed.  With T_s the transmittance of that
-        scaled air and T the true one, a segment that brings L_s of the light L of its whole line then gives
-            L_s + (1 - T / T_s) (L - L_s)
-        where peak_passes is false: light from behind that the segment scatters on within the peak, taken as even across
-        it.
+        The field counts light in the narrow forward peak of aerosol as passed; where peak_passes is false, the light
+        from behind that the segment scatters on within the peak is added (`scaling.with_light_in_peak`).
 
         Parameters
         ----------
@@ -180,10 +177,8 @@ class Field(BareField):
             return light, scaled
         clear = prepare_profile(self.medium)
         true = passed(with_refraction(clear, self.medium) if self.settings.bent_lines_of_sight else clear)
-        lost = np.where(scaled > 0.0, 1.0 - true / np.where(scaled > 0.0, scaled, 1.0), 0.0)
-        if lost.any():
-            behind = self._evaluate(*line)[..., 0, :] - light
-            light = light + np.maximum(lost, 0.0) * np.maximum(behind, 0.0)
+        if np.any(true < scaled):
+            light = with_light_in_peak(light, self._evaluate(*line)[..., 0, :], scaled, true)
         return light, true
 
     @property

@@ -1,7 +1,7 @@
 """The next order of scattering: Stokes parameters at every node in every direction from the light of the order before.
 
 Along a ray the source function of I is J = mean radiance x sum_lm Y_lm (chi_l r_lm + b_l e_lm), that of Q and U is as
-in `spin2_harmonics`.  The logarithm of the mean and the moments r, e, b relative to it are interpolated between nodes,
+in `angles`.  The logarithm of the mean and the moments r, e, b relative to it are interpolated between nodes,
 which is right where the field falls by e within a degree.  The vertical plane through a ray is the same all along it,
 straight or bent by refraction: Q and U add up as they are.
 

@@ -303,7 +303,7 @@ def _warn_of_neighbours(medium: Medium, settings: ZonesSettings) -> None:
         warnings.warn(
             f"the medium's wavelengths have optical depths from {depth.min():.2g} to {depth.max():.2g} and need "
             "different grids: solved in one field the thinner ones may be off by more than 1 %; solve them apart, as "
-            "twilight.engine.Problem does",
+            "twilight.engine does",
             TwilightWarning,
             stacklevel=3,
         )

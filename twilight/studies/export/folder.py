@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import secrets
 from collections.abc import Mapping
 from pathlib import Path
 
 from twilight.base.errors import TwilightError
-from twilight.base.whole_files import unfinished
+from twilight.base.whole_files import whole_folder
 
 Buffer = bytes | bytearray | memoryview
 
@@ -20,17 +18,11 @@ def write_folder(folder: str | Path, files: Mapping[str, Buffer]) -> None:
     """
     folder = Path(folder)
     check_new(folder)
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with unfinished(folder.with_name(f".{folder.name}.{secrets.token_hex(4)}.part")) as temporary:
-            temporary.mkdir()
-            for name, content in files.items():
-                path = temporary / name
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_bytes(content)
-            os.replace(temporary, folder)
-    except OSError as error:
-        raise TwilightError(f"{folder}: cannot be written ({error.strerror or error})") from None
+    with whole_folder(folder) as temporary:
+        for name, content in files.items():
+            path = temporary / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
 
 
 def check_new(folder: Path) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from twilight.base.progress import Progress, part_of
-from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT
+from twilight.engine.sun_tables import AUREOLE_SUN_DEG, COLUMN_COUNT, ROW_COUNT
 from twilight.engine.table import first_columns, first_rows, row_breaks
 from twilight.sky.table import DARKEST, SkyTable, stack
 from twilight.studies.export.prague_air import ChannelNodes
@@ -177,7 +177,8 @@ class _Skies:
         columns = first_columns(COLUMN_COUNT)
 
         def table(sun: float) -> SkyTable:
-            return field.table(sun, altitude_km, rows_deg=rows, columns_deg=columns, refine=False)
+            nodes = {"rows_deg": rows, "columns_deg": columns}
+            return field.table(sun, altitude_km, **nodes, aureole_sun_deg=AUREOLE_SUN_DEG, refine=False)
 
         suns = [float(sun) for sun in maker.axes.elevation_deg]
         low = [sun for sun in suns if sun < EVERY_SUN_DEG]

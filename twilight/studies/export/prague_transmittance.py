@@ -7,6 +7,7 @@ the lowest 0 m of the air here: both ends of a line move up with it.  Lines of s
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -36,11 +37,8 @@ def transmittance_roots(field: Any, altitude_m: np.ndarray, nodes: ChannelNodes)
     """
     found = []
     for altitude in altitude_m:
-        parts = []
-        for block in field.blocks:
-            passed = _passed(block.term_medium, altitude)
-            parts.append(passed if block.bands is None else block.bands.sum_terms(passed))
-        found.append(np.sqrt(nodes.mean(np.concatenate(parts, axis=-1)) / nodes.irradiance.sum(axis=-1)))
+        passed = field.of_terms(partial(_passed, altitude_m=altitude))
+        found.append(np.sqrt(nodes.mean(passed) / nodes.irradiance.sum(axis=-1)))
     return np.array(found)
 
 

@@ -8,8 +8,6 @@ is lost; a chunk that was damaged or deleted since is computed again.
 from __future__ import annotations
 
 import json
-import os
-import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -20,7 +18,7 @@ import numpy as np
 
 from twilight import __version__
 from twilight.base.errors import TwilightError
-from twilight.base.whole_files import unfinished
+from twilight.base.whole_files import whole_folder
 from twilight.io.journal import Journal, open_journal, read_journal
 from twilight.io.labels import attributes
 from twilight.io.provenance import differences, to_json
@@ -215,19 +213,13 @@ def _create(path: Path, sweep: Sweep) -> None:
     """All metadata and coordinates, made beside `path` and moved there."""
     import zarr  # start-up
 
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with unfinished(temporary):
-            group = zarr.open_group(temporary, mode="w", zarr_format=2)
-            group.attrs.update(_attributes(sweep))
-            _results(group, sweep)
-            _coordinates(group, sweep)
-            zarr.consolidate_metadata(temporary, zarr_format=2)
-            (temporary / JOURNAL).touch()
-            os.rename(temporary, path)
-    except OSError as error:
-        raise TwilightError(f"{path}: cannot be written ({error.strerror or error})") from error
+    with whole_folder(path) as temporary:
+        group = zarr.open_group(temporary, mode="w", zarr_format=2)
+        group.attrs.update(_attributes(sweep))
+        _results(group, sweep)
+        _coordinates(group, sweep)
+        zarr.consolidate_metadata(temporary, zarr_format=2)
+        (temporary / JOURNAL).touch()
 
 
 def _attributes(sweep: Sweep) -> dict[str, str]:

@@ -15,7 +15,8 @@ import numpy as np
 from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.config.scene import Config, Observer
-from twilight.engine.field import Field, Part, parts, plan
+from twilight.engine.field import Field, Part, parts
+from twilight.engine.problem import plan
 from twilight.scene import resolve
 from twilight.solvers.analytic.turbidity import turbidity_of
 from twilight.studies.sweep.task import STANDARD_ERROR, STOKES, STOKES_ERROR, ScenePosition, code_of

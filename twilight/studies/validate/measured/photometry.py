@@ -241,9 +241,9 @@ def photometry(
     points += _colour_points(photometer, name)
     progress("zenith, meter", 0.98)
     floor = None if config.night is None else references.METER_FLOOR_MAG
-    meter = SkyQualityMeter(Photometer(site_of(config), None, METER_SITE.altitude_km), floor)
-    points += _meter_points(meter, name, floor)
-    moonlit = list(meter.moonlit(name))
+    zenith_meter = SkyQualityMeter(Photometer(site_of(config), None, METER_SITE.altitude_km), floor)
+    points += _meter_points(zenith_meter, name, floor)
+    moonlit = list(zenith_meter.moonlit(name))
     progress("done", 1.0)
     return points, moonlit, transmissions
 

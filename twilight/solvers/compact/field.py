@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import functools
+import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.blas import one_blas_thread
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
 from twilight.solvers.base import BareField, ModelError, observer_at
-from twilight.solvers.compact.air_columns import LIMITED, AirColumns
-from twilight.solvers.compact.clear_air import SUN_DEG, ClearAirModel
-from twilight.solvers.compact.clear_air_sky import ClearAirSkies
+from twilight.solvers.compact.air import LIMITED, air_of, limited, side_by_side
+from twilight.transport.clear_air import STEP, SUN_DEG, Air, Model, Skies
 
 SHIPPED = Path(__file__).resolve().parents[2] / "data" / "compact" / "clear-air.npz"
 """The file of the model."""
@@ -46,8 +49,17 @@ QUALITIES: dict[str, CompactSettings] = {"standard": CompactSettings()}
 
 
 @functools.lru_cache(maxsize=1)
-def _shipped_model() -> ClearAirModel:
-    return ClearAirModel.load(SHIPPED)
+def shipped_model() -> Model:
+    """The model that twilight has."""
+    return load_model(SHIPPED)
+
+
+def load_model(path: Path) -> Model:
+    """Read a file of the model; TwilightError for one that is none."""
+    try:
+        return Model.load(path)
+    except (OSError, KeyError, ValueError, EOFError, BadZipFile, zlib.error) as error:
+        raise TwilightError(f"{path}: is no model of clear air ({error})") from None
 
 
 def prepare(
@@ -59,7 +71,7 @@ def prepare(
 ) -> ClearAirField:
     """The skies of a medium.  Errors: TwilightError for an observer, air or wavelengths that the model lacks."""
     polarisation = (settings or QUALITIES["standard"]).polarisation
-    return ClearAirField(medium, _shipped_model(), observer_altitude_km, polarisation)
+    return ClearAirField(medium, shipped_model(), observer_altitude_km, polarisation)
 
 
 class ClearAirField(BareField):
@@ -69,14 +81,14 @@ class ClearAirField(BareField):
     Errors: TwilightError for a medium unlike the clear air that the model was fitted to, in one sentence.
     """
 
-    def __init__(self, medium: Medium, model: ClearAirModel, observer_altitude_km: float, polarisation: bool):
+    def __init__(self, medium: Medium, model: Model, observer_altitude_km: float, polarisation: bool):
         self.medium, self.model = medium, model
         self._polarised = polarisation
         self._altitude_km = checked_observer(medium, observer_altitude_km)
         check_medium(medium)
-        self._columns = AirColumns.of(medium)
-        check_air(self._columns, model)
-        self._skies: dict[float, ClearAirSkies] = {}
+        self.air = air_of(medium)
+        check_air(self.air, medium.wavelength_nm, model)
+        self._skies: dict[float, Skies] = {}
         self._seen_from(self.observer_above_km(None))
 
     @property
@@ -108,41 +120,66 @@ class ClearAirField(BareField):
             raise TwilightError("solver.polarisation is false: this field has no Stokes parameters")
         return self._light(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 3)
 
+    @one_blas_thread()
     def _light(self, sun_elevation_deg: float, elevation_deg, azimuth_deg, altitude_km, n_stokes: int) -> np.ndarray:
         elevation, azimuth = checked_directions(sun_elevation_deg, elevation_deg, azimuth_deg)
         skies = self._seen_from(self.observer_above_km(altitude_km))
-        sky = skies.sky(float(sun_elevation_deg), n_stokes > 1)
+        sky = skies.sky(float(sun_elevation_deg))
         self.convergence = ModelError(sky.relative_error)
         grid = rows_and_columns(elevation, azimuth)
         if grid is not None:
-            return sky.light(*grid, on_grid=True, n_stokes=n_stokes)
-        out = sky.light(elevation.ravel(), azimuth.ravel(), on_grid=False, n_stokes=n_stokes)
+            return sky.light(*grid, n_stokes)
+        out = sky.light(elevation.ravel(), azimuth.ravel(), n_stokes, on_grid=False)
         return out.reshape(*elevation.shape, *out.shape[1:])
+
+    @one_blas_thread()
+    def slopes(
+        self,
+        directions: Sequence[Air],
+        sun_elevation_deg: float,
+        elevation_deg,
+        azimuth_deg,
+        *,
+        observer_altitude_km: float | None = None,
+    ) -> np.ndarray:
+        """Derivatives of I, Q, U [sr^-1 per unit of each parameter] along changes of the air (`air.slope`), exact but
+        for rounding in single precision: (D, *directions of the sky, 3, W).
+
+        Forward mode along the batch: D airs are solved side by side in complex numbers, some 4 D airs' time.  The
+        refractive index and the observer do not change.  Errors: as of `radiance`.
+        """
+        elevation, azimuth = checked_directions(sun_elevation_deg, elevation_deg, azimuth_deg)
+        airs = side_by_side([self.air.towards(direction) for direction in directions])
+        sky = Skies(self.model, airs, self.observer_above_km(observer_altitude_km)).sky(float(sun_elevation_deg))
+        light = sky.light(elevation.ravel(), azimuth.ravel(), 3, on_grid=False).imag / STEP
+        light = light.reshape(*elevation.shape, 3, len(directions), -1)
+        return np.moveaxis(light, -2, 0)
 
     def observer_above_km(self, altitude_km: float | None) -> float:
         """Altitude of an observer above the ground [km]; None: as prepared."""
         altitude = self._altitude_km if altitude_km is None else altitude_km
         return checked_observer(self.medium, altitude) - self.medium.bottom_km
 
-    def _seen_from(self, above: float) -> ClearAirSkies:
+    @one_blas_thread()
+    def _seen_from(self, above: float) -> Skies:
         """The skies of an observer above the ground [km], computed when one is asked for first."""
         if above not in self._skies:
             if len(self._skies) == CACHED_OBSERVERS:
                 del self._skies[next(iter(self._skies))]
-            self._skies[above] = ClearAirSkies(self.model, self._columns, above)
+            self._skies[above] = Skies(self.model, self.air, above)
         return self._skies[above]
 
 
-def check_air(columns: AirColumns, model: ClearAirModel) -> None:
+def check_air(air: Air, wavelength_nm: np.ndarray, model: Model) -> None:
     """TwilightError for an air that differs from those that were fitted, which says in what."""
-    for what, values, (low, high) in zip(LIMITED, columns.limited(), model.limits.astype(float), strict=True):
+    for what, values, (low, high) in zip(LIMITED, limited(air), model.limits.astype(float), strict=True):
         slack = RELATIVE_SLACK * high + ROUNDING
         wrong = (values < low - slack) | (values > high + slack)
         if wrong.any():
             w = int(np.argmax(wrong))
             raise TwilightError(
                 f"the compact model of clear air is made of airs in which {what} is {max(low, 0.0):.3g} to {high:.3g}, "
-                f"and here it is {values[w]:.3g} at {columns.medium.wavelength_nm[w]:g} nm; take --solver zones"
+                f"and here it is {values[w]:.3g} at {wavelength_nm[w]:g} nm; take --solver zones"
             )
 
 
