@@ -10,13 +10,14 @@ a parameter that they do not tell, whose interval is then most of what was tried
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from twilight.base.progress import Progress, silent
-from twilight.studies.validate.photographs.airs import SUN, SUN_DEG, Airs, Parameter, Skies
+from twilight.studies.validate.photographs.airs import AEROSOL, SUN, SUN_DEG, Airs, Parameter, Skies
 from twilight.studies.validate.photographs.fit import REACH, Fit, Frame, Freedom
 from twilight.studies.validate.photographs.photo import Curve
 
@@ -56,7 +57,7 @@ EQUIVALENT = 4.0
 NEAR_ENOUGH = (16.0, EQUIVALENT)
 """chi^2 above the best up to which a type is fitted again with a sky of its own, in each round."""
 
-MOST_STARTS = 2
+MOST_STARTS = 3
 """The best of the starts, from which a first fit is made."""
 
 LARGE_PITCH_DEG = 5.0
@@ -101,7 +102,7 @@ class AirEstimate:
     parameters: with intervals, of the type that is taken; correlation (P, P): of them.
     camera: what the camera did to the picture, by kind: exposure, white balance, curve, lens.  curve: of its tones,
         None where it is not free.  costs: how many times wider the optical depth's interval is for not knowing each.
-    amplitude: of the sky's own errors, over `fit.SKY_LN`.
+    amplitude: of the sky's own errors, over `fit.SKY_LN`.  strained: the brightness contradicts the file's exposure.
     """
 
     aerosol_type: str
@@ -114,11 +115,12 @@ class AirEstimate:
     curve: Curve | None = None
     costs: dict[str, float] = field(default_factory=dict)
     amplitude: float = 1.0
+    strained: bool = False
 
     @property
     def fits(self) -> bool:
-        """Whether the sky is about as the photograph shows it."""
-        return self.misfit <= LARGEST_MISFIT
+        """Whether the sky is about as the photograph shows it, and as bright as its exposure says."""
+        return self.misfit <= LARGEST_MISFIT and not self.strained
 
 
 @dataclass(frozen=True)
@@ -188,17 +190,14 @@ def first_look(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:
 
 
 def starts(fit: Fit) -> list[np.ndarray]:
-    """Where a first fit begins: three optical depths, several pitches where that is not known, the rest in the
-    middle."""
+    """Where a first fit begins: optical depths, albedos, pitches where that is not known; the rest in the middle."""
     pitches = [0.5]
     if fit.freedom.pitch_deg > LARGE_PITCH_DEG:
         pitches = [0.3, 0.43, 0.57, 0.7]
     made = []
-    for aerosol in (0.2, 0.5, 0.8):
-        for pitch in pitches:
-            start = np.array([pitch if p.name == "pitch" else 0.5 for p in fit.parameters])
-            start[0] = aerosol
-            made.append(start)
+    for aerosol, albedo, pitch in itertools.product((0.2, 0.5, 0.8), (0.25, 0.7), pitches):
+        chosen = {AEROSOL.name: aerosol, "albedo": albedo, "pitch": pitch}
+        made.append(np.array([chosen.get(p.name, 0.5) for p in fit.parameters]))
     return made
 
 
@@ -279,7 +278,9 @@ def _search(airs: Airs, frames: Sequence[Frame], options: Options, suns: np.ndar
 
 def plain(fit: Fit, best: Fit) -> AirEstimate:
     """A type's estimate without intervals, beside the fit of the best type."""
-    return AirEstimate(fit.skies.aerosol_type, fit.misfit(), fit.chi2 - best.chi2, fit.values())
+    return AirEstimate(
+        fit.skies.aerosol_type, fit.misfit(), fit.chi2 - best.chi2, fit.values(), strained=fit.strained()
+    )
 
 
 def described(fit: Fit, best: Fit) -> AirEstimate:

@@ -226,7 +226,7 @@ class Estimate:
         names = {"white balance": "the white balance", "curve": "the tone curve", "orientation": "the camera's angles"}
         dear = [f"{names[k]} {c:.1f}" for k, c in self.best.costs.items() if k in names and c >= 1.05]
         if dear:
-            lines.append(f"the haze's interval is wider for not knowing ... (times): {', '.join(dear)}")
+            lines.append(f"the haze's interval is so many times wider for not knowing: {', '.join(dear)}")
         levels = self.best.camera.get("exposure")
         if levels is not None and self.photograph.log_exposure is not None:
             lines.append(
@@ -284,6 +284,17 @@ class Estimate:
             "fits": self.fits,
             "sun_elevation_deg": self.sun_elevation_deg,
             "sun_azimuth_deg": self.sun_azimuth_deg,
+            "photographs": [
+                {
+                    "name": one.name,
+                    "sun_elevation_deg": one.sun_elevation_deg,
+                    "sun_azimuth_deg": one.sun_azimuth_deg,
+                    "orientation": one.photograph.camera.orientation.model_dump(),
+                }
+                for one in self.shown
+            ],
+            "camera": {kind: found.tolist() for kind, found in self.best.camera.items()},
+            "times_wider_for_not_knowing": self.best.costs,
             "aerosol_type": self.best.aerosol_type,
             "climate_settings": self.settings,
             "estimates": [
@@ -303,6 +314,12 @@ class Estimate:
 
 def _misfit(best: AirEstimate) -> str:
     """The sentence of a fit that does not fit."""
+    if best.strained:
+        return (
+            "THE FIT DOES NOT FIT: the sky that has the photograph's colours and shape is several times brighter or "
+            "darker than exposure, aperture and ISO say; its values are no estimate (a wrong sun, clouds, a curve that "
+            "is not known)"
+        )
     return (
         f"THE FIT DOES NOT FIT: its misfit is {best.misfit:.2g}, and 1 is a sky off by {100 * LOG_SCALE:.0f} % in "
         f"luminance or by {CHROMATICITY_SCALE:g} in u', v'; its values are no estimate (clouds that were not masked, a "

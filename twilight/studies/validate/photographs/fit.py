@@ -7,10 +7,11 @@ A photograph's cells and the computed sky are compared in m = (ln G, ln R/G, ln 
 where m_k are what a camera does alike to a whole picture: exposure (a constant of ln G, for each picture), white
 balance (constants of ln R/G and ln B/G), a tone curve (g1 t + g2 t^2 + g3 t^3 of each channel, t = its ln over the
 picture's middle), a lens that darkens its corners; c_k is normally distributed about 0 with the standard deviations
-below, wide where nothing is known.  e is what is left: noise of single cells, errors of the solver, correlated over
+below, wide where nothing is known.  e is what is left: noise of single cells, what is smooth over a camera's picture
+(`CAMERA_LN`), errors of the solver, correlated over
 `SOLVER_DEG` and between suns, and of the sky itself (haze in streaks, thin cloud, stitching), correlated over
 `SKY_DEG`, with an amplitude that the picture itself says (the one of `AMPLITUDES` that makes what is left most likely).
- Together they have a covariance C, and
+Together they have a covariance C, and
 
     chi^2 = r^T C^-1 r + sum over the angles of the camera ((angle - as told) / its error)^2,
 
@@ -38,6 +39,11 @@ SKY_LN = (0.02, 0.01, 0.01)
 """Those of the sky itself, times an amplitude."""
 SKY_DEG = 10.0
 """Angle over which they are correlated [deg]."""
+CAMERA_LN = (0.03, 0.016, 0.016)
+"""Standard errors of what a camera leaves that is smooth over its picture: flat field, colour matrix, cells that are
+not points."""
+CAMERA_DEG = 45.0
+"""Angle over which they are correlated [deg]."""
 AMPLITUDES = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Amplitudes of the sky's errors that are tried."""
 SOLVER_DEG = 30.0
@@ -58,9 +64,11 @@ FLOOR = 0.03
 """Part of the luminance below which a channel counts as that: colours beyond Rec. 709."""
 REACH = 4.0
 """Standard errors of an angle within which it is sought."""
+STRAINED = 3.0
+"""Standard errors of an exposure beyond which a fit is at a wrong place."""
 STEP = 2e-3
 """Step of the Jacobian's differences, as a fraction of a parameter's range."""
-AT_BOUND = 1e-6
+AT_BOUND = 5e-3
 """Distance to a bound, as a fraction of a parameter's range, within which a value counts as at the bound."""
 ANGLES = ("heading", "pitch", "roll")
 """Angles by which a camera may have been held otherwise than told."""
@@ -137,6 +145,7 @@ class Errors:
         where = [direction(f.cells.azimuth_deg, f.cells.elevation_deg) for f in frames]
         away = np.degrees(np.arccos(np.clip(np.concatenate(where) @ np.concatenate(where).T, -1.0, 1.0)))
         near, wide = np.exp(-away / SKY_DEG), np.exp(-0.5 * (away / SOLVER_DEG) ** 2)
+        smooth = np.exp(-away / CAMERA_DEG)
         near = near * (self.frame[:, None] == self.frame)
         sun = np.asarray(suns_deg, float)[self.frame]
         wide = wide * np.exp(-0.5 * ((sun[:, None] - sun) / SOLVER_SUN_DEG) ** 2)
@@ -144,7 +153,8 @@ class Errors:
         self._fixed, self._sky = np.zeros((3 * n, 3 * n)), np.zeros((3 * n, 3 * n))
         for k in range(3):
             block = slice(k * n, (k + 1) * n)
-            self._fixed[block, block] = solver[k] ** 2 * wide + NOISE_LN[k] ** 2 * np.eye(n)
+            smooth_k = solver[k] ** 2 * wide + CAMERA_LN[k] ** 2 * smooth
+            self._fixed[block, block] = smooth_k + NOISE_LN[k] ** 2 * np.eye(n)
             self._sky[block, block] = SKY_LN[k] ** 2 * near
         self._modes(frames, freedom, n)
         self.amplitude = 0.0
@@ -308,6 +318,12 @@ class Fit:
         """What the camera most likely did at the best, by kind of mode."""
         found, kinds = self.errors.camera(self.difference(self.x)), np.array(self.errors.kinds)
         return {kind: found[kinds == kind] for kind in dict.fromkeys(self.errors.kinds)}
+
+    def strained(self) -> bool:
+        """Whether the best contradicts the exposure that a file says by more than `STRAINED` standard errors."""
+        told = [frame.log_exposure for frame in self.frames]
+        found = self.camera()["exposure"]
+        return any(one is not None and abs(at) > STRAINED * one[1] for one, at in zip(told, found, strict=True))
 
     def curve(self) -> Curve | None:
         """The camera's tone curve at the best; None where it is not free."""
