@@ -330,7 +330,7 @@ class Line(NamedTuple):
     angle: np.ndarray
     depth: np.ndarray
 
-    def zenith(self, sun_deg: np.ndarray, azimuth_deg: np.ndarray, middle: bool = False) -> np.ndarray:
+    def zenith(self, sun_deg: np.ndarray | float, azimuth_deg: np.ndarray, middle: bool = False) -> np.ndarray:
         """True solar zenith angles [rad] at boundaries, or in the middle of layers, (suns, E, A, K + 1)."""
         sun = np.radians(90.0 - np.atleast_1d(sun_deg))[:, None, None, None]
         angle = 0.5 * (self.angle[:, 1:] + self.angle[:, :-1]) if middle else self.angle
