@@ -23,7 +23,7 @@ from pathlib import Path
 
 import results
 
-from twilight.studies.compare.figure import draw, read_points
+from twilight.studies.compare.report import draw, read_points
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = ROOT / "benchmarks" / "compare.csv"

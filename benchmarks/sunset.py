@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from twilight.io.eight_bit import to_bytes
+from twilight.io.picture import to_bytes
 from twilight.io.view import view_exposure_ev100
 from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import view_rays

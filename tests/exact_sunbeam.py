@@ -14,8 +14,8 @@ import math
 import numpy as np
 from scipy.optimize import brentq
 
+from twilight.atmosphere.levels import interpolate_smooth, log_cubics
 from twilight.atmosphere.medium import Medium, interpolate_coefficient, with_joined_refractivity
-from twilight.atmosphere.steffen import interpolate_smooth, log_cubics
 
 NODE, WEIGHT = np.polynomial.legendre.leggauss(8)
 LONGEST_KM = 2.0

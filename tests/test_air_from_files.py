@@ -16,7 +16,7 @@ from twilight.engine import solve
 from twilight.io.air import KINDS
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
-from twilight.scene.record import resolved_configuration
+from twilight.scene.scene import resolved_configuration
 
 PLACE = {"at": "2026-06-21T18:30+00:00", "latitude_deg": air_files.LATITUDE, "longitude_deg": air_files.LONGITUDE}
 ASKED = ["--at", "2026-06-21T18:30Z", "--latitude", str(air_files.LATITUDE), "--longitude", str(air_files.LONGITUDE)]

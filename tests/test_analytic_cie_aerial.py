@@ -11,8 +11,8 @@ from twilight.base.errors import TwilightError
 from twilight.solvers.analytic import aerial, cie, preetham
 from twilight.solvers.analytic.aerial import aerial_perspective, path_integrals
 from twilight.solvers.analytic.cie import CieSettings
-from twilight.solvers.analytic.ground import hemisphere
-from twilight.solvers.analytic.perez import angles
+from twilight.solvers.analytic.coefficients import angles
+from twilight.solvers.analytic.limits import hemisphere
 
 # --- standard skies ---
 

@@ -15,10 +15,9 @@ from twilight.config import load
 from twilight.io.netcdf import write_sky
 from twilight.solvers.analytic import preetham
 from twilight.solvers.analytic.coefficients import QUANTITIES, load_coefficients
-from twilight.solvers.analytic.turbidity import turbidity_of
-from twilight.studies.fit.errors import error_of
+from twilight.solvers.analytic.limits import turbidity_of
 from twilight.studies.fit.perez import fit_set, fit_sky, single_set
-from twilight.studies.fit.truth import ColourSky, air_of_turbidity, colour_sky, compute_truth, spiral
+from twilight.studies.fit.truth import ColourSky, air_of_turbidity, colour_sky, compute_truth, error_of, spiral
 
 
 def paper_sky(turbidity: float, sun: float, directions: int = 150) -> ColourSky:

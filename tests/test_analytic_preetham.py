@@ -10,43 +10,48 @@ from airs import as_sky, turbid
 
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
-from twilight.solvers.analytic import preetham, sunlight
-from twilight.solvers.analytic.coefficients import load_coefficients, parse_coefficients, shipped_sets
+from twilight.solvers.analytic import daylight, preetham
+from twilight.solvers.analytic.coefficients import (
+    angles,
+    load_coefficients,
+    parse_coefficients,
+    perez_ratio,
+    shipped_sets,
+)
 from twilight.solvers.analytic.daylight import daylight_chromaticity, daylight_spectrum, locus_y
-from twilight.solvers.analytic.perez import angles, perez_ratio
+from twilight.solvers.analytic.limits import turbidity_of
 from twilight.solvers.analytic.preetham import PreethamSettings
-from twilight.solvers.analytic.turbidity import turbidity_of
 
 # --- sunlight ---
 
 
 def test_optical_mass_is_one_overhead_and_38_or_so_at_the_horizon():
     """The relative optical mass would be mistyped."""
-    assert sunlight.relative_optical_mass(0.0) == pytest.approx(1.0, abs=1e-3)
-    assert sunlight.relative_optical_mass(60.0) == pytest.approx(2.0, abs=0.01)
-    assert 36.0 < sunlight.relative_optical_mass(90.0) < 39.0
+    assert daylight.relative_optical_mass(0.0) == pytest.approx(1.0, abs=1e-3)
+    assert daylight.relative_optical_mass(60.0) == pytest.approx(2.0, abs=0.01)
+    assert 36.0 < daylight.relative_optical_mass(90.0) < 39.0
     with pytest.raises(TwilightError, match="0 to 90"):
-        sunlight.relative_optical_mass(91.0)
+        daylight.relative_optical_mass(91.0)
 
 
 @pytest.mark.parametrize("turbidity", [2.0, 3.0, 4.0, 5.0, 6.0])
 def test_angstroms_beta_keeps_the_definition_of_turbidity(turbidity):
     """(tau_air + tau_aerosol) / tau_air at 550 nm is the turbidity."""
-    depth = {k: -np.log(v[0]) for k, v in sunlight.transmittances([550.0], 0.0, turbidity).items()}
+    depth = {k: -np.log(v[0]) for k, v in daylight.transmittances([550.0], 0.0, turbidity).items()}
     assert (depth["air"] + depth["aerosol"]) / depth["air"] == pytest.approx(turbidity, rel=0.01)
 
 
 def test_sunlight_is_dimmed_by_each_constituent_and_reddened_by_the_path():
     """A constituent would not dim the sunlight."""
     wavelength = np.arange(380.0, 781.0, 10.0)
-    parts = sunlight.transmittances(wavelength, 60.0, 3.0)
+    parts = daylight.transmittances(wavelength, 60.0, 3.0)
     assert set(parts) == {"air", "aerosol", "ozone", "mixed_gases", "water"}
     assert all(((v > 0) & (v <= 1)).all() and v.min() < 1 for v in parts.values())
-    product = sunlight.direct_transmittance(wavelength, 60.0, 3.0)
+    product = daylight.direct_transmittance(wavelength, 60.0, 3.0)
     np.testing.assert_allclose(product, np.prod(list(parts.values()), axis=0))
-    low = sunlight.direct_transmittance(wavelength, 85.0, 3.0)
+    low = daylight.direct_transmittance(wavelength, 85.0, 3.0)
     assert (low < product).all() and low[0] / product[0] < low[-10] / product[-10]
-    none = sunlight.transmittances(wavelength, 60.0, 3.0, ozone_cm=0.0, precipitable_water_cm=0.0)
+    none = daylight.transmittances(wavelength, 60.0, 3.0, ozone_cm=0.0, precipitable_water_cm=0.0)
     assert (none["ozone"] == 1).all() and (none["water"] == 1).all()
 
 

@@ -14,7 +14,7 @@ from twilight.config.load import load_axes
 from twilight.config.sun import SunElevation
 from twilight.engine import run
 from twilight.scene import resolve
-from twilight.scene.record import resolved_configuration
+from twilight.scene.scene import resolved_configuration
 from twilight.studies.sweep.sweep import Sweep
 
 SUN = {"sun.elevation_deg": 30.0, "solver.name": "preetham", "texture.resolution_deg": 30.0}

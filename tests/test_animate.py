@@ -13,10 +13,9 @@ from PIL import Image, ImageSequence
 from typer.testing import CliRunner
 
 from twilight.animation import film as films
-from twilight.animation.disc import DiscPainter
-from twilight.animation.draw import Painter
-from twilight.animation.exposure import meter, smoothed
+from twilight.animation.draw import DiscPainter, Painter
 from twilight.animation.film import Animation
+from twilight.animation.timeline import meter, smoothed
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
@@ -28,8 +27,8 @@ from twilight.numerics.projections import view_directions
 from twilight.scene import resolve
 from twilight.sky.disc import SOLAR_RADIUS_DEG
 from twilight.sky.tone import Light, Shot, tone_of
-from twilight.viewer.colours import Channels
-from twilight.viewer.lines import sky_elevations
+from twilight.viewer.moonlight import sky_elevations
+from twilight.viewer.tones import Channels
 
 
 def pictures(path):

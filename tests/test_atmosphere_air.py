@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twilight.atmosphere import gases, profiles, rayleigh
+from twilight.atmosphere import gases, profiles
 from twilight.base.errors import TwilightError
 
 OZONE_COLUMNS_DU = {
@@ -77,27 +77,27 @@ def bodhaine_fit_cm2(wavelength_nm):
 def test_rayleigh_cross_section_against_published_fit():
     """Rayleigh scattering would be off Bodhaine's own fit by more than 0.015 %."""
     wavelength = np.arange(300.0, 851.0, 10.0)
-    ratio = rayleigh.cross_section_cm2(wavelength, co2_ppm=360) / bodhaine_fit_cm2(wavelength)
+    ratio = gases.cross_section_cm2(wavelength, co2_ppm=360) / bodhaine_fit_cm2(wavelength)
     np.testing.assert_allclose(ratio, 1.0, atol=1.5e-4)
 
 
 def test_rayleigh_optical_depth_at_sea_level():
     """0.0971 at 550 nm for 1013.25 hPa, 360 ppm and mean latitude (Bodhaine et al. 1999, eq. 30)."""
     profile = profiles.load_profile("us_standard")
-    depth = rayleigh.cross_section_cm2(550.0, 360.0) * profile.column_per_cm2(profile.air_per_cm3)
+    depth = gases.cross_section_cm2(550.0, 360.0) * profile.column_per_cm2(profile.air_per_cm3)
     assert depth == pytest.approx(0.0971, rel=2e-3)
 
 
 def test_king_factor_and_depolarisation():
     """Depolarisation would contradict the King factor, or carbon dioxide would not count."""
     wavelength = np.array([300.0, 550.0, 1000.0])
-    f, rho = rayleigh.king_factor(wavelength), rayleigh.depolarisation(wavelength)
+    f, rho = gases.king_factor(wavelength), gases.depolarisation(wavelength)
     np.testing.assert_allclose((6 + 3 * rho) / (6 - 7 * rho), f, rtol=1e-12)
     assert f[1] == pytest.approx(1.0487, abs=5e-4)  # Bodhaine et al. 1999 table 2 at 550 nm (360 ppm)
     assert np.all(np.diff(rho) < 0)
-    assert np.all(np.diff(rayleigh.cross_section_cm2(wavelength)) < 0)
+    assert np.all(np.diff(gases.cross_section_cm2(wavelength)) < 0)
     # more CO2 scatters more: 0.54 per unit of volume in n - 1, about twice that in the cross section
-    ratio = rayleigh.cross_section_cm2(550.0, 1300) / rayleigh.cross_section_cm2(550.0, 300)
+    ratio = gases.cross_section_cm2(550.0, 1300) / gases.cross_section_cm2(550.0, 300)
     assert ratio == pytest.approx(1 + 2 * 0.54e-3, abs=2e-4)
 
 

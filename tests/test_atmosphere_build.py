@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twilight.atmosphere import opac, profiles, rayleigh
+from twilight.atmosphere import gases, opac, profiles
 from twilight.atmosphere.aerosols import mixture_optics
 from twilight.atmosphere.build import build_medium
 from twilight.atmosphere.layers import Boundaries, EqualAirMass
@@ -91,7 +91,7 @@ def test_pure_air_columns():
     """Air without aerosol would have other optical depths than its gases."""
     medium = build_medium(W, profile="us_standard", co2_ppm=360, ozone_column_du=300)
     profile = profiles.load_profile("us_standard").at(np.linspace(0, 100, 3001))
-    air = rayleigh.cross_section_cm2(W, 360) * profile.column_per_cm2(profile.air_per_cm3)
+    air = gases.cross_section_cm2(W, 360) * profile.column_per_cm2(profile.air_per_cm3)
     np.testing.assert_allclose(medium.optical_depth("air"), air, rtol=1e-6)
     depth = medium.notes["optical_depth"]
     assert set(depth) == {"air", "ozone", "no2", "o4"}
@@ -99,7 +99,7 @@ def test_pure_air_columns():
     # the sum of three gases goes exponentially between levels, each by itself: they differ a little
     np.testing.assert_allclose(medium.optical_depth("absorption"), parts, rtol=2e-3)
     assert not medium.has_aerosol and medium.phase_functions == ()
-    np.testing.assert_allclose(medium.depolarisation, rayleigh.depolarisation(W, 360))
+    np.testing.assert_allclose(medium.depolarisation, gases.depolarisation(W, 360))
 
 
 def test_ozone_column_is_what_was_asked_for():

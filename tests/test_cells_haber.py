@@ -19,7 +19,7 @@ from twilight.solvers.cells.exchange import (
     rounds_of_blocks,
     sphere_capture,
 )
-from twilight.solvers.cells.layers import layer_of, make_layers, path_depth
+from twilight.solvers.cells.grid import layer_of, make_layers, path_depth
 from twilight.solvers.cells.refraction import MAX_STEPS, refracted_sun, trace_to_space
 from twilight.transport.ray_profile import ray_profile
 from twilight.transport.rays import OUTSIDE, sun_ray

@@ -200,7 +200,7 @@ def test_signals_end_a_command_inside_a_kernel(tmp_path, number, code, where):
 
 
 def test_a_picture_sheet_of_a_missing_picture_is_refused(tmp_path):
-    from twilight.api.plotting import contact_sheet
+    from twilight.api.representation import contact_sheet
 
     with pytest.raises(TwilightError, match=r"sheet.png"):
         contact_sheet([("a", Path(tmp_path / "none.png"))], tmp_path / "sheet.png")

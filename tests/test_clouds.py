@@ -16,8 +16,8 @@ from twilight.atmosphere.mie import Gamma, compute_optics
 from twilight.base.errors import TwilightError
 from twilight.config.load import load_climate
 from twilight.numerics.phase import TABLE, PhaseFunction
-from twilight.scene.describe import facts
 from twilight.scene.medium import climate_medium, cloud_layers
+from twilight.scene.plan import facts
 from twilight.solvers import zones
 
 C1_SERIES = np.array(

@@ -25,9 +25,7 @@ from twilight.studies.compare import bench as bench_module
 from twilight.studies.compare.ablations import ABLATIONS, Ablation, ablate, chosen_ablations
 from twilight.studies.compare.bench import Bench
 from twilight.studies.compare.comparison import SolverPreset, compare, solver_presets, with_preset
-from twilight.studies.compare.directions import stratified_directions
-from twilight.studies.compare.figure import FigurePoint, draw, read_points
-from twilight.studies.compare.job import Job, SampleDirections
+from twilight.studies.compare.job import Job, SampleDirections, stratified_directions
 from twilight.studies.compare.reference_solution import (
     COLUMNS,
     ReferenceSolution,
@@ -35,6 +33,7 @@ from twilight.studies.compare.reference_solution import (
     read_references,
     write_references,
 )
+from twilight.studies.compare.report import FigurePoint, draw, read_points
 from twilight.studies.compare.worker import Compiled, execute
 
 NM = (450.0, 550.0, 680.0)

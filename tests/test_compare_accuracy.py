@@ -7,9 +7,9 @@ import pytest
 
 from twilight.base.errors import TwilightError
 from twilight.studies.compare.accuracy import colour_errors, noise_largest, noise_quantile, radiance_errors
-from twilight.studies.compare.directions import half_texture, stratified_directions
-from twilight.studies.compare.figure import LARGEST_PERCENT, FigurePoint, draw, read_points
+from twilight.studies.compare.job import half_texture, stratified_directions
 from twilight.studies.compare.reference_solution import COLUMNS, read_references
+from twilight.studies.compare.report import LARGEST_PERCENT, FigurePoint, draw, read_points
 
 NM = (450.0, 550.0, 680.0)
 

@@ -15,7 +15,7 @@ from twilight.config import load, load_climate
 from twilight.engine.sunbeam import Sunbeam, make_disc
 from twilight.io import read_latlong_exr, read_sky, write_rgb_exr, write_sky
 from twilight.io.environment import environment_directions, pixel_of, pixel_solid_angle
-from twilight.io.sun import sun_facts
+from twilight.io.lamps import sun_facts
 from twilight.scene.medium import climate_medium
 from twilight.sky import colour
 from twilight.sky.disc import SOLAR_RADIUS_DEG, Disc, limb_coefficients, limb_darkening, mean_limb_darkening

@@ -36,7 +36,7 @@ Case = tuple[list[str], list[str], dict[str, str | list[str] | None]]
 
 CASES: dict[str, Case] = {
     "render": (
-        ["twilight.cli.render_files.render_files", "twilight.cli.render_one_file.render_one_file"],
+        ["twilight.cli.render_files.render_files", "twilight.cli.render_files.render_one_file"],
         ["pure-air", "--sun-elevation", "5"],
         {
             "--sun-elevation": "4", "--at": "2026-06-21",
@@ -103,7 +103,7 @@ CASES: dict[str, Case] = {
     "compare": (
         ["twilight.studies.compare.bench.Bench", "twilight.studies.compare.comparison.compare",
          "twilight.studies.compare.ablations.ablate", "twilight.studies.compare.reference_solution.ReferenceSolver",
-         "twilight.studies.compare.reference_solution.write_references", "twilight.studies.compare.figure.draw",
+         "twilight.studies.compare.reference_solution.write_references", "twilight.studies.compare.report.draw",
          "twilight.studies.compare.reference_solution.read_references"],
         ["pure-air", "--sun-elevation", "5"],
         {
@@ -114,7 +114,7 @@ CASES: dict[str, Case] = {
     ),
     "fit perez": (
         ["twilight.studies.fit.truth.compute_truth", "twilight.studies.fit.perez.fit_set",
-         "twilight.studies.fit.errors.error_of", "twilight.studies.fit.document.write_set", "twilight.engine.frames"],
+         "twilight.studies.fit.truth.error_of", "twilight.studies.fit.truth.write_set", "twilight.engine.frames"],
         [],
         {
             "--per-sky": None, "--sun-elevation": ["--per-sky", "--sun-elevation", "20"], "--haze": "scaled",
@@ -122,7 +122,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "export shader": (
-        ["twilight.engine.solve", "twilight.viewer.shader.shader_sky", "twilight.studies.export.folder.write_folder"],
+        ["twilight.engine.solve", "twilight.viewer.shader.shader_sky", "twilight.studies.export.prague.write_folder"],
         ["pure-air"],
         {"--output": OUTPUT, **QUALITY, **SET},
     ),
@@ -142,7 +142,7 @@ CASES: dict[str, Case] = {
         {"--config": "urban", "--polariser": "20", **PHOTO},
     ),
     "validate estimate": (
-        [*READ, "twilight.estimate", "twilight.cli.validate_estimate.write_comparison"],
+        [*READ, "twilight.estimate", "twilight.cli.validate.write_comparison"],
         ["a.jpg"],
         {
             "--config": "urban", "--sun-elevation": "4", "--types": "urban", "--parameters": "none", "--refine": None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 from twilight import solvers
-from twilight.cli.first_run import SENTENCE, announce_compiling, must_compile
+from twilight.cli.options import SENTENCE, announce_compiling, must_compile
 
 KERNEL = """
 from numba import njit

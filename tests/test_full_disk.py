@@ -28,7 +28,7 @@ from twilight.io.netcdf import write_netcdf
 from twilight.jit import kernels
 from twilight.solvers.montecarlo.checkpoint import Checkpoint, RunState
 from twilight.studies.camera.response import ResponseCurve, write_response
-from twilight.studies.export.folder import write_folder
+from twilight.studies.export.prague import write_folder
 
 PACKAGE = Path(twilight.__file__).parent
 WHOLE = {"whole_file", "whole_content", "whole_folder", "unfinished"}

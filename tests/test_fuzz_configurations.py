@@ -16,7 +16,7 @@ from twilight.cli.app import app
 from twilight.config import load_series
 from twilight.engine import check_size
 from twilight.scene.plan import make_plan
-from twilight.scene.suns import count_suns
+from twilight.scene.scene import count_suns
 
 pytestmark = pytest.mark.slow
 

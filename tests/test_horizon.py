@@ -16,11 +16,11 @@ from twilight.config import load
 from twilight.engine.block import field_key
 from twilight.engine.sunbeam import make_disc
 from twilight.scene import resolve
-from twilight.scene.horizon import described
+from twilight.scene.scene import described
 from twilight.solvers import montecarlo, tables, zones
 from twilight.solvers.zones.storage import field_hash
 from twilight.transport.beam import beam_at_one, prepare_beam
-from twilight.transport.ground_sun import GroundSun
+from twilight.transport.sunlit import GroundSun
 
 RADIUS = 6371.0
 LEVELS = np.linspace(0.0, 100.0, 51)

@@ -17,11 +17,10 @@ from twilight.engine.night import warn_of_the_moon
 from twilight.engine.sunbeam import make_disc
 from twilight.io.environment import environment_directions, ground_factor, pixel_solid_angle
 from twilight.io.exr import read_latlong_exr, write_rgb_exr
-from twilight.io.moon import moon_facts
-from twilight.io.outputs import write_outputs
+from twilight.io.folder import write_outputs
+from twilight.io.lamps import moon_facts
 from twilight.numerics import spectrum
-from twilight.scene.moons import moon_of
-from twilight.scene.scene import resolve
+from twilight.scene.scene import moon_of, resolve
 from twilight.sky import colour
 from twilight.sky.ephemeris import Sites
 from twilight.sky.moon import (

@@ -8,17 +8,16 @@ from airs import scene_of_field, turbid
 from closed_sky import FIVE_NM as NM
 from closed_sky import ClosedSky
 
+from twilight.animation.draw import MoonDiscPainter
 from twilight.animation.film import Animation
-from twilight.animation.moon import MoonDiscPainter
 from twilight.config import load
 from twilight.engine import solve
 from twilight.io.exr import read_latlong_exr
 from twilight.scene import resolve
 from twilight.sky.colour import REC709_LUMINANCE
 from twilight.sky.moon import Moon
-from twilight.viewer.colours import Channels
-from twilight.viewer.lines import sky_elevations
-from twilight.viewer.moonlight import MoonColours
+from twilight.viewer.moonlight import MoonColours, sky_elevations
+from twilight.viewer.tones import Channels
 
 MEDIUM = turbid(wavelength_nm=NM)
 SKY = ClosedSky(

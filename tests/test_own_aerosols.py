@@ -17,7 +17,7 @@ from twilight.config import load, load_climate
 from twilight.config.sun import SunElevation
 from twilight.numerics.phase import HENYEY_GREENSTEIN, TABLE
 from twilight.scene.medium import climate_medium, table_sha256
-from twilight.scene.record import resolved_configuration
+from twilight.scene.scene import resolved_configuration
 
 AT_NM = np.array([450.0, 550.0, 650.0])
 ONLY = "free_troposphere: false, stratosphere: none, "

@@ -9,8 +9,7 @@ import twilight
 from twilight.base.errors import TwilightError
 from twilight.sky import colour
 from twilight.studies.camera.exif import read_stated
-from twilight.studies.validate.photographs.checks import check_sky, check_upright
-from twilight.studies.validate.photographs.photograph import Photograph, read_photograph
+from twilight.studies.validate.photographs.photograph import Photograph, check_sky, check_upright, read_photograph
 
 BASE, GPS = ExifTags.Base, ExifTags.GPS
 TAKEN = {

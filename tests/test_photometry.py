@@ -18,7 +18,7 @@ from twilight.sky.moon import Moon
 from twilight.studies.validate.measured import meter as meters
 from twilight.studies.validate.measured import photometry as work
 from twilight.studies.validate.measured import report
-from twilight.studies.validate.measured.references import (
+from twilight.studies.validate.measured.meter import (
     KOOMEN_SITES,
     horizontal_illuminance_lux,
     level_ground_spectra,

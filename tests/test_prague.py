@@ -21,7 +21,7 @@ from twilight.engine.block import Answer
 from twilight.engine.table import fill
 from twilight.numerics.spectrum import solar_at
 from twilight.scene.medium import climate_medium
-from twilight.studies.export import prague, prague_fit, prague_transmittance
+from twilight.studies.export import prague, prague_air, prague_fit
 from twilight.studies.export.prague_air import airs_of, channel_nodes, ground_extinction_per_km
 from twilight.studies.export.prague_file import PragueAxes, read_prague, write_prague
 from twilight.studies.export.prague_sky import PragueSky, angles_of, distance_nodes_m, elevation_of
@@ -196,7 +196,7 @@ def test_transmittance_of_a_path_in_the_lowest_air(made):
     _, sky, medium = made
     beta = medium.extinction_per_km[0, 0]
     assert sky.transmittance(0.0, 500.0, 5000.0, visibility_km=30.0) == pytest.approx(math.exp(-5 * beta), rel=5e-3)
-    assert distance_nodes_m(prague_transmittance.DISTANCES)[-1] < 1_571_525.0
+    assert distance_nodes_m(prague_air.DISTANCES)[-1] < 1_571_525.0
 
 
 def test_the_file_begins_as_the_format_says(made):

@@ -16,8 +16,7 @@ from twilight.numerics.directions import texture_grid
 from twilight.sky.sky import Sky
 from twilight.solvers import zones
 from twilight.solvers.cells.exchange import make_rings, pair_capture, sphere_capture
-from twilight.solvers.cells.grid import make_grid
-from twilight.solvers.cells.layers import make_layers
+from twilight.solvers.cells.grid import make_grid, make_layers
 from twilight.transport.beam import beam_at, prepare_beam
 from twilight.transport.scaling import delta_scaled
 

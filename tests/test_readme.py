@@ -119,7 +119,7 @@ def test_the_lamp_for_mitsuba_lights_a_floor_as_the_page_shows(monkeypatch, tmp_
     import numpy as np
     from toy_sky import glow_sky
 
-    from twilight.io.sun import sun_facts
+    from twilight.io.lamps import sun_facts
 
     pytest.importorskip("mitsuba")
     sky = replace(glow_sky(step_deg=30.0), sun_elevation_deg=30.0, sun_azimuth_deg=120.0)

@@ -8,7 +8,7 @@ from airs import pure_air
 from bent_rays import trace_ray
 from scipy.integrate import solve_ivp
 
-from twilight.atmosphere.refraction import ciddor_refractivity, haber_refractivity
+from twilight.atmosphere.gases import ciddor_refractivity, haber_refractivity
 from twilight.base.errors import TwilightError
 from twilight.transport.ray_profile import ray_profile, refractivity_at
 from twilight.transport.rays import TRAPPED, sun_ray

@@ -14,11 +14,9 @@ from twilight.config.load import shipped
 from twilight.engine import run
 from twilight.numerics.phase import HENYEY_GREENSTEIN
 from twilight.scene import resolve
-from twilight.scene.describe import facts, horizontal_refraction_arcmin, scale_height_km
 from twilight.scene.medium import aerosol_spec, climate_medium, ground_albedo, wavelengths_of
-from twilight.scene.plan import GAS_TOLERANCE, make_plan
-from twilight.scene.record import resolved_configuration
-from twilight.scene.suns import count_suns, suns_of
+from twilight.scene.plan import GAS_TOLERANCE, facts, horizontal_refraction_arcmin, make_plan, scale_height_km
+from twilight.scene.scene import count_suns, resolved_configuration, suns_of
 
 SMALL = {
     "solver": {"name": "cells", "multiple_scattering": "none"},

@@ -5,8 +5,8 @@ import pytest
 from airs import on_levels, pure_air
 
 from twilight.atmosphere.build import build_medium
+from twilight.atmosphere.levels import monotone_cubic, monotone_slopes
 from twilight.atmosphere.profiles import PROFILES, load_profile
-from twilight.atmosphere.steffen import monotone_cubic, monotone_slopes
 from twilight.solvers.montecarlo.air import prepare_air
 from twilight.transport.beam_tables import full_bending
 from twilight.transport.lines import with_refraction

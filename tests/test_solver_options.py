@@ -10,7 +10,7 @@ from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.config import load
 from twilight.config.solver import complete_solver, option_names
-from twilight.scene.record import resolved_configuration
+from twilight.scene.scene import resolved_configuration
 
 MOST_FIRST = 6
 

@@ -16,10 +16,11 @@ from twilight.studies.validate.stars.coordinates import (
     _astropy,
     equatorial,
     horizontal,
+    lifted,
     planet_tracks,
     precession,
+    refraction_rad,
 )
-from twilight.studies.validate.stars.refraction import lifted, refraction_rad
 
 ARCSEC = np.pi / 180.0 / 3600.0
 

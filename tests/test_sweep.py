@@ -18,8 +18,7 @@ from twilight.config.load import load_axes, load_series
 from twilight.config.scene import Config
 from twilight.engine import run
 from twilight.scene import resolve
-from twilight.studies.sweep.dimensions import IDLE_KEYS, SEVERAL_SUNS, SHAPE_KEYS
-from twilight.studies.sweep.labels import TEXTS, key_attributes
+from twilight.studies.sweep.dimensions import IDLE_KEYS, SEVERAL_SUNS, SHAPE_KEYS, TEXTS, key_attributes
 from twilight.studies.sweep.store import JOURNAL
 from twilight.studies.sweep.work import compute, forget
 

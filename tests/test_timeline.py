@@ -17,9 +17,8 @@ from twilight.numerics import spectrum
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.quantities.measure import Spectra
 from twilight.studies.timeline import timeline as work
-from twilight.studies.timeline.columns import column
 from twilight.studies.timeline.files import draw, shades, write_dataset, write_table
-from twilight.studies.timeline.presets import PRESETS
+from twilight.studies.timeline.timeline import PRESETS, column
 
 PLACE = (28.3, -16.5)
 NM = np.arange(380.0, 721.0, 20.0)

@@ -10,8 +10,8 @@ from PIL import Image
 from toy_sky import glow_sky
 
 from twilight.base.errors import TwilightError
-from twilight.io.eight_bit import to_bytes
-from twilight.io.outputs import write_outputs
+from twilight.io.folder import write_outputs
+from twilight.io.picture import to_bytes
 from twilight.numerics import spectrum
 from twilight.sky import colour
 from twilight.sky.quantities.measure import adaptation_coefficient

@@ -15,7 +15,7 @@ from twilight.engine import solve
 from twilight.engine.night import NightLight
 from twilight.engine.sunbeam import Direct
 from twilight.engine.view import view_radiance, with_night, with_sun
-from twilight.io.outputs import write_outputs
+from twilight.io.folder import write_outputs
 from twilight.io.rendered import ViewPixels
 from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import view_rays

@@ -22,7 +22,7 @@ from twilight.numerics.projections import view_directions
 from twilight.sky.ephemeris import parse_time, sun_position
 from twilight.sky.night import NightLevels, Place, night_radiance
 from twilight.viewer import view_fields, view_sky
-from twilight.viewer.colours import Channels
+from twilight.viewer.tones import Channels
 
 BARE = {"disc": False, "night": False, "stars": False, "path": False}
 UP_DEG = 4.0

@@ -15,7 +15,7 @@ from twilight.numerics.projections import view_directions
 from twilight.sky.ephemeris import Sites
 from twilight.sky.moon import Moon, moon_over
 from twilight.viewer import view_fields
-from twilight.viewer.colours import Channels
+from twilight.viewer.tones import Channels
 
 BARE = {"disc": False, "night": False, "stars": False, "path": False, "moon": True}
 

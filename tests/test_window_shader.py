@@ -25,7 +25,7 @@ from twilight.numerics import spectrum
 from twilight.numerics.directions import PHASE_COUNT, direction
 from twilight.scene import resolve
 from twilight.sky.colour import REC709_LUMINANCE
-from twilight.studies.export.folder import write_folder
+from twilight.studies.export.prague import write_folder
 from twilight.viewer.shader import shader_sky
 
 MOST_LINES = 200

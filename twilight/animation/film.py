@@ -14,13 +14,10 @@ from typing import Any
 import numpy as np
 
 from twilight import solvers
-from twilight.animation.disc import DiscPainter
-from twilight.animation.draw import Painter, horizon_of
+from twilight.animation.draw import DiscPainter, MoonDiscPainter, Painter, horizon_of, moons_of
 from twilight.animation.encode import check_output, encode, write_exr
-from twilight.animation.exposure import meter, smoothed
-from twilight.animation.moon import MoonDiscPainter, moons_of
 from twilight.animation.night import NightPainter, Nights, nights_of
-from twilight.animation.timeline import FilmTimeline, timeline
+from twilight.animation.timeline import FilmTimeline, meter, smoothed, timeline
 from twilight.base.digest import code_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
@@ -32,18 +29,17 @@ from twilight.engine import solve
 from twilight.engine.night import check_stars
 from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT, SunTables, suns_between
 from twilight.engine.table import first_columns, first_rows, with_ground
-from twilight.io.eight_bit import to_bytes
-from twilight.io.journal import locked
-from twilight.io.provenance import configuration_hash
+from twilight.io.picture import to_bytes
+from twilight.io.provenance import configuration_hash, locked
 from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import Scene, resolve
 from twilight.sky.moon import Moon
 from twilight.sky.table import SkyTable
 from twilight.sky.tone import Shot, Tone, adapt, tone_of
-from twilight.viewer import check_altitudes, lines
-from twilight.viewer.colours import Channels
+from twilight.viewer import check_altitudes, moonlight
 from twilight.viewer.moonlight import MoonColours
+from twilight.viewer.tones import Channels
 
 METERED_PIXELS = 96
 """Width at which pictures are metered before any is drawn."""
@@ -201,8 +197,8 @@ class Animation:
             if self.moons is not None:
                 arrays["moon"] = MoonColours.of(spectra.light_at_nodes()[::2, ::2, ::2], channels).matrices
             if self.config.sun.disc or self.moons is not None:
-                nodes = lines.sky_elevations(horizon_of(table))
-                arrays["refraction_deg"], arrays["beam"] = lines.sunbeam(solved, channels, altitude, nodes)
+                nodes = moonlight.sky_elevations(horizon_of(table))
+                arrays["refraction_deg"], arrays["beam"] = moonlight.sunbeam(solved, channels, altitude, nodes)
             nights = nights_of(self.config, solved.medium, channels, self.line)
             if nights is not None:
                 arrays |= nights.arrays()

@@ -16,7 +16,7 @@ from twilight.engine.night import NightLight, levels_of, night_light, star_sky, 
 from twilight.numerics.directions import direction
 from twilight.sky.night import Place
 from twilight.sky.night.points import Raster, StarSky
-from twilight.viewer.colours import Channels
+from twilight.viewer.tones import Channels
 
 STEP_S = 900.0
 """Largest time between two moments: the stars turn by 3.75 deg."""

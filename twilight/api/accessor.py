@@ -17,11 +17,10 @@ import numpy as np
 import xarray
 from numpy.typing import ArrayLike
 
-from twilight.api.types import PlotOptions
+from twilight.api.arguments import PlotOptions
 from twilight.base.errors import TwilightError
-from twilight.io.facts import fields_from
 from twilight.io.labels import attributes
-from twilight.io.provenance import provenance_from_fields
+from twilight.io.provenance import fields_from, provenance_from_fields
 from twilight.sky.quantities.measure import quantity, unit_of
 from twilight.sky.quantities.responses import ResponseLike, response
 from twilight.sky.sky import Sky

@@ -13,9 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twilight import solvers
-from twilight.api.arguments import config_of, numbers, place_of, times_of
+from twilight.api.arguments import (
+    PlaceLike,
+    RenderOptions,
+    SceneLike,
+    TimeLike,
+    TimesLike,
+    config_of,
+    numbers,
+    place_of,
+    times_of,
+)
 from twilight.api.representation import Sky, SkySeries
-from twilight.api.types import PlaceLike, RenderOptions, SceneLike, TimeLike, TimesLike
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import Climate, load_climate

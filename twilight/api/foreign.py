@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-    from twilight.api.types import AstropyQuantity, TimeLike, TimesLike
+    from twilight.api.arguments import AstropyQuantity, TimeLike, TimesLike
 
 
 def quantities_of(

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twilight.api.arguments import config_of, numbers, place_of, times_of
-from twilight.api.types import (
+from twilight.api.arguments import (
     AnglesLike,
     AstropyQuantity,
     LightOptions,
@@ -20,6 +19,10 @@ from twilight.api.types import (
     TargetsLike,
     TimeLike,
     TimesLike,
+    config_of,
+    numbers,
+    place_of,
+    times_of,
 )
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent

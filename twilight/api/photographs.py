@@ -9,9 +9,8 @@ from typing import get_args
 
 import numpy as np
 
-from twilight.api.arguments import config_of
+from twilight.api.arguments import SceneLike, config_of
 from twilight.api.representation import Sky
-from twilight.api.types import SceneLike
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.progress import Progress, silent
 from twilight.config.aerosol import AerosolType

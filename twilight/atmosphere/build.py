@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twilight.atmosphere import aerosols, gases, rayleigh, refraction
+from twilight.atmosphere import aerosols, gases
 from twilight.atmosphere.aerosols import AerosolRegion
 from twilight.atmosphere.clouds import CloudLayer, check_layers
 from twilight.atmosphere.layers import Boundaries, EqualAirMass, layered
@@ -95,7 +95,7 @@ def build_medium(
 
     altitude, upper_side = _levels(full.altitude_km, regions, top_km)
     state = full.at(altitude)
-    air = state.air_per_cm3[:, None] * rayleigh.cross_section_cm2(wavelength, co2_ppm) * 1e5
+    air = state.air_per_cm3[:, None] * gases.cross_section_cm2(wavelength, co2_ppm) * 1e5
     parts, overhead = _gas_absorption(full, state, wavelength, ozone_treatment, ozone_factor, no2, o4)
     extinction, scattering, phase_fraction, phases = _aerosol_levels(regions, altitude, upper_side, wavelength.size)
     medium = Medium(
@@ -110,7 +110,7 @@ def build_medium(
         aerosol_phase_fraction=phase_fraction,
         phase_functions=phases,
         refractivity=_refractivity(refraction, state, wavelength, co2_ppm, haber_humidity),
-        depolarisation=rayleigh.depolarisation(wavelength, co2_ppm),
+        depolarisation=gases.depolarisation(wavelength, co2_ppm),
         ground_albedo=albedo,
         overhead_absorption_optical_depth=overhead,
         name=name,
@@ -193,13 +193,13 @@ def _aerosol_regions(
     factor: float | np.ndarray = 1.0
     at_550 = np.array([550.0])
     if aerosol is not None and aerosol.visibility_km is not None:
-        air = rayleigh.cross_section_cm2(at_550, co2_ppm) * full.at(ground_km).air_per_cm3 * 1e5
+        air = gases.cross_section_cm2(at_550, co2_ppm) * full.at(ground_km).air_per_cm3 * 1e5
         factor = aerosols.visibility_factor(aerosol.visibility_km, float(air[0]), tropospheric(at_550), ground_km)
     elif aerosol is not None and (aerosol.optical_depth_550nm is not None or aerosol.turbidity is not None):
         wanted = aerosol.optical_depth_550nm or 0.0
         if aerosol.turbidity is not None:
             below_top = full.at(np.append(full.altitude_km[full.altitude_km < top_km], top_km))
-            air = rayleigh.cross_section_cm2(at_550, co2_ppm) * below_top.column_per_cm2(below_top.air_per_cm3)
+            air = gases.cross_section_cm2(at_550, co2_ppm) * below_top.column_per_cm2(below_top.air_per_cm3)
             wanted = (aerosol.turbidity - 1.0) * float(air[0])
         of_550 = aerosols.tropospheric_factor(
             np.array([wanted]), at_550, tropospheric(at_550), stratospheric(at_550), top_km
@@ -288,8 +288,8 @@ def _refractivity(
     if model == "none":
         return np.zeros((state.altitude_km.size, wavelength.size))
     if model == "haber":
-        return refraction.haber_refractivity(wavelength[None, :], state.altitude_km[:, None], haber_humidity)
-    return refraction.ciddor_refractivity(
+        return gases.haber_refractivity(wavelength[None, :], state.altitude_km[:, None], haber_humidity)
+    return gases.ciddor_refractivity(
         wavelength[None, :],
         state.temperature_k[:, None],
         state.pressure_hpa[:, None],

@@ -7,6 +7,10 @@ the tabulated temperatures.  From 301 down to 280 nm ozone is that of Malicet et
 every temperature to meet the other table at 301 nm (by 0.97 to 1.01), and the others keep the row of 301 nm, where they
 are far weaker than ozone (vertical optical depth of O2-O2 0, of NO2 6e-4); 900 to 1000 nm take the row of 899 nm, where
 all three are weak (vertical optical depth of ozone 5e-4, of O2-O2 2e-4, of NO2 0).
+
+Scattering by air molecules after Bodhaine, Wood, Dutton & Slusser 1999, J. Atmos. Oceanic Technol. 16, 1854.
+
+Refractivity n - 1 of air: Ciddor 1996 in full, and the closed form of Haber 2005.
 """
 
 from __future__ import annotations
@@ -24,16 +28,12 @@ from twilight.base.shipped_data import data_numbers
 
 OXYGEN_FRACTION = 0.2095
 """Volume of O2 in dry air, constant up to about 85 km; above, pairs of molecules do not matter."""
-
 MIN_WAVELENGTH_NM = 280.0
 """Where the optical data begin [nm]."""
-
 MAX_WAVELENGTH_NM = 1000.0
 """Where the optical data end [nm]."""
-
 _TABLES = {"o3": "o3_serdyuchenko2014", "no2": "no2_vandaele1998", "o4": "o2o2_hitran2016"}
 """File of each gas in data/gases."""
-
 _OZONE_BELOW_301_NM = "o3_malicet1995"
 """Of ozone at 279 to 301 nm."""
 
@@ -132,3 +132,137 @@ def ozone_factor(profile: AirProfile, column_du: float | None) -> float:
 def overhead_ozone_optical_depth(profile: AirProfile, wavelength_nm, factor: float = 1.0) -> np.ndarray:
     """Vertical optical depth (W,) of all the ozone of a profile, at the temperatures of its altitudes."""
     return vertical_integral(absorption_per_km("o3", profile, wavelength_nm, factor), profile.altitude_km)
+
+
+REFERENCE_DENSITY_PER_CM3 = 2.546899e19
+"""Number density of air at 288.15 K and 1013.25 hPa, where the refractive index below holds (their eq. 3)."""
+
+
+def standard_refractivity(wavelength_nm, co2_ppm: float = 420.0) -> np.ndarray:
+    """n - 1 of dry air at 288.15 K and 1013.25 hPa (Peck & Reeder 1972, CO2 after Edlen 1966; eq. 18 and 19).
+
+    wavelength_nm: any shape, vacuum, 230 to 1700 nm.
+    """
+    inverse_um2 = (1e3 / np.asarray(wavelength_nm, dtype=float)) ** 2
+    at_300_ppm = 1e-8 * (8060.51 + 2480990.0 / (132.274 - inverse_um2) + 17455.7 / (39.32957 - inverse_um2))
+    return at_300_ppm * (1.0 + 0.54 * (co2_ppm * 1e-6 - 0.0003))
+
+
+def king_factor(wavelength_nm, co2_ppm: float = 420.0) -> np.ndarray:
+    """King factor (6 + 3 rho)/(6 - 7 rho) of dry air, by volume over N2, O2, Ar and CO2 (eq. 5, 6 and 23)."""
+    inverse_um2 = (1e3 / np.asarray(wavelength_nm, dtype=float)) ** 2
+    nitrogen = 1.034 + 3.17e-4 * inverse_um2
+    oxygen = 1.096 + 1.385e-3 * inverse_um2 + 1.448e-4 * inverse_um2**2
+    argon = 1.00
+    carbon_dioxide = 1.15
+    co2_percent = co2_ppm * 1e-4
+    total = 78.084 * nitrogen + 20.946 * oxygen + 0.934 * argon + co2_percent * carbon_dioxide
+    return total / (78.084 + 20.946 + 0.934 + co2_percent)
+
+
+def depolarisation(wavelength_nm, co2_ppm: float = 420.0) -> np.ndarray:
+    """Depolarisation factor rho of natural light from the King factor F: rho = 6 (F - 1)/(3 + 7 F)."""
+    f = king_factor(wavelength_nm, co2_ppm)
+    return 6.0 * (f - 1.0) / (3.0 + 7.0 * f)
+
+
+def cross_section_cm2(wavelength_nm, co2_ppm: float = 420.0) -> np.ndarray:
+    """Scattering cross section of one molecule of air [cm^2] (eq. 22), same shape as the wavelength.
+
+    sigma = 24 pi^3 (n^2 - 1)^2 / (lambda^4 N^2 (n^2 + 2)^2) F.  It does not depend on temperature and pressure.
+    """
+    wavelength_cm = np.asarray(wavelength_nm, dtype=float) * 1e-7
+    n2 = (1.0 + standard_refractivity(wavelength_nm, co2_ppm)) ** 2
+    polarisability = ((n2 - 1.0) / (n2 + 2.0)) ** 2
+    shape = 24.0 * np.pi**3 / (wavelength_cm**4 * REFERENCE_DENSITY_PER_CM3**2)
+    return shape * polarisability * king_factor(wavelength_nm, co2_ppm)
+
+
+_GAS_CONSTANT = 8.314510
+"""J mol^-1 K^-1, the value on which Ciddor's densities rest (Ciddor 1996, appendix A)."""
+_MOLAR_MASS_WATER = 0.018015
+"""kg mol^-1 (Ciddor 1996, appendix A)."""
+_ZERO_CELSIUS = 273.15
+"""K."""
+
+
+def _standard_refractivities(wavelength_nm) -> tuple[np.ndarray, np.ndarray]:
+    """n - 1 of standard dry air (15 C, 101325 Pa, 450 ppm CO2) and of pure water vapour (20 C, 1333 Pa).
+
+    Ciddor 1996 eqs. (1) and (3).  Errors: TwilightError outside 200-2000 nm, where resonances begin.
+    """
+    wavelength = np.asarray(wavelength_nm, dtype=float)
+    if not np.all((wavelength >= 200.0) & (wavelength <= 2000.0)):
+        raise TwilightError("refraction: wavelength_nm must be between 200 and 2000 nm")
+    s = (1e3 / wavelength) ** 2  # um^-2
+    dry = 1e-8 * (5792105.0 / (238.0185 - s) + 167917.0 / (57.362 - s))
+    return dry, 1.022e-8 * (295.235 + 2.6422 * s - 0.032380 * s**2 + 0.004028 * s**3)
+
+
+def _compressibility(temperature_k, pressure_pa, water_fraction):
+    """Z of moist air, Ciddor 1996 eq. (12) with the constants of Davis 1992 (BIPM)."""
+    t = temperature_k - _ZERO_CELSIUS
+    x = water_fraction
+    per_t = pressure_pa / temperature_k
+    first = 1.58123e-6 - 2.9331e-8 * t + 1.1043e-10 * t**2
+    first = first + (5.707e-6 - 2.051e-8 * t) * x + (1.9898e-4 - 2.376e-6 * t) * x**2
+    return 1.0 - per_t * first + per_t**2 * (1.83e-11 - 0.765e-8 * x**2)
+
+
+def ciddor_refractivity(
+    wavelength_nm, temperature_k, pressure_hpa, water_vapour_pressure_hpa=0.0, co2_ppm: float = 420.0
+) -> np.ndarray:
+    """Phase refractivity n - 1 of moist air.
+
+    n - 1 = (rho_a/rho_axs)(n_axs - 1) + (rho_w/rho_ws)(n_ws - 1), densities with the compressibility of moist air.
+
+    wavelength_nm: vacuum wavelength [nm]; temperature_k [K], pressure_hpa: total pressure [hPa];
+    water_vapour_pressure_hpa: partial pressure of water vapour [hPa]; co2_ppm: mole fraction of CO2 [1e-6].
+    Arrays broadcast; the result has the broadcast shape.
+
+    The mole fraction of water is f(p, t) e/p with the enhancement factor f, as if e came from a relative humidity.
+    Valid for 300-1690 nm, -40..100 C, 800-1200 hPa, 0-100 % humidity to 2-5e-8; below 800 hPa the densities tend to
+    those of an ideal gas, so the error stays below that.  Outside 200-2000 nm it is refused (resonances).
+
+    Source: Ciddor 1996, Appl. Opt. 35, 1566, eqs. (1)-(5), (12) and appendix B.
+    """
+    t_k = np.asarray(temperature_k, dtype=float)
+    p = np.asarray(pressure_hpa, dtype=float) * 100.0
+    e = np.asarray(water_vapour_pressure_hpa, dtype=float) * 100.0
+    dry_standard, water_standard = _standard_refractivities(wavelength_nm)
+    if not np.all((t_k > 100.0) & (t_k < 1500.0)):
+        raise TwilightError("refraction: temperature_k must be between 100 and 1500 K")
+    if not (np.all((p >= 0.0) & np.isfinite(p)) and np.all((e >= 0.0) & (e <= np.maximum(p, 0.0)))):
+        raise TwilightError("refraction: pressure_hpa must not be negative, nor water_vapour_pressure_hpa exceed it")
+    if not 0.0 <= co2_ppm < 1e6:
+        raise TwilightError("refraction: co2_ppm must be between 0 and 1e6")
+    dry_standard = dry_standard * (1.0 + 0.534e-6 * (co2_ppm - 450.0))  # eq. (2)
+    molar_mass_dry = 1e-3 * (28.9635 + 12.011e-6 * (co2_ppm - 400.0))
+    t = t_k - _ZERO_CELSIUS
+    enhancement = 1.00062 + 3.14e-8 * p + 5.6e-7 * t**2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x = np.where(p > 0.0, np.minimum(1.0, enhancement * e / np.where(p > 0.0, p, 1.0)), 0.0)
+    z = _compressibility(t_k, p, x)
+    moles = p / (z * _GAS_CONSTANT * t_k)
+    dry_density = moles * molar_mass_dry * (1.0 - x)
+    water_density = moles * _MOLAR_MASS_WATER * x
+    dry_reference = 101325.0 * molar_mass_dry / (_compressibility(288.15, 101325.0, 0.0) * _GAS_CONSTANT * 288.15)
+    water_reference = 1333.0 * _MOLAR_MASS_WATER / (_compressibility(293.15, 1333.0, 1.0) * _GAS_CONSTANT * 293.15)
+    return dry_density / dry_reference * dry_standard + water_density / water_reference * water_standard
+
+
+def haber_refractivity(wavelength_nm, altitude_km, relative_humidity=0.0) -> np.ndarray:
+    """Refractivity n - 1 of air as Haber 2005 sec. 4.4 uses it.
+
+    n - 1 = exp(-h / 8 km) ((1 - w) dry + w wet), with Ciddor's dispersion formulas of standard dry air (15 C, 1013.25
+    hPa) and of pure water vapour at 13.33 hPa.
+
+    wavelength_nm [nm], altitude_km [km], relative_humidity w: 0 (dry) to 1 (saturated).  Arrays broadcast.
+    The formula mixes n - 1 of both, so that saturated air refracts like vapour at 13 hPa.  It is here as Haber has it;
+    :func:`ciddor_refractivity` is physical.
+    """
+    w = np.asarray(relative_humidity, dtype=float)
+    dry, wet = _standard_refractivities(wavelength_nm)
+    if not np.all((w >= 0.0) & (w <= 1.0)):
+        raise TwilightError("refraction: relative_humidity must be between 0 and 1")
+    return np.exp(-np.asarray(altitude_km, dtype=float) / 8.0) * ((1.0 - w) * dry + w * wet)

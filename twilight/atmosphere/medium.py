@@ -3,7 +3,7 @@
 A medium is a list of levels.  Between two levels
 
 - ln of the air's scattering coefficient and of its refractivity are monotone cubics with continuous slopes
-  (:mod:`twilight.atmosphere.steffen`): a bend of the index at a level would focus the sunbeam below it;
+  (:mod:`twilight.atmosphere.levels`): a bend of the index at a level would focus the sunbeam below it;
 - absorption and aerosol extinction go exponentially, linearly where one end is 0 (:mod:`twilight.atmosphere.levels`);
 - the aerosol's single scattering albedo and phase fractions go linearly.
 
@@ -20,9 +20,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twilight.atmosphere.grid_medium import GridMedium
-from twilight.atmosphere.levels import interpolate_coefficient, layer_mean
+from twilight.atmosphere.levels import (
+    interpolate_coefficient,
+    interpolate_smooth,
+    layer_mean,
+    log_cubics,
+    monotone_cubic,
+    smooth_mean,
+)
 from twilight.atmosphere.screen import Screen
-from twilight.atmosphere.steffen import interpolate_smooth, log_cubics, monotone_cubic, smooth_mean
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.base.errors import TwilightError
 from twilight.numerics.phase import PhaseFunction

@@ -19,7 +19,7 @@ import numpy as np
 
 from twilight.atmosphere import shipped_optics
 from twilight.base import cache
-from twilight.base.blas import one_blas_thread
+from twilight.base.threads import one_blas_thread
 from twilight.numerics.phase import TABLE, PhaseFunction, table_angles_rad
 
 METHOD_VERSION = 3

@@ -10,8 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from twilight.atmosphere.levels import layer_mean
-from twilight.atmosphere.steffen import monotone_cubic
+from twilight.atmosphere.levels import layer_mean, monotone_cubic
 from twilight.base.errors import TwilightError
 from twilight.base.shipped_data import data_numbers
 
@@ -67,7 +66,7 @@ class AirProfile:
     """State of the air at Z altitudes; all arrays have shape (Z,).
 
     Between two altitudes temperature and the logarithms of pressure and of the densities of air and water vapour are
-    monotone cubics with continuous slopes (:mod:`twilight.atmosphere.steffen`); ozone and nitrogen dioxide go
+    monotone cubics with continuous slopes (:mod:`twilight.atmosphere.levels`); ozone and nitrogen dioxide go
     exponentially.  source: where they come from, in words.
     """
 

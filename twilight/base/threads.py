@@ -1,9 +1,15 @@
-"""Slices of work on threads: kernels release the lock, and each writes rows of its own."""
+"""Slices of work on threads: kernels release the lock, and each writes rows of its own.
+
+Small matrix products on one thread.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import Any
 
 import numba
 
@@ -28,3 +34,18 @@ def in_slices(work: Callable[[int, int], None], n: int) -> None:
         pool.shutdown(wait=isinstance(error, Exception), cancel_futures=True)
         raise
     pool.shutdown()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Keep numpy's matrix products on one thread: many small ones on several threads wait for each other, on a busy
+    machine twenty times as long as one thread takes, and sums may depend on their number.  Also a decorator."""
+    with _controller().limit(limits=1, user_api="blas"):
+        yield
+
+
+@functools.cache
+def _controller() -> Any:
+    from threadpoolctl import ThreadpoolController  # start-up
+
+    return ThreadpoolController()

@@ -61,9 +61,9 @@ def compare(
 
     from twilight.base.progress import part_of
     from twilight.engine import check_size
-    from twilight.studies.compare import added, comparison, figure, reference_solution, report
+    from twilight.studies.compare import added, comparison, reference_solution, report
     from twilight.studies.compare.bench import Bench
-    from twilight.studies.compare.directions import stratified_directions, sun_elevations
+    from twilight.studies.compare.job import stratified_directions, sun_elevations
 
     bench = Bench(folder / "rows", time_limit)
     if ablations is not None:
@@ -112,7 +112,7 @@ def compare(
         for found in comparison.compare(config, presets, references, bench, repeats=repeats, progress=part):
             rows += found
             report.write_tables(rows, folder)
-    drawn = figure.draw(figure.points(rows), folder / "error-against-time.png", title=config.title)
+    drawn = report.draw(report.points(rows), folder / "error-against-time.png", title=config.title)
     print_table(list(report.PRINTED), report.printed(rows), right=tuple(range(2, len(report.PRINTED))))
     for line in report.remarks(rows):
         print(line)

@@ -67,10 +67,8 @@ def _set(scene: str, chosen: dict[str, Any], names: dict[str, str], haze: str, o
 
     from twilight.base.progress import part_of
     from twilight.solvers.analytic.coefficients import load_coefficients
-    from twilight.studies.fit.document import write_set
-    from twilight.studies.fit.errors import error_of
     from twilight.studies.fit.perez import fit_set
-    from twilight.studies.fit.truth import compute_truth
+    from twilight.studies.fit.truth import compute_truth, error_of, write_set
 
     config = options.load_one_scene(scene, chosen, names, "fit perez")
     name = config.title if haze == "climate" else f"{config.title}-{haze}"
@@ -133,9 +131,8 @@ def _error_cells(error: Any) -> list[str]:
 
 
 def _each_sky(scene: str, chosen: dict[str, Any], names: dict[str, str], output: Path | None) -> None:
-    from twilight.studies.fit.document import write_set
     from twilight.studies.fit.perez import fit_sky, single_set
-    from twilight.studies.fit.truth import from_sky
+    from twilight.studies.fit.truth import from_sky, write_set
 
     title, skies = _skies(scene, chosen, names)
     _path(output, title)
@@ -182,7 +179,7 @@ def _skies(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[s
         return label, iter([(label, read_sky(scene))])
     from twilight.config import load_series
     from twilight.scene.medium import wavelengths_of
-    from twilight.scene.suns import suns_of
+    from twilight.scene.scene import suns_of
     from twilight.sky.colour import colour_is_defined
 
     wanted: list[tuple[Any, list[str]]] = []

@@ -1,9 +1,13 @@
-"""Options that several commands have."""
+"""Options that several commands have.
+
+The first run of a solver says that it compiles, and for how long.
+"""
 
 from __future__ import annotations
 
 import datetime as dt
 import re
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -86,8 +90,6 @@ TIME_ZONE_OF_TIME = option("ZONE", "For a TIME without offset, e.g. Europe/Berli
 THREADS = option("N", "Of each worker; without it, cores are shared evenly.")
 WORKERS = option("N", "Processes on this machine (default: its cores), or jobs.")
 ONLY_PLAN = flag("--plan", "Only say what would be computed.")
-
-
 Given = Mapping[str, tuple[Any, str]]
 """Options by the dotted key that each sets: the value, None where the option was not given, and its name for errors."""
 
@@ -197,3 +199,32 @@ def parse_date(text: str, option: str, example: str = "2026-06-21") -> dt.date:
         return dt.date.fromisoformat(text.strip())
     except ValueError:
         raise TwilightError(f"{option}: {text} is not a date such as {example}") from None
+
+
+SENTENCE = "the first run compiles its kernels, which takes a minute or two; their machine code is kept for later runs"
+
+
+def must_compile(package: str) -> bool:
+    """Whether numba keeps no machine code yet of any kernel of a package that is imported (and has kernels to keep)."""
+    from numba.core.dispatcher import Dispatcher
+
+    kernels = []
+    for name, module in list(sys.modules.items()):
+        if name == package or name.startswith(f"{package}."):
+            found = [value for value in vars(module).values() if isinstance(value, Dispatcher)]
+            kernels += [one for one in found if one.py_func.__module__ == name and one.stats.cache_path]
+    for kernel in kernels:
+        if any(Path(str(kernel.stats.cache_path)).glob(f"*.{kernel.py_func.__name__}-*.nbi")):
+            return False
+    return bool(kernels)
+
+
+def announce_compiling(solver: str) -> None:
+    """One sentence on stderr where a solver has to be compiled."""
+    from twilight import solvers
+    from twilight.cli import terminal
+
+    solvers.load(solver)
+    if must_compile(solvers.SOLVERS[solver]):
+        terminal.compiling = True
+        print(f"twilight: {SENTENCE}", file=sys.stderr)

@@ -119,10 +119,9 @@ def render(
         _print_plans(cases)
         return
     from twilight.cli.climate import source_summary
-    from twilight.cli.first_run import announce_compiling
+    from twilight.cli.options import announce_compiling
     from twilight.cli.preview import show_preview
-    from twilight.cli.render_files import check_cases, render_files
-    from twilight.cli.render_one_file import SUFFIX, check_one_file, render_one_file
+    from twilight.cli.render_files import SUFFIX, check_cases, check_one_file, render_files, render_one_file
     from twilight.config.sun import SunElevation
 
     one_file = output is not None and output.suffix == SUFFIX
@@ -224,8 +223,8 @@ def _sun(
 
 def _print_plans(cases: list[Any]) -> None:
     from twilight.scene import resolve
-    from twilight.scene.horizon import described
     from twilight.scene.plan import not_computed
+    from twilight.scene.scene import described
 
     rows, sizes = [], []
     for case in cases:

@@ -1,10 +1,13 @@
-"""The work of `twilight render`: compute what is not there, write it, and what a series has once."""
+"""The work of `twilight render`: compute what is not there, write it, and what a series has once.
+
+`twilight render --output evening.nc`: the skies of all suns in one file, in place of a folder each.
+"""
 
 from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -103,8 +106,7 @@ def _requested_skies(cases: Sequence[Any]) -> tuple[list[_SkyToRender], dict[str
     """All skies in their order, and what each is, by subfolder."""
     from twilight.io.folder import RequestedSky
     from twilight.io.provenance import configuration_hash
-    from twilight.scene.record import resolved_configuration
-    from twilight.scene.suns import count_suns, suns_of
+    from twilight.scene.scene import count_suns, resolved_configuration, suns_of
 
     skies, wanted = [], {}
     for case in cases:
@@ -126,7 +128,7 @@ def _code_digest(cases: Sequence[Any]) -> str:
     from twilight.base.digest import code_digest
 
     names = sorted({case.config.chosen_solver.name for case in cases})
-    return code_digest("twilight.engine.frames", "twilight.io.outputs", *(solvers.SOLVERS[name] for name in names))
+    return code_digest("twilight.engine.frames", "twilight.io.folder", *(solvers.SOLVERS[name] for name in names))
 
 
 def _by_series(config: Any) -> bool:
@@ -162,7 +164,7 @@ def _compute(
 
 
 def _write(frame: Any, config: Any, folder: Path, exposure: float | None = None, files: Any = None) -> list[Path]:
-    from twilight.io.outputs import write_outputs
+    from twilight.io.folder import write_outputs
 
     o = config.output
     given = o.exposure_ev100 if exposure is None else exposure
@@ -212,7 +214,7 @@ def _write_series_files(
     skies: Sequence[_SkyToRender], labels: Mapping[str, Any], folder: Any, progress: Any
 ) -> tuple[list[str], list[str]]:
     """The files that a series has once; sentences about those that it cannot have."""
-    from twilight.api.plotting import contact_sheet
+    from twilight.api.representation import contact_sheet
     from twilight.io.folder import FRAMES
     from twilight.io.series import number_files, write_dataset, write_table
 
@@ -250,3 +252,55 @@ def _default_folder(
     if len(name) > LONGEST_NAME:
         name = f"{name[:LONGEST_NAME]}-{configuration_hash(dict(settings))[:8]}"
     return Path("out") / name
+
+
+SUFFIX = ".nc"
+"""An --output that ends so is a file."""
+
+
+def check_one_file(cases: Sequence[Any], scene: str, names: Mapping[str, str], path: Path, overwrite: bool) -> None:
+    """TwilightError for what one file cannot hold, and where it cannot be written.
+
+    names: what each key that was set is called.
+    """
+    from twilight.base.whole_files import check_file
+
+    if len(cases) > 1:
+        raise TwilightError(
+            f"--output {path}: holds the suns of one scene, and {scene} is a series of {len(cases)} (vary); give a "
+            "folder, or take `twilight sweep`"
+        )
+    for key, name in names.items():
+        if key.startswith(("output.", "observer.view", "sun.disc")):
+            raise TwilightError(f"--output {path}: holds radiances alone, and {name} is of other files; leave it out")
+    if path.exists() and not overwrite:
+        raise TwilightError(f"{path}: is there already; give --overwrite or another --output")
+    check_file(path)
+
+
+def render_one_file(config: Any, path: Path) -> None:
+    """Compute the skies of all suns and write them."""
+    from twilight.base.progress import part_of
+    from twilight.engine import frames
+    from twilight.io.provenance import provenance_fields
+    from twilight.io.series import figures, write_series
+    from twilight.scene import resolve
+    from twilight.scene.scene import resolved_configuration
+
+    config = config.model_copy(update={"observer": config.observer.model_copy(update={"view": None})})
+    scene = resolve(config)
+    rows = []
+    with progress_bar() as progress:
+
+        def skies() -> Iterator[Any]:
+            for frame in frames(scene, part_of(progress, 0.0, 0.95)):
+                row = {"scene": frame.name, **figures(frame.sky)}
+                rows.append([cell(row.get(key), form) if key else row["scene"] for _, key, form in TABLE])
+                yield frame.sky
+
+        record = {"configuration": resolved_configuration(config, config.sun)}
+        record |= dict(zip(("solver", "quality"), config.chosen_solver[:2], strict=True))
+        write_series(skies(), path, provenance_fields(record), len(scene.suns))
+    print_table([head for head, _, _ in TABLE], rows, right=tuple(range(1, len(TABLE))))
+    suns = "1 sun" if len(rows) == 1 else f"{len(rows)} suns"
+    print(f"wrote the radiances of {suns} to {path} ({path.stat().st_size / 1e6:.3g} MB)")

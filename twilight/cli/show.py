@@ -71,7 +71,7 @@ def _configs() -> None:
     """The configurations that come with twilight."""
     from twilight.config import load_series
     from twilight.config.load import shipped
-    from twilight.scene.suns import count_suns
+    from twilight.scene.scene import count_suns
 
     rows = []
     for name, path in shipped("configs").items():
@@ -130,11 +130,11 @@ def _schema(document: str) -> None:
 
 def _describe(target: str, settings: list[str] | None, output: Path | None) -> None:
     """Optical depths, scale heights and refraction of a climate, or of a configuration's; its profile as a picture."""
-    from twilight.api.plotting import profile_figure
+    from twilight.api.representation import profile_figure
     from twilight.base.whole_files import check_file
     from twilight.config import load_climate
-    from twilight.scene.describe import facts, optical_depths
     from twilight.scene.medium import climate_medium
+    from twilight.scene.plan import facts, optical_depths
 
     model = load_climate(target, *options.settings_of(settings))
     path = output or Path("out") / f"{model.name}_profile.png"

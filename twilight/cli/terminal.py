@@ -1,22 +1,30 @@
-"""What the commands share: one sentence instead of a traceback, a progress bar, tables."""
+"""What the commands share: one sentence instead of a traceback, a progress bar, tables.
+
+Ctrl-C and SIGTERM end a command within seconds, also while compiled code runs.
+
+Python's own handler unwinds the stack, so that temporary files go, but only once the main thread is back in Python,
+which inside a kernel may take minutes.  A second thread hears of the signal at once and ends the process where the
+first does not.
+"""
 
 from __future__ import annotations
 
 import functools
+import os
 import signal
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import typer
 
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.progress import Progress
-from twilight.base.whole_files import refusal
-from twilight.cli.signals import SENTENCES, leaving_on_signals
+from twilight.base.whole_files import refusal, remove_unfinished
 
 PROGRESS_LINE_S = 15.0
 """Seconds between lines of progress where the output is no terminal."""
@@ -152,3 +160,63 @@ def time_of(seconds: float) -> str:
     if seconds < 100.0:
         return f"{seconds:.2g} s"
     return f"{seconds / 60.0:.2g} min" if seconds < 6000.0 else f"{seconds / 3600.0:.2g} h"
+
+
+GRACE_S = 3.0
+"""Time that the main thread has for leaving by itself [s]."""
+SENTENCES = {
+    signal.SIGINT: "interrupted; what was finished before is kept",
+    signal.SIGTERM: "terminated; what was finished before is kept",
+}
+
+
+@contextmanager
+def leaving_on_signals() -> Iterator[None]:
+    """SIGTERM unwinds the stack as Ctrl-C does; both end the process after GRACE_S at the latest."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def leave(number: int, frame: Any) -> None:
+        print(f"twilight: {SENTENCES[signal.SIGTERM]}", file=sys.stderr)
+        raise SystemExit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        with _watched():
+            yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _watched() -> Iterator[None]:
+    if os.name == "nt":  # has no pipe that signals can write to
+        yield
+        return
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    before = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    threading.Thread(target=_end_after_grace, args=(reading,), daemon=True).start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        os.close(writing)  # the thread reads the end of it and is done, if there was no signal
+
+
+def _end_after_grace(reading: int) -> None:
+    """End the process GRACE_S after a signal to leave; return where the pipe is closed before one comes."""
+    while True:
+        received = os.read(reading, 1)
+        if not received:
+            os.close(reading)
+            return
+        if received[0] in (signal.SIGINT, signal.SIGTERM):
+            break
+    number = signal.Signals(received[0])
+    time.sleep(GRACE_S)
+    remove_unfinished()
+    with suppress(OSError):
+        os.write(2, f"twilight: {SENTENCES[number]}\n".encode())
+    os._exit(128 + number)

@@ -58,9 +58,8 @@ def timeline(
     from twilight.sky.ephemeris import parse_time
     from twilight.sky.twilight_times import time_of, today_at, twilight_times
     from twilight.studies.timeline import timeline as work
-    from twilight.studies.timeline.columns import column
     from twilight.studies.timeline.files import WRITERS
-    from twilight.studies.timeline.presets import PRESETS
+    from twilight.studies.timeline.timeline import PRESETS, column
 
     options.check_range(latitude, "--latitude", -90.0, 90.0)
     options.check_range(longitude, "--longitude", -180.0, 360.0)

@@ -41,9 +41,8 @@ def stars(
     from twilight.studies.camera.image import read_image
     from twilight.studies.camera.response import load_response
     from twilight.studies.validate.stars.calibrate import calibrate
-    from twilight.studies.validate.stars.coordinates import FIRST_YEAR, LAST_YEAR
+    from twilight.studies.validate.stars.coordinates import FIRST_YEAR, LAST_YEAR, pressure_at_hpa
     from twilight.studies.validate.stars.picture import draw
-    from twilight.studies.validate.stars.refraction import pressure_at_hpa
 
     limits = (
         ("--altitude", altitude, -0.5, 9.0, "km"),

@@ -93,7 +93,7 @@ def _render_words(scene: str, quality: str | None, settings: list[str] | None) -
 
 def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[Any, Any]:
     """The scene resolved, and its configuration where it has one."""
-    from twilight.cli.first_run import announce_compiling
+    from twilight.cli.options import announce_compiling
     from twilight.scene import Scene, resolve
 
     if not scene.lower().endswith((".h5", ".hdf5")):
@@ -114,7 +114,7 @@ def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[A
 def _start(config: Any) -> dict[str, Any]:
     """What the page shows first."""
     from twilight.config.sun import SunElevation, SunElevations
-    from twilight.scene.suns import suns_of
+    from twilight.scene.scene import suns_of
 
     start: dict[str, Any] = {"altitude": config.observer.altitude_km}
     if config.output.tone_mapping == "eye":

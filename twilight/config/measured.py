@@ -21,9 +21,7 @@ import numpy as np
 
 from twilight.atmosphere.aerosols import optical_depth_at
 from twilight.atmosphere.clouds import MAX_DEPTH
-from twilight.atmosphere.measured.decks import OVERCAST, decks, most_cover
-from twilight.atmosphere.measured.join import join
-from twilight.atmosphere.measured.ozone import climatological_column_du, climatology_source
+from twilight.atmosphere.measured.join import OVERCAST, decks, join, most_cover
 from twilight.atmosphere.measured.parts import (
     AerosolDepth,
     AirColumn,
@@ -32,6 +30,8 @@ from twilight.atmosphere.measured.parts import (
     Reading,
     SizeDistribution,
     WaterColumn,
+    climatological_column_du,
+    climatology_source,
 )
 from twilight.atmosphere.opac import opac_type
 from twilight.atmosphere.stratosphere import measured_kind

@@ -37,10 +37,7 @@ from twilight.engine.view import (
 )
 from twilight.io.provenance import configuration_hash
 from twilight.io.rendered import ViewPixels, ViewSource
-from twilight.scene.moons import moon_of
-from twilight.scene.record import resolved_configuration
-from twilight.scene.scene import Scene
-from twilight.scene.suns import SceneSun
+from twilight.scene.scene import Scene, SceneSun, moon_of, resolved_configuration
 from twilight.sky.moon import Moon
 from twilight.sky.sky import Sky
 from twilight.sky.table import plain_grid

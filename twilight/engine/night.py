@@ -20,8 +20,7 @@ from twilight.engine.sunbeam import Direct, make_disc
 from twilight.io.rendered import ViewPixels
 from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.numerics.spectrum import solar_irradiance
-from twilight.scene.scene import Scene
-from twilight.scene.suns import SceneSun
+from twilight.scene.scene import Scene, SceneSun
 from twilight.sky.moon import PHASE_RANGE_DEG, Moon, MoonDisc, MoonSeen
 from twilight.sky.night import NightLevels, Place, night_radiance
 from twilight.sky.night.points import Raster, StarPoints, StarSky, resolved_starlight_fraction

@@ -15,8 +15,7 @@ from twilight.base.reading import check_expansion, first_line
 from twilight.base.whole_files import whole_file
 from twilight.io.disc import add_to_map_factor, add_to_map_xyz
 from twilight.io.environment import environment, environment_directions, ground_factor
-from twilight.io.facts import header_of
-from twilight.io.provenance import PREFIX, provenance_fields
+from twilight.io.provenance import PREFIX, header_of, provenance_fields
 from twilight.numerics import spectrum
 from twilight.numerics.spectrum import to_rec709
 from twilight.sky import colour

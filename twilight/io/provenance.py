@@ -1,18 +1,31 @@
-"""What every file says about itself: the resolved configuration, the version, the hash, the run time."""
+"""What every file says about itself: the resolved configuration, the version, the hash, the run time.
+
+Numbers about a sky, its sun and its observer: under which names files and datasets hold each of them.
+
+A new one is a field of `Sky` and a line here; `sky.h5`, the headers of EXR files and the skies of datasets follow.
+
+A file of JSON lines that grows while long work goes on: what is finished, so that it can go on there.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from datetime import date, datetime
 from os import PathLike, fspath
-from typing import Any
+from pathlib import Path
+from types import MappingProxyType
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
 from twilight import __version__
 from twilight.base.errors import TwilightError
+from twilight.io.labels import attributes
+from twilight.sky.sky import Sky
 
 PREFIX = "twilight"
 """Names of our own attributes in image files start with this."""
@@ -79,3 +92,116 @@ def provenance_from_fields(fields: dict) -> dict:
     if "run_time_s" in fields:
         provenance["run_time_s"] = float(fields["run_time_s"])
     return provenance
+
+
+class Fact(NamedTuple):
+    """One number.
+
+    field: of `Sky`; variable: of `sky.h5` and of datasets, which `labels` describes; more: its other attributes;
+    swept: what a sweep over the key calls its coordinate; header: attribute of EXR files, which holds `header_per`
+    times the number.
+    """
+
+    field: str
+    variable: str
+    more: Mapping[str, str] = MappingProxyType({})
+    swept: str | None = None
+    header: str | None = None
+    header_per: float = 1.0
+
+
+FACTS = (
+    Fact("sun_elevation_deg", "solar_elevation_angle"),
+    Fact("apparent_sun_elevation_deg", "apparent_solar_elevation_angle"),
+    Fact("sun_azimuth_deg", "solar_azimuth_angle"),
+    Fact("distance_au", "earth_sun_distance"),
+    Fact(
+        "observer_altitude_km",
+        "observer_altitude",
+        {"positive": "up"},
+        swept="observer_altitude_km",
+        header="altitude",
+        header_per=1000.0,
+    ),
+    Fact("latitude_deg", "latitude", swept="sun_latitude_deg", header="latitude"),
+    Fact("longitude_deg", "longitude", swept="sun_longitude_deg", header="longitude"),
+)
+
+
+def coordinates_of(sky: Sky) -> dict[str, tuple[tuple[()], float, dict[str, str]]]:
+    """The facts that a sky knows, as scalar coordinates of a dataset."""
+    return {
+        fact.variable: ((), value, attributes(fact.variable) | {**fact.more})
+        for fact in FACTS
+        if (value := getattr(sky, fact.field)) is not None
+    }
+
+
+def header_of(sky: Sky) -> dict[str, float]:
+    """The facts that a sky knows and EXR has attributes for."""
+    return {
+        fact.header: float(value * fact.header_per)
+        for fact in FACTS
+        if fact.header and (value := getattr(sky, fact.field)) is not None
+    }
+
+
+def fields_from(number: Callable[..., float | None]) -> dict[str, Any]:
+    """Fields of `Sky` as a file or dataset knows them; `number` gives what stands under one of some names, or None."""
+    found = {fact.field: number(*filter(None, (fact.variable, fact.swept))) for fact in FACTS}
+    return {field: value for field, value in found.items() if value is not None}
+
+
+class Journal:
+    """An open journal, written by this process alone."""
+
+    def __init__(self, file: IO[str]):
+        self._file = file
+
+    def write(self, entry: dict[str, Any]) -> None:
+        """Add a line, which is on the disk when this returns.  Errors: OSError."""
+        self._file.write(json.dumps(entry) + "\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+
+@contextmanager
+def open_journal(path: Path, what: str) -> Iterator[Journal]:
+    """A journal to add lines to, made where there is none; a line that was cut in writing is ended first.
+
+    what: who may be writing it already, e.g. `another sweep`.  Errors: TwilightError where that is so; OSError.
+    """
+    with locked(path, what) as file:
+        content = path.read_bytes()
+        if content and not content.endswith(b"\n"):
+            file.write("\n")
+            file.flush()
+        yield Journal(file)
+
+
+def read_journal(path: Path) -> Iterator[dict[str, Any]]:
+    """The lines that are whole, in their order; none where there is no such file."""
+    if not path.is_file():
+        return
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        with suppress(ValueError):  # a line that was cut in writing
+            entry = json.loads(line)
+            if isinstance(entry, dict):
+                yield entry
+
+
+@contextmanager
+def locked(path: Path, what: str) -> Iterator[IO[str]]:
+    """A file to add text to, by this process alone; where the system has no locks (Windows) this is left to the user.
+
+    what: who may hold it, e.g. `another film`.  Errors: TwilightError where that is so; OSError.
+    """
+    with open(path, "a", encoding="utf-8") as file:
+        with suppress(ImportError):
+            import fcntl  # optional: not on Windows
+
+            try:
+                fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise TwilightError(f"{path.parent}: {what} is writing it") from None
+        yield file

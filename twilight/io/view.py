@@ -9,9 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from twilight.io.eight_bit import to_bytes
 from twilight.io.exr import write_picture_exr
-from twilight.io.picture import save_pixels
+from twilight.io.picture import save_pixels, to_bytes
 from twilight.io.rendered import Options, Rendered, ViewPixels, ViewSource
 from twilight.numerics import spectrum
 from twilight.sky import colour

@@ -1,17 +1,36 @@
-"""`Scene`: all that is computed, resolved once from a configuration; the engine and the studies take nothing else."""
+"""`Scene`: all that is computed, resolved once from a configuration; the engine and the studies take nothing else.
+
+The suns of a configuration: one, several, or those of a place over time.
+
+From the section `horizon` to the screen that dims the direct beam, and what the plan says of it.
+
+The moon of a configuration, for each of its suns.
+
+A configuration as it is written into files: every default said, and rendering it gives the same sky.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from datetime import datetime, timedelta
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from twilight import solvers
+from twilight.atmosphere.screen import Screen
 from twilight.base.errors import TwilightError
-from twilight.config.scene import Config, Observer
-from twilight.scene.horizon import screen_of
-from twilight.scene.medium import climate_gas_bands, climate_medium, planning_medium, wavelengths_of
+from twilight.config.climate import climate_files
+from twilight.config.scene import Config, Horizon, Observer
+from twilight.config.solver import complete_solver
+from twilight.config.sun import MoonSection, SunAt, SunElevation, SunElevations, SunInterval, SunTimes
+from twilight.numerics.directions import direction
+from twilight.scene.medium import climate_gas_bands, climate_medium, name_by_content, planning_medium, wavelengths_of
 from twilight.scene.plan import Omission, make_plan
-from twilight.scene.suns import SceneSun, suns_of
+from twilight.sky.ephemeris import AU_KM, sun_position
+from twilight.sky.moon import MEAN_DISTANCE_KM, Moon, moon_over
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,6 +38,150 @@ if TYPE_CHECKING:
     from twilight.atmosphere.bands import GasBands
     from twilight.atmosphere.medium import Medium
     from twilight.solvers.base import Capabilities, Solver
+
+
+@dataclass(frozen=True)
+class SceneSun:
+    """One sun of a sequence, and the section of a configuration that asks for this sun alone.
+
+    elevation_deg: true; azimuth_deg: clockwise from north, None where there is no place; name: for a folder.
+    """
+
+    name: str
+    section: SunElevation | SunAt
+    elevation_deg: float
+    azimuth_deg: float | None = None
+    distance_au: float = 1.0
+    time: datetime | None = None
+
+
+def count_suns(config: Config) -> int:
+    """How many suns a configuration has."""
+    sun = config.sun
+    if isinstance(sun, SunElevations):
+        return len(sun.elevations_deg)
+    if isinstance(sun, SunInterval | SunTimes):
+        return len(_moments(sun))
+    return 1
+
+
+def suns_of(config: Config) -> Iterator[SceneSun]:
+    """The positions of the sun of a configuration, one by one."""
+    sun = config.sun
+    if isinstance(sun, SunElevation):
+        yield SceneSun(_elevation_name(sun.elevation_deg), sun, sun.elevation_deg, distance_au=sun.distance_au)
+    elif isinstance(sun, SunElevations):
+        for elevation in sun.elevations_deg:
+            one = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au, disc=sun.disc)
+            yield SceneSun(_elevation_name(elevation), one, elevation, distance_au=sun.distance_au)
+    else:
+        for moment in _moments(sun):
+            place = {key: getattr(sun, key) for key in ("latitude_deg", "longitude_deg", "time_zone", "disc")}
+            one_at = SunAt(at=moment, **place)
+            at = sun_position(moment, sun.latitude_deg, sun.longitude_deg, config.observer.altitude_km)
+            finest = "%H%M%S.%f" if moment.microsecond else "%H%M%S" if moment.second else "%H%M"
+            name = moment.strftime(f"%Y-%m-%dT{finest}")
+            yield SceneSun(name, one_at, float(at.elevation_deg), float(at.azimuth_deg), float(at.distance_au), moment)
+
+
+def _elevation_name(elevation_deg: float) -> str:
+    return f"sun{elevation_deg:+06.2f}"
+
+
+def _moments(sun: SunAt | SunTimes | SunInterval) -> list[datetime]:
+    """The times with their offsets; a daylight-saving change within an interval does not disturb the steps."""
+    if isinstance(sun, SunAt):
+        return [sun.aware(sun.at)]
+    if isinstance(sun, SunTimes):
+        return [sun.aware(moment) for moment in sun.times]
+    start, stop = sun.aware(sun.start), sun.aware(sun.stop)
+    step = timedelta(minutes=sun.step_minutes)
+    count = int((stop.timestamp() - start.timestamp()) / step.total_seconds() + 1e-9) + 1
+    return [datetime.fromtimestamp(start.timestamp() + i * step.total_seconds(), start.tzinfo) for i in range(count)]
+
+
+def screen_of(horizon: Horizon) -> Screen | None:
+    """The screen beyond the horizon; None where nothing is there."""
+    section = horizon.screen
+    if section is None:
+        return None
+    if section.clouds is not None:
+        return Screen.of_clouds(**section.clouds.model_dump(), angstrom_exponent=section.angstrom_exponent)
+    if section.skyline is not None:
+        return Screen.of_skyline(section.skyline.height_km, section.skyline.distance_km)
+    assert section.heights_km is not None and section.transmission is not None
+    return Screen(
+        section.heights_km, section.transmission, section.from_km, angstrom_exponent=section.angstrom_exponent
+    )
+
+
+def described(horizon: Horizon) -> str | None:
+    """One line about what lies beyond the horizon; None where nothing does."""
+    section = horizon.screen
+    if section is None:
+        return None
+    haze = f", at 550 nm (Angstrom exponent {section.angstrom_exponent:g})" if section.angstrom_exponent else ""
+    if section.clouds is not None:
+        c = section.clouds
+        return (
+            f"clouds from {c.from_km:g} km on stop {c.cover:.0%} of the beams below {c.top_km:g} "
+            f"+- {c.top_spread_km:g} km{haze}"
+        )
+    if section.skyline is not None:
+        return f"a skyline of {section.skyline.height_km:.4g} km at {section.skyline.distance_km:.4g} km"
+    assert section.heights_km is not None and section.transmission is not None
+    beams = f"{min(section.transmission):.0%} to {max(section.transmission):.0%} of the beams pass"
+    return (
+        f"{beams} at {section.heights_km[0]:g} to {section.heights_km[-1]:g} km, from {section.from_km:g} km on{haze}"
+    )
+
+
+def moon_of(config: Config, sun: SceneSun) -> Moon | None:
+    """The moon at the moment of a sun; None where the configuration has none."""
+    section = config.moon
+    if section is None:
+        return None
+    if section.elevation_deg is None:
+        place = sun.section
+        assert isinstance(place, SunAt) and sun.time is not None and sun.azimuth_deg is not None
+        altitude = config.observer.altitude_km
+        return moon_over(sun.time, place.latitude_deg, place.longitude_deg, sun.azimuth_deg, altitude)
+    return placed_moon(section, sun.elevation_deg, sun.distance_au)
+
+
+def placed_moon(section: MoonSection, sun_elevation_deg: float, sun_distance_au: float) -> Moon:
+    """The moon that a configuration puts somewhere (`elevation_deg`), under a sun."""
+    assert section.elevation_deg is not None
+    azimuth = 180.0 if section.azimuth_deg is None else section.azimuth_deg % 360.0
+    distance = section.distance_km or MEAN_DISTANCE_KM
+    moon = distance * direction(azimuth, section.elevation_deg)
+    from_sun = moon - sun_distance_au * AU_KM * direction(0.0, sun_elevation_deg)
+    phase = section.phase_angle_deg
+    if phase is None:
+        phase = float(np.degrees(np.arctan2(np.linalg.norm(np.cross(moon, from_sun)), moon @ from_sun)))
+    away = float(np.linalg.norm(from_sun)) / AU_KM
+    return Moon(section.elevation_deg, azimuth, phase, distance, away)
+
+
+def resolved_configuration(config: Config, section: SunElevation | SunAt) -> dict[str, Any]:
+    """The configuration of one frame with every default written out, as JSON values; rendering it gives the frame.
+
+    Tables of the climate are named by their files' names and the SHA-256 of their content, not by where they were.
+    """
+    data = config.model_copy(update={"sun": section, "vary": {}}).model_dump(mode="json", exclude_none=True)
+    data["solver"] = complete_solver(config.solver)
+    rows, columns = config.texture.shape
+    data["texture"] = {"elevation_count": rows, "azimuth_count": columns} if config.texture.plain else {}
+    wavelength_nm = wavelengths_of(config)
+    if wavelength_nm is not None:
+        data["wavelengths"] = {"list_nm": wavelength_nm.tolist()}
+    name_by_content(data["climate"])
+    for holder, _, name, _ in climate_files(data["climate"]):
+        holder[name] = Path(holder[name]).name
+    if config.climate.medium is not None:
+        for key in ("atmosphere", "gases", "refraction"):
+            data["climate"].pop(key)
+    return data
 
 
 @dataclass(frozen=True)

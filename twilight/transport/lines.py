@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twilight.atmosphere.gases import ciddor_refractivity
 from twilight.atmosphere.medium import Medium, with_joined_refractivity
-from twilight.atmosphere.refraction import ciddor_refractivity
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
 from twilight.transport.profile import Profile, locate

@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twilight.atmosphere.levels import log_cubics
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.screen import Screen
-from twilight.atmosphere.steffen import log_cubics
 from twilight.jit.kernels import njit
 
 BOTTOM, LOG_SLOPE, SLOPE, SQUARE, CUBE = range(5)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from twilight.base.whole_files import whole_file
 from twilight.viewer import tones
-from twilight.viewer.pack import Pack
+from twilight.viewer.tables import Pack
 
 SCRIPTS = "state vector sun moon tables space night projection gpu exposure overlay probe command controls main".split()
 """In the order in which they are read; all of them have one scope."""

@@ -18,12 +18,11 @@ from twilight.scene import Scene
 from twilight.sky.night.points import bright_stars
 from twilight.sky.sky import Sky
 from twilight.sky.table import DARKEST, SkyTable
-from twilight.viewer import lines, space, tables, tones
-from twilight.viewer.colours import Channels
+from twilight.viewer import moonlight, space, tables, tones
 from twilight.viewer.moonlight import MoonColours, page_header
-from twilight.viewer.pack import Pack
 from twilight.viewer.page import Page
-from twilight.viewer.textures import padded_columns
+from twilight.viewer.tables import Pack
+from twilight.viewer.tones import Channels, padded_columns
 
 MOST_FIELDS = 2
 """Skies that a page shows beside each other."""
@@ -119,7 +118,7 @@ def view_fields(
         fraction = part_of(tell, k / len(fields), 1.0 / len(fields), names[k])
         _add_field(pack, k, solved, Channels(solved.medium.wavelength_nm, solar_spectrum), altitudes, nodes, fraction)
     _add_tones(pack)
-    pack.numbers("zodiacal", np.log(lines.zodiacal_table()))
+    pack.numbers("zodiacal", np.log(moonlight.zodiacal_table()))
     pack.numbers("stars", _stars())
     return Page(pack, f"{' and '.join(names)}: sky")
 
@@ -160,9 +159,9 @@ def _add_field(
     if seen[0].log_phase is not None:
         pack.numbers(f"phase{k}", seen[0].log_phase)
     for i, altitude in enumerate(altitudes):
-        places = lines.sky_elevations(edges[i][0])
-        _add_lines(pack, channels, f"{k}_{i}", lines.sunbeam(solved, channels, altitude, places),
-                   lines.night(solved.medium, altitude, places))  # fmt: skip
+        places = moonlight.sky_elevations(edges[i][0])
+        _add_lines(pack, channels, f"{k}_{i}", moonlight.sunbeam(solved, channels, altitude, places),
+                   moonlight.night(solved.medium, altitude, places))  # fmt: skip
     if "space" not in pack.header:
         return
     made, coarse, geometry = space.fill_space(
@@ -183,8 +182,8 @@ def _add_field(
         pack,
         channels,
         f"{k}_space",
-        lines.sunbeam(solved, channels, geometry.top_km, geometry.line_elevations(geometry.top_radius_km)),
-        lines.night(solved.medium, space.ABOVE_AIRGLOW_KM, geometry.line_elevations(above)),
+        moonlight.sunbeam(solved, channels, geometry.top_km, geometry.line_elevations(geometry.top_radius_km)),
+        moonlight.night(solved.medium, space.ABOVE_AIRGLOW_KM, geometry.line_elevations(above)),
     )
 
 

@@ -18,9 +18,8 @@ from twilight.engine.sun_tables import LOWEST_SUN_DEG, ROW_COUNT, SunTables
 from twilight.engine.table import first_rows, with_ground
 from twilight.numerics import spectrum
 from twilight.sky.table import SkyTable
-from twilight.viewer.colours import Channels
 from twilight.viewer.scene import check_altitudes
-from twilight.viewer.textures import layers, node_lines
+from twilight.viewer.tones import Channels, layers, node_lines
 
 
 @dataclass(frozen=True, eq=False)

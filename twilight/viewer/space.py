@@ -33,10 +33,9 @@ from twilight.engine.table import first_columns
 from twilight.numerics.spectrum import hermite_weights
 from twilight.sky.table import SkyTable
 from twilight.transport.rays import horizon_dip_deg
-from twilight.viewer.colours import Channels
-from twilight.viewer.lines import NODES
+from twilight.viewer.moonlight import NODES
 from twilight.viewer.tables import PageNodes, between_edges, haze_top_km
-from twilight.viewer.textures import padded_columns
+from twilight.viewer.tones import Channels, padded_columns
 
 LINE_POWER = 1.5
 """Power with which nodes of the lines above the air stand closer together at the horizon."""

@@ -15,32 +15,80 @@ which is the hydrostatic equation with whatever gravity and molar mass the clima
 and the climate's own column joined onto itself stays as it is.  Gases that were not measured keep their number density.
 Below the lowest altitude temperature goes on by 6.5 K/km, the factors stay.  Between levels the program goes by
 monotone cubics with continuous slope, so that no kink is left in the refractive index.
+
+Layers of cloud from the cloud water of an analysis.
+
+Where at least OVERCAST of the sky is covered, neighbouring altitudes with water (or with ice) are one homogeneous layer
+over the whole sky, the only clouds that the program knows.  Its optical depth is that of particles that are large
+against the wavelength, whose extinction is twice their area (Stephens 1978, J. Atmos. Sci. 35, 2123, eq. 7):
+
+    tau = 3 W / (2 rho r_e),   W the water [kg m^-2], rho its density as liquid or ice, r_e the effective radius.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from twilight.atmosphere.measured import moist_air
-from twilight.atmosphere.measured.parts import AirColumn
+from twilight.atmosphere.clouds import KINDS, CloudLayer
+from twilight.atmosphere.measured import parts
+from twilight.atmosphere.measured.parts import AirColumn, CloudWater
 from twilight.atmosphere.profiles import BOLTZMANN_J_PER_K, AirProfile
 from twilight.base.errors import TwilightError
 
+OVERCAST = 0.5
+"""Covered fraction of an altitude from which it counts as covered."""
+LEAST_DEPTH = 0.05
+"""Thinner layers are left out: they cannot be told from the analysis' noise."""
+MIDDLE_KM = 2.0
+"""From this base on droplets are altostratus (International Cloud Atlas, WMO)."""
+KG_PER_M3 = {"water": 1000.0, "ice": 917.0}
+
+
+def optical_depth(kg_per_m2: float, substance: str, effective_radius_um: float) -> float:
+    """Optical depth of large particles of `water` or `ice`."""
+    return 1.5 * kg_per_m2 / (KG_PER_M3[substance] * effective_radius_um * 1e-6)
+
+
+def decks(water: CloudWater) -> list[CloudLayer]:
+    """The layers of cloud, from the lowest up, liquid before ice."""
+    return [
+        layer
+        for substance, amount in (("water", water.liquid_kg_per_m2), ("ice", water.ice_kg_per_m2))
+        for layer in _layers(water, substance, amount)
+    ]
+
+
+def _layers(water: CloudWater, substance: str, kg_per_m2: np.ndarray) -> Iterator[CloudLayer]:
+    covered = np.concatenate([[False], (water.cover >= OVERCAST) & (kg_per_m2 > 0.0), [False]])
+    first = np.flatnonzero(covered[1:] & ~covered[:-1])
+    last = np.flatnonzero(covered[:-1] & ~covered[1:])
+    for a, b in zip(first, last, strict=True):
+        base, top = float(water.base_km[a]), float(water.top_km[b - 1])
+        kind = "cirrus" if substance == "ice" else "stratus" if base < MIDDLE_KM else "altostratus"
+        radius = KINDS[kind].effective_radius_um
+        depth = optical_depth(float(np.sum(kg_per_m2[a:b])), substance, radius)
+        if depth >= LEAST_DEPTH:
+            yield CloudLayer(kind, max(0.0, base), top, depth, radius)
+
+
+def most_cover(water: CloudWater) -> float:
+    """Largest covered fraction of any altitude with water or ice; 0 where there are none."""
+    wet = water.liquid_kg_per_m2 + water.ice_kg_per_m2 > 0.0
+    return float(np.max(water.cover[wet], initial=0.0))
+
+
 FADE_KM = 10.0
 """Over so much air above the top of a measurement the climate's own air takes over [km]."""
-
 LAPSE_K_PER_KM = 6.5
 """Below the lowest measured altitude temperature rises so much downwards (US Standard Atmosphere 1976) [K/km]."""
-
 FINE_KM = 0.02
 """Step of integrals and of the polygon's fit [km]."""
-
 LOW_LEVELS_KM = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5)
 """Levels below the climate's of 4 km: the boundary layer and its inversion."""
-
 LEAST_SPAN_KM = 2.0
 """A column that reaches over less is no profile."""
-
 LEAST_FRACTION = 1e-12
 """Smallest mixing ratio that is kept: 0 has no logarithm."""
 
@@ -65,8 +113,8 @@ def join(column: AirColumn, around: AirProfile) -> AirProfile:
     below = fine < bottom
     of_temperature[below] = np.interp(bottom, fine, of_temperature) + LAPSE_K_PER_KM * (bottom - fine[below])
 
-    virtual = moist_air.virtual_temperature_k(of_temperature, outer_water if of_water is None else of_water)
-    outer_virtual = moist_air.virtual_temperature_k(outer.temperature_k, outer_water)
+    virtual = parts.virtual_temperature_k(of_temperature, outer_water if of_water is None else of_water)
+    outer_virtual = parts.virtual_temperature_k(outer.temperature_k, outer_water)
     # ln p from one fine altitude to the next, were it for the temperatures alone
     step = (
         np.diff(np.log(outer.pressure_hpa))
@@ -105,7 +153,7 @@ def _check(column: AirColumn) -> None:
         raise TwilightError(f"{column.source}: altitude must increase and pressure fall from one row to the next")
     # the hypsometric equation between the ends: a column of another unit, or rows of two columns mixed
     slope = -np.diff(np.log(pressure)) / np.diff(z)  # 1 / km
-    kelvin = 1e3 * moist_air.STANDARD_GRAVITY * moist_air.MOLAR_MASS_DRY / (moist_air.GAS_CONSTANT * slope)
+    kelvin = 1e3 * parts.STANDARD_GRAVITY * parts.MOLAR_MASS_DRY / (parts.GAS_CONSTANT * slope)
     mean = np.sum(kelvin * np.diff(z)) / (z[-1] - z[0])
     own = np.trapezoid(temperature, z) / (z[-1] - z[0])
     if abs(mean / own - 1.0) > 0.05:

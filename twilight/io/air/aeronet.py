@@ -21,8 +21,7 @@ import numpy as np
 
 from twilight.atmosphere.measured.parts import AerosolDepth, Part, Reading, SizeDistribution, WaterColumn
 from twilight.base.errors import TwilightError
-from twilight.io.air.lines import moment, number, read_lines
-from twilight.io.air.place_and_time import PlaceAndTime, spoken
+from twilight.io.air.lines import PlaceAndTime, moment, number, read_lines, spoken
 
 HEAD = "AERONET Version 3"
 MISSING = (-999.0, -9999.0)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.io.air.place_and_time import spoken
+from twilight.io.air.lines import spoken
 
 MOST_STEPS_OUTSIDE = 0.51
 """A point may be so far outside a map, in its own steps: maps are of cells."""

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from twilight.atmosphere.measured import moist_air
+from twilight.atmosphere.measured import parts
 from twilight.atmosphere.measured.parts import (
     AerosolDepth,
     AirColumn,
@@ -36,8 +36,7 @@ from twilight.atmosphere.profiles import MOLECULES_PER_CM2_PER_DU
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
 from twilight.io.air.grid_points import between, by_valid_time, dimension, weighted
-from twilight.io.air.lines import reason
-from twilight.io.air.place_and_time import PlaceAndTime, spoken
+from twilight.io.air.lines import PlaceAndTime, reason, spoken
 
 COORDINATES = {
     "latitude": ("latitude", "lat"),
@@ -83,7 +82,7 @@ ICE = ("ciwc", "QI")
 
 CLOUDS = (*COVER, *LIQUID, *ICE, "tcc", "CLDTOT")
 AEROSOL_MASSES = ("aermr", "DU0", "SS0", "BCPH", "OCPH", "SO4")
-KG_PER_DU = MOLECULES_PER_CM2_PER_DU * 1e4 * moist_air.MOLAR_MASS_OZONE / 6.02214076e23
+KG_PER_DU = MOLECULES_PER_CM2_PER_DU * 1e4 * parts.MOLAR_MASS_OZONE / 6.02214076e23
 """kg of ozone on a square metre in one Dobson unit, 2.1415e-5."""
 
 SURFACE_HPA = (("sp", 1e-2), ("PS", 1e-2))
@@ -274,7 +273,7 @@ def _one(columns: dict[str, Any], names: tuple[str, ...]) -> Any:
 def _height_m(columns: dict[str, Any]) -> Any:
     """Geopotential height of the pressure levels [m], None where the file has none."""
     height, geopotential = _one(columns, HEIGHT_M), _one(columns, GEOPOTENTIAL)
-    return geopotential / moist_air.STANDARD_GRAVITY if height is None and geopotential is not None else height
+    return geopotential / parts.STANDARD_GRAVITY if height is None and geopotential is not None else height
 
 
 def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], wanted: PlaceAndTime) -> AirColumn:
@@ -289,10 +288,10 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
     q, r, o3 = _one(columns, SPECIFIC_HUMIDITY), _one(columns, RELATIVE_HUMIDITY), _one(columns, OZONE_MASS)
     water = None
     if q is not None:
-        water = moist_air.from_specific_humidity(np.maximum(np.asarray(q), 0.0))
+        water = parts.from_specific_humidity(np.maximum(np.asarray(q), 0.0))
     elif r is not None:
         percent = np.maximum(np.asarray(r), 0.0) * (100.0 if np.nanmax(r) <= 2.0 else 1.0)  # MERRA-2 has fractions
-        water = moist_air.from_relative_humidity(percent, temperature, pressure_hpa)
+        water = parts.from_relative_humidity(percent, temperature, pressure_hpa)
     if np.ndim(height_m) == 0:  # of the ground alone
         height_m = _from_the_ground(path, float(height_m), pressure_hpa, temperature, water, columns)
     height = np.asarray(height_m, dtype=float)
@@ -303,9 +302,9 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
     order = np.flatnonzero(good)[np.argsort(-pressure_hpa[good])]
     ozone = None
     if o3 is not None:
-        ozone = moist_air.ozone_from_mass_mixing_ratio(np.maximum(o3, 0.0), 0.0 if water is None else water)
+        ozone = parts.ozone_from_mass_mixing_ratio(np.maximum(o3, 0.0), 0.0 if water is None else water)
     latitude = 45.0 if wanted.latitude_deg is None else wanted.latitude_deg
-    z = moist_air.geometric_km(1e-3 * height, latitude)
+    z = parts.geometric_km(1e-3 * height, latitude)
     return AirColumn(
         source,
         z[order],
@@ -347,16 +346,16 @@ def _from_the_ground(
             "too, or sp (surface pressure) to integrate from"
         )
     known = np.isfinite(temperature_k) & (pressure_hpa > 0.0)
-    virtual = moist_air.virtual_temperature_k(temperature_k, 0.0 if water is None else np.nan_to_num(water))[known]
+    virtual = parts.virtual_temperature_k(temperature_k, 0.0 if water is None else np.nan_to_num(water))[known]
     x = -np.log(pressure_hpa[known])
     order = np.argsort(x)
     x, virtual = x[order], virtual[order]
     metres = np.diff(x) * 0.5 * (virtual[1:] + virtual[:-1])
-    metres *= moist_air.GAS_CONSTANT / (moist_air.MOLAR_MASS_DRY * moist_air.STANDARD_GRAVITY)
+    metres *= parts.GAS_CONSTANT / (parts.MOLAR_MASS_DRY * parts.STANDARD_GRAVITY)
     course = np.concatenate([[0.0], np.cumsum(metres)])
     start = float(np.interp(-np.log(on_ground), x, course))
     if -np.log(on_ground) < x[0]:  # the ground lies below all levels
-        scale_m = virtual[0] * moist_air.GAS_CONSTANT / (moist_air.MOLAR_MASS_DRY * moist_air.STANDARD_GRAVITY)
+        scale_m = virtual[0] * parts.GAS_CONSTANT / (parts.MOLAR_MASS_DRY * parts.STANDARD_GRAVITY)
         start = float((-np.log(on_ground) - x[0]) * scale_m)
     height = np.full(pressure_hpa.shape, np.nan)
     height[np.flatnonzero(known)[order]] = ground_m + course - start
@@ -375,9 +374,9 @@ def _clouds(source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], want
     p, h, cc, water, frozen = rows[:, np.argsort(-rows[0])]
     if p.size < 2:
         return []
-    z = moist_air.geometric_km(1e-3 * h, 45.0 if wanted.latitude_deg is None else wanted.latitude_deg)
+    z = parts.geometric_km(1e-3 * h, 45.0 if wanted.latitude_deg is None else wanted.latitude_deg)
     edge_p, edge_z = (np.concatenate([[x[0]], 0.5 * (x[1:] + x[:-1]), [x[-1]]]) for x in (p, z))
-    kg_of_air = -100.0 * np.diff(edge_p) / moist_air.STANDARD_GRAVITY
+    kg_of_air = -100.0 * np.diff(edge_p) / parts.STANDARD_GRAVITY
     water, frozen = (np.maximum(one, 0.0) * kg_of_air for one in (water, frozen))
     return [CloudWater(source, edge_z[:-1], edge_z[1:], cc, water, frozen)]
 

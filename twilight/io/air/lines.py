@@ -1,12 +1,18 @@
-"""Text files of measurements, line by line, with one sentence for whatever is wrong in one."""
+"""Text files of measurements, line by line, with one sentence for whatever is wrong in one.
+
+The place and the time for which a file is asked, and how far away what it holds is.
+"""
 
 from __future__ import annotations
 
 import math
 import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.base.errors import TwilightError
 
 MAX_BYTES = 400_000_000
@@ -86,3 +92,96 @@ def moment(path: Path, line: int, text: str, layout: str) -> datetime:
 def reason(error: Exception) -> str:
     """What a library says of a damaged file, on one line of 200 characters at most."""
     return " ".join(str(error).split())[:200]
+
+
+FAR_KM, FAR_HOURS = 300.0, 12.0
+"""What was measured farther away than this is warned of: weather is another there and then."""
+SAME_PLACE_KM = 1.0
+"""Places that are nearer to each other are one."""
+
+
+@dataclass(frozen=True)
+class PlaceAndTime:
+    """A time (aware) and a place [deg], north and east positive; None where not given."""
+
+    time: datetime | None = None
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+
+    def hours_to(self, time: datetime | None) -> float | None:
+        """How far another time is away [h], later positive; None where one is not known."""
+        if self.time is None or time is None:
+            return None
+        return (time - self.time).total_seconds() / 3600.0
+
+    def km_to(self, latitude_deg: float | None, longitude_deg: float | None) -> float | None:
+        """Distance to another place [km]; None where one is not known."""
+        if None in (self.latitude_deg, self.longitude_deg, latitude_deg, longitude_deg):
+            return None
+        a, b = math.radians(self.latitude_deg), math.radians(latitude_deg)  # type: ignore[arg-type]
+        half = math.radians(longitude_deg - self.longitude_deg) / 2.0  # type: ignore[operator]
+        chord = math.sin((b - a) / 2.0) ** 2 + math.cos(a) * math.cos(b) * math.sin(half) ** 2
+        return 2.0 * EARTH_RADIUS_KM * math.asin(min(1.0, math.sqrt(chord)))
+
+    def away(self, time: datetime | None, latitude_deg: float | None = None, longitude_deg: float | None = None) -> str:
+        """`, 85 km and 2.3 h away`; nothing for what is not known."""
+        km, hours = self.km_to(latitude_deg, longitude_deg), self.hours_to(time)
+        parts = [] if km is None else [f"{km:.0f} km"]
+        if hours is not None:
+            parts.append(f"{abs(hours):.1f} h" if abs(hours) < 100.0 else f"{abs(hours) / 24.0:.0f} days")
+        return f", {' and '.join(parts)} away" if parts else ""
+
+    def warnings(
+        self, source: str, time: datetime | None, latitude_deg: float | None = None, longitude_deg: float | None = None
+    ) -> tuple[str, ...]:
+        """A sentence where what was measured there and then is far away; source: words on what, where and when."""
+        km, hours = self.km_to(latitude_deg, longitude_deg), self.hours_to(time)
+        far = [f"more than {FAR_KM:g} km"] * (km is not None and km > FAR_KM)
+        far += [f"more than {FAR_HOURS:g} h"] * (hours is not None and abs(hours) > FAR_HOURS)
+        return (f"{source}: is {' and '.join(far)} from the place and time that it stands for",) if far else ()
+
+    def nearest(
+        self,
+        times: Sequence[datetime],
+        file: object,
+        what: str,
+        places: Sequence[tuple[float | None, float | None]] | None = None,
+    ) -> int:
+        """Which of several is nearest: first in place, where they have one [deg], then in time.
+
+        Errors: TwilightError where there are several places, or several times at it, and none is asked for.
+        """
+        index = list(range(len(times)))
+        if places is not None and (known := [i for i in index if None not in places[i]]):
+            first = places[known[0]]
+            if self.latitude_deg is not None:
+                km = {i: self.km_to(*places[i]) or 0.0 for i in known}
+                index = [i for i in known if km[i] <= min(km.values()) + SAME_PLACE_KM]
+            elif any((PlaceAndTime(None, *first).km_to(*places[i]) or 0.0) > SAME_PLACE_KM for i in known):
+                raise TwilightError(
+                    f"{file}: holds {what} of several places; say where by air.latitude_deg and air.longitude_deg, "
+                    "--latitude and --longitude, or the sun's"
+                )
+        if self.time is None:
+            if len(index) > 1:
+                here = [times[i] for i in index]
+                raise TwilightError(
+                    f"{file}: holds {len(here)} {what}, from {spoken(min(here))} to {spoken(max(here))}; say "
+                    "which by its time (air.at, --at, or the sun's)"
+                )
+            return index[0]
+        return min(index, key=lambda i: abs((times[i] - self.time).total_seconds()))  # type: ignore[operator]
+
+    def place(self, file: object) -> tuple[float, float]:
+        """Latitude and longitude [deg]; TwilightError where they are not given."""
+        if self.latitude_deg is None or self.longitude_deg is None:
+            raise TwilightError(
+                f"{file}: holds a map; say where by air.latitude_deg and air.longitude_deg, --latitude and "
+                "--longitude, or the sun's"
+            )
+        return self.latitude_deg, self.longitude_deg
+
+
+def spoken(time: datetime) -> str:
+    """`2026-06-21 12:00 UTC`."""
+    return f"{time.astimezone(UTC):%Y-%m-%d %H:%M} UTC"

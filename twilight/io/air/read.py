@@ -9,8 +9,7 @@ from zipfile import is_zipfile
 from twilight.atmosphere.measured.parts import Reading
 from twilight.base.errors import TwilightError
 from twilight.io.air import aeronet, gridded, sounding
-from twilight.io.air.lines import read_bytes, read_lines
-from twilight.io.air.place_and_time import PlaceAndTime
+from twilight.io.air.lines import PlaceAndTime, read_bytes, read_lines
 
 KINDS = {
     "sounding": "a sounding (University of Wyoming's list or CSV, IGRA version 2)",

@@ -21,11 +21,10 @@ from pathlib import Path
 
 import numpy as np
 
-from twilight.atmosphere.measured import moist_air
+from twilight.atmosphere.measured import parts
 from twilight.atmosphere.measured.parts import AirColumn, Reading
 from twilight.base.errors import TwilightError
-from twilight.io.air.lines import moment, number, read_lines
-from twilight.io.air.place_and_time import PlaceAndTime, spoken
+from twilight.io.air.lines import PlaceAndTime, moment, number, read_lines, spoken
 
 WYOMING_HEAD = re.compile(r"^\s*PRES\s+HGHT\s+TEMP\s+DWPT\s+RELH")
 WYOMING_COLUMNS = (("PRES", 0.001, 1100.0, "hPa"), ("HGHT", -500.0, 80000.0, "m"), ("TEMP", -130.0, 60.0, "C"),
@@ -115,12 +114,12 @@ def column_of(
             f"{path}: {source}: has {pressure_hpa.size} levels with pressure and temperature and "
             f"{np.count_nonzero(known)} heights; needed are 3 levels and a height"
         )
-    virtual = moist_air.virtual_temperature_k(temperature_k, np.where(np.isfinite(water_vapour), water_vapour, 0.0))
+    virtual = parts.virtual_temperature_k(temperature_k, np.where(np.isfinite(water_vapour), water_vapour, 0.0))
     metres = -np.diff(np.log(pressure_hpa)) * 0.5 * (virtual[1:] + virtual[:-1])
-    metres *= moist_air.GAS_CONSTANT / (moist_air.MOLAR_MASS_DRY * moist_air.STANDARD_GRAVITY)
+    metres *= parts.GAS_CONSTANT / (parts.MOLAR_MASS_DRY * parts.STANDARD_GRAVITY)
     course = np.concatenate([[0.0], np.cumsum(metres)])
     error = np.interp(course, course[known], (height_m - course)[known])  # what is known is met
-    z = moist_air.geometric_km(1e-3 * (course + error), latitude_deg)
+    z = parts.geometric_km(1e-3 * (course + error), latitude_deg)
     keep = np.concatenate([[True], np.diff(np.maximum.accumulate(z)) > 0.0])  # rounded to metres, two may be one
     return AirColumn(source, z[keep], pressure_hpa[keep], temperature_k[keep], water_vapour[keep])
 
@@ -172,9 +171,9 @@ def _row(
         return None
     kelvin, water = celsius + 273.15, np.nan
     if np.isfinite(dew_point):
-        water = float(moist_air.from_dew_point(dew_point + 273.15, pressure))
+        water = float(parts.from_dew_point(dew_point + 273.15, pressure))
     elif np.isfinite(humidity):
-        water = float(moist_air.from_relative_humidity(humidity, kelvin, pressure))
+        water = float(parts.from_relative_humidity(humidity, kelvin, pressure))
     return pressure, height, kelvin, water
 
 
@@ -256,7 +255,7 @@ def _igra_row(path: Path, line_number: int, line: str) -> tuple[float, float, fl
         return None
     kelvin, water = celsius + 273.15, np.nan
     if np.isfinite(humidity):
-        water = float(moist_air.from_relative_humidity(humidity, kelvin, pressure))
+        water = float(parts.from_relative_humidity(humidity, kelvin, pressure))
     elif np.isfinite(depression):
-        water = float(moist_air.from_dew_point(kelvin - depression, pressure))
+        water = float(parts.from_dew_point(kelvin - depression, pressure))
     return pressure, height, kelvin, water

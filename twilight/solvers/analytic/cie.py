@@ -17,13 +17,22 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
-from twilight.solvers.analytic.coefficients import load_coefficients
-from twilight.solvers.analytic.daylight import SpectralBins, daylight_chromaticity
-from twilight.solvers.analytic.ground import hemisphere, sky_and_ground
-from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
-from twilight.solvers.analytic.perez import angles, cie, overcast_illuminance_lx, traditional_overcast
-from twilight.solvers.analytic.shipped_tables import table
-from twilight.solvers.analytic.sunlight import direct_transmittance
+from twilight.solvers.analytic.coefficients import (
+    angles,
+    cie,
+    load_coefficients,
+    overcast_illuminance_lx,
+    traditional_overcast,
+)
+from twilight.solvers.analytic.daylight import SpectralBins, daylight_chromaticity, direct_transmittance, table
+from twilight.solvers.analytic.limits import (
+    OUTSIDE,
+    check_observer,
+    check_sun,
+    chosen_turbidity,
+    hemisphere,
+    sky_and_ground,
+)
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_choices, check_ranges
 
 CAPABILITIES = Capabilities(kind="formula", wavelengths_at_once=ALL_WAVELENGTHS)

@@ -1,19 +1,25 @@
-"""What formulae for the sky above the ground refuse, in one sentence."""
+"""What formulae for the sky above the ground refuse, in one sentence.
+
+From the air of a medium to the turbidity of the analytic skies.
+
+The Lambertian ground below an observer who stands on it, for skies that are formulae.
+"""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
+
+import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
-from twilight.solvers.analytic.turbidity import turbidity_of
+from twilight.solvers.analytic.daylight import ANGSTROM_EXPONENT, RAYLEIGH_EXPONENT
 
 HIGHEST_OBSERVER_KM = 1.0
 """The formulae are those of the sky seen from the ground; up to here above it they are taken for it."""
-
 ROUNDING_DEG = 1e-6
 """Elevation of the sun outside the limits that counts as rounding [deg]."""
-
 OUTSIDE = ("nearest", "refuse")
 """What may be done with a turbidity that a formula does not cover."""
 
@@ -66,3 +72,70 @@ def chosen_turbidity(
         stacklevel=4,
     )
     return taken, found
+
+
+REFERENCE_NM = 550.0
+"""Wavelength of the turbidity [nm]."""
+
+
+def turbidity_of(medium: Medium) -> float:
+    """T = (tau_air + tau_aerosol) / tau_air at 550 nm, vertical optical depths (Preetham 1999 sec. 2.1).
+
+    Absorbing gases do not count; the aerosol counts with its extinction, stratospheric aerosol included.  Between
+    sampled wavelengths ln tau goes linearly with ln wavelength; where 550 nm is not between samples the nearest is
+    taken there by wavelength^-1.3 (aerosol) and wavelength^-4.08 (air).  Raises TwilightError for a medium without air.
+    """
+    air = _at_reference(medium.wavelength_nm, medium.optical_depth("air"), RAYLEIGH_EXPONENT)
+    if not air > 0:
+        raise TwilightError(
+            f"{medium.name or 'the medium'}: its air does not scatter, so it has no turbidity; set solver.turbidity"
+        )
+    return 1.0 + _at_reference(medium.wavelength_nm, medium.optical_depth("aerosol"), ANGSTROM_EXPONENT) / air
+
+
+def _at_reference(wavelength_nm: np.ndarray, depth: np.ndarray, exponent: float) -> float:
+    """Optical depth at 550 nm."""
+    inside = wavelength_nm[0] <= REFERENCE_NM <= wavelength_nm[-1]
+    if inside and (depth > 0).all():
+        return float(np.exp(np.interp(np.log(REFERENCE_NM), np.log(wavelength_nm), np.log(depth))))
+    nearest = int(np.argmin(np.abs(wavelength_nm - REFERENCE_NM)))
+    return float(depth[nearest] * (wavelength_nm[nearest] / REFERENCE_NM) ** exponent)
+
+
+def hemisphere(elevations: int = 12, azimuths: int = 24) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Elevation [deg], azimuth [deg] and solid angle [sr] of a product quadrature over the upper hemisphere, (N,).
+
+    Gauss-Legendre in sin(elevation), midpoints in azimuth; exact for polynomials in the sine.
+    """
+    x, w = np.polynomial.legendre.leggauss(elevations)
+    sine, weight = 0.5 * (x + 1.0), 0.5 * w
+    azimuth = (np.arange(azimuths) + 0.5) * 360.0 / azimuths
+    e, a = np.meshgrid(np.degrees(np.arcsin(sine)), azimuth, indexing="ij")
+    solid = np.repeat(weight * 2.0 * np.pi / azimuths, azimuths)
+    return e.ravel(), a.ravel(), solid
+
+
+def sky_and_ground(
+    sky: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    sunlight: Callable[[], np.ndarray],
+    sun_elevation_deg: float,
+    albedo: np.ndarray,
+    elevation_deg,
+    azimuth_deg,
+) -> np.ndarray:
+    """Sun-normalised radiance [sr^-1], shape of the directions plus (W,), of the sky and, below the horizon, of the
+    ground: albedo / pi times the irradiance of sky and sun.
+
+    sky(elevation_deg, azimuth_deg) gives (N, W); sunlight() the direct sunlight at normal incidence over F0, (W,).
+    """
+    elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
+    e, a = elevation.ravel(), azimuth.ravel()
+    out = np.empty((e.size, albedo.size))
+    up = e >= 0.0
+    out[up] = sky(e[up], a[up])
+    if not up.all():
+        sky_e, sky_a, solid = hemisphere()
+        sine = np.sin(np.radians(sky_e))
+        direct = sunlight() * max(np.sin(np.radians(sun_elevation_deg)), 0.0)
+        out[~up] = albedo / np.pi * ((solid * sine) @ sky(sky_e, sky_a) + direct)
+    return out.reshape(*elevation.shape, albedo.size)

@@ -20,12 +20,9 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.solvers.analytic.aerial import aerial_perspective
-from twilight.solvers.analytic.coefficients import file_sha256, load_coefficients
-from twilight.solvers.analytic.daylight import SpectralBins
-from twilight.solvers.analytic.ground import sky_and_ground
-from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
-from twilight.solvers.analytic.perez import overcast_luminance
-from twilight.solvers.analytic.sunlight import direct_transmittance
+from twilight.solvers.analytic.coefficients import file_sha256, load_coefficients, overcast_luminance
+from twilight.solvers.analytic.daylight import SpectralBins, direct_transmittance
+from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity, sky_and_ground
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_choices, check_ranges
 
 CAPABILITIES = Capabilities(kind="formula", finite_segments=True, wavelengths_at_once=ALL_WAVELENGTHS)

@@ -1,11 +1,27 @@
-"""Haber section 4.1.3, atmosphere cells: shells around the observer, cut into equal azimuths and elevations."""
+"""Haber section 4.1.3, atmosphere cells: shells around the observer, cut into equal azimuths and elevations.
+
+Haber section 4.1.2, atmosphere layers, and 4.6.1, eq. (3) and (4): the optical depth of a straight path.
+
+A layer has constant coefficients, those of the medium at its centre.  Of a medium that is cut into layers
+(`atmosphere.layers` of a climate) each is one of these; a smooth medium is cut finely.  With a(h) = h (2 R + h), the
+square of the distance from the Earth's centre less R^2, a path that is lowest at a_0 crosses altitude h at the distance
+sqrt(a(h) - a_0) from its lowest point: eq. (4) is a sum of differences of such roots.
+
+Nodes and directions of the exact mode: points on shells around the observer, Gauss angles times equal azimuths.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy.special import sph_harm_y
+
+from twilight.atmosphere.medium import Medium
+from twilight.jit.kernels import njit
+from twilight.solvers.cells.settings import CellsSettings
 
 
 def shell_radii(azimuth_cells: int, inner_radius_km: float, outer_radius_km: float) -> np.ndarray:
@@ -94,3 +110,237 @@ def make_grid(
         float(observer_altitude_km),
         float(earth_radius_km),
     )
+
+
+LAYER_KM = 0.5
+"""Thickness near the ground of the layers of a medium that is not cut into layers [km]."""
+LAYER_CHANGE = 0.02
+"""Error that linear interpolation over such a layer would have; its coefficients change by e^(0.4) at most."""
+
+
+class Layers(NamedTuple):
+    """N layers at W wavelengths.
+
+    boundary_km (N + 1,): H_min of each layer and the top; square_km2 (N + 1,): a(h) of them
+    air, aerosol (N, W): scattering coefficients [km^-1]; extinction (N, W), of all that is there
+    later_scattering, later_extinction (N, W): those of the second scattering event and all that follow (eq. 2)
+    asymmetry (N, W): g of the aerosol; refractivity (N, W): n - 1
+    """
+
+    boundary_km: np.ndarray
+    square_km2: np.ndarray
+    air: np.ndarray
+    aerosol: np.ndarray
+    extinction: np.ndarray
+    later_scattering: np.ndarray
+    later_extinction: np.ndarray
+    asymmetry: np.ndarray
+    refractivity: np.ndarray
+    earth_radius_km: float
+
+
+def make_layers(medium: Medium, reduce_extinction: bool) -> Layers:
+    """The layers of a medium.
+
+    reduce_extinction: eq. (2) takes g of the aerosol's scattering from its extinction too; otherwise from scattering
+    alone, as the paper has it, and that part of the light is lost.
+    """
+    cut = 2 * np.unique(medium.altitude_km).size - 2 == medium.altitude_km.size  # every inner level is two
+    edges = np.unique((medium if cut else medium.refined(LAYER_KM, LAYER_CHANGE)).altitude_km)
+    at = medium.at(0.5 * (edges[1:] + edges[:-1]))
+    g = np.zeros_like(at.air_scattering)
+    for phase, fraction in zip(medium.phase_functions, at.aerosol_phase_fraction, strict=True):
+        g += fraction * phase.legendre_moments(1)[:, 1]
+    g = np.clip(g, -0.999, 0.999)
+    scattering = at.aerosol_scattering
+    lost = g * scattering if reduce_extinction else 0.0
+    return Layers(
+        edges,
+        edges * (2.0 * medium.earth_radius_km + edges),
+        np.ascontiguousarray(at.air_scattering),
+        np.ascontiguousarray(scattering),
+        np.ascontiguousarray(at.extinction),
+        at.air_scattering + (1.0 - g) * scattering,
+        at.extinction - lost,
+        g,
+        np.ascontiguousarray(at.refractivity),
+        medium.earth_radius_km,
+    )
+
+
+def layer_of(layers: Layers, altitude_km: np.ndarray) -> np.ndarray:
+    """Index of the layer that holds each altitude."""
+    inside = np.searchsorted(layers.boundary_km, altitude_km, side="right") - 1
+    return np.clip(inside, 0, layers.boundary_km.size - 2)
+
+
+@njit(cache=True, makes_arrays=False)
+def add_climb(square, extinction, layer, lowest, near, far, out):
+    """Add the optical depth (W,) of a path that climbs from `near` to `far` [km] from its lowest point to out.
+
+    square (N + 1,): of `Layers`; extinction (N, W); layer: index where the climb begins; lowest [km^2]: a there; out
+    (W,): added to.
+    """
+    k, at = layer, near
+    while True:
+        end = far
+        if k + 1 < square.size - 1:
+            end = min(far, math.sqrt(max(square[k + 1] - lowest, 0.0)))
+        if end > at:
+            for w in range(out.size):
+                out[w] += extinction[k, w] * (end - at)
+            at = end
+        if at >= far or k + 1 >= square.size - 1:
+            return
+        k += 1
+
+
+@njit(cache=True, makes_arrays=False)
+def path_depth(layers, extinction, first, last, start_square, climb, length, out):
+    """Optical depth out (W,) of a straight path, eq. (4); False, with out unset, where the ground is in between.
+
+    layers: `Layers`; extinction (N, W): which of its coefficients; first, last: layers of both ends; start_square
+    [km^2]: a(h) of the start; climb [km]: distance of the start from the path's lowest point, negative before it;
+    length [km].
+    """
+    square = layers.square_km2
+    end = climb + length
+    lowest = start_square - climb * climb
+    out[:] = 0.0
+    if climb >= 0.0:
+        add_climb(square, extinction, first, lowest, climb, end, out)
+        return True
+    if end <= 0.0:
+        add_climb(square, extinction, last, lowest, -end, -climb, out)
+        return True
+    if lowest < square[0]:
+        return False
+    k = min(first, last)
+    while k > 0 and square[k] > lowest:
+        k -= 1
+    add_climb(square, extinction, k, lowest, 0.0, -climb, out)
+    add_climb(square, extinction, k, lowest, 0.0, end, out)
+    return True
+
+
+POLAR_POWER = 1.5
+"""Power by which the elevations of the nodes crowd at the horizon."""
+LOWEST_STEP_KM = 0.7
+"""Interval between altitudes at the ground [km], at node_density 1."""
+STEP_GROWTH = 0.22
+"""Growth of that interval with height above the ground."""
+
+
+@dataclass(frozen=True)
+class CellNodes:
+    """Columns of points on shells around the observer, the same at every azimuth.
+
+    shell_radius_km (J,): distance from the observer; shell_start (J + 1,): first point of each shell in the flat lists
+    altitude_km (P,), rising within a shell; x_km, z_km (P,): horizontal distance and height in the observer's frame,
+    from the centre of the Earth
+    """
+
+    shell_radius_km: np.ndarray
+    shell_start: np.ndarray
+    altitude_km: np.ndarray
+    x_km: np.ndarray
+    z_km: np.ndarray
+
+
+def make_nodes(
+    settings: CellsSettings, observer_altitude_km: float, bottom_km: float, top_km: float, earth_radius_km: float
+) -> CellNodes:
+    """Points at graded altitudes on shells around the observer, whose radii grow by a constant ratio."""
+    ratio = 1.0 + 0.6 / settings.node_density
+    radius_observer = earth_radius_km + observer_altitude_km
+    far = math.sqrt((top_km - bottom_km) * (2 * earth_radius_km + top_km + bottom_km))
+    far += math.sqrt(max(observer_altitude_km - bottom_km, 0.0) * (2 * earth_radius_km + observer_altitude_km))
+    largest_step_km = 80.0 / settings.node_density
+    shells = [1.0]
+    while shells[-1] < far:
+        shells.append(min(shells[-1] * ratio, shells[-1] + largest_step_km))
+    radii, start, altitudes, x, z = [], [0], [], [], []
+    graded = graded_altitudes(bottom_km, top_km, settings.node_density)
+    for r in shells:
+        low = max(bottom_km, observer_altitude_km - r)
+        high = min(top_km, observer_altitude_km + r)
+        if high - low < 1e-6:
+            continue
+        h = graded[(graded > low) & (graded < high)]
+        h = np.unique(np.concatenate([[low], h, [high]]))
+        keep = np.ones(h.size, dtype=bool)
+        keep[1:-1] = np.diff(h)[:-1] > 0.05
+        h = h[keep]
+        rho = earth_radius_km + h
+        sine = ((rho - radius_observer) * (rho + radius_observer) - r * r) / (2.0 * radius_observer * r)
+        sine = np.clip(sine, -1.0, 1.0)
+        radii.append(r)
+        altitudes.append(h)
+        x.append(r * np.sqrt(1.0 - sine**2))
+        z.append(radius_observer + r * sine)
+        start.append(start[-1] + h.size)
+    return CellNodes(np.array(radii), np.array(start), np.concatenate(altitudes), np.concatenate(x), np.concatenate(z))
+
+
+def graded_altitudes(bottom_km: float, top_km: float, density: float) -> np.ndarray:
+    """Altitudes [km] whose interval is (LOWEST_STEP_KM + STEP_GROWTH x height) / density."""
+    out = [bottom_km]
+    while out[-1] < top_km:
+        out.append(out[-1] + (LOWEST_STEP_KM + STEP_GROWTH * (out[-1] - bottom_km)) / density)
+    out[-1] = top_km
+    return np.array(out)
+
+
+@dataclass(frozen=True)
+class QuadratureDirections:
+    """Gauss points in each hemisphere times equal azimuths; directions look away from the point, towards the light.
+
+    cosine (M,) of the zenith angle in the observer's frame; azimuth (F,) from 0; weight (M,) with sum over all = 4 pi
+    harmonics (M * F, (degree + 1)^2): real spherical harmonics, orthonormal; degree_of (that many,)
+    """
+
+    cosine: np.ndarray
+    azimuth: np.ndarray
+    weight: np.ndarray
+    harmonics: np.ndarray
+    degree_of: np.ndarray
+
+
+def gauss_directions(per_hemisphere: int, around: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cosines of the zenith angle, azimuths [rad] and weights of all directions, flat; the weights sum to 4 pi."""
+    x, w = np.polynomial.legendre.leggauss(per_hemisphere)
+    cosine = np.repeat(np.concatenate([0.5 * (x - 1.0), 0.5 * (x + 1.0)]), around)
+    azimuth = np.tile(2.0 * np.pi * np.arange(around) / around, 2 * per_hemisphere)
+    return cosine, azimuth, np.repeat(np.concatenate([w, w]) * np.pi / around, around)
+
+
+def make_directions(settings: CellsSettings) -> QuadratureDirections:
+    x, w = np.polynomial.legendre.leggauss(settings.polar_directions)
+    # Gauss in u = cosine^(1/1.5): closer to the horizon, where the light of twilight comes from
+    u = 0.5 * (x + 1.0)
+    w = w * u ** (POLAR_POWER - 1.0)
+    w *= 1.0 / w.sum()
+    cosine = np.concatenate([-(u[::-1] ** POLAR_POWER), u**POLAR_POWER])
+    n_azimuth = settings.azimuth_directions
+    weight = np.concatenate([w[::-1], w]) * 2.0 * np.pi / n_azimuth
+    azimuth = 2.0 * np.pi * np.arange(n_azimuth) / n_azimuth
+    mu, phi = np.meshgrid(cosine, azimuth, indexing="ij")
+    harmonics, degree_of = real_harmonics(mu.ravel(), phi.ravel(), settings.degree)
+    return QuadratureDirections(cosine, azimuth, weight, harmonics, degree_of)
+
+
+def real_harmonics(cosine, azimuth, degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Orthonormal real spherical harmonics at directions, (D, (degree + 1)^2), and the degree of each column."""
+    columns, degrees = [], []
+    theta = np.arccos(np.clip(cosine, -1.0, 1.0))
+    for deg in range(degree + 1):
+        for order in range(-deg, deg + 1):
+            y = sph_harm_y(deg, abs(order), theta, azimuth)
+            if order < 0:
+                columns.append(math.sqrt(2.0) * y.imag)
+            elif order == 0:
+                columns.append(y.real)
+            else:
+                columns.append(math.sqrt(2.0) * y.real)
+            degrees.append(deg)
+    return np.stack(columns, axis=1), np.array(degrees)

@@ -13,8 +13,7 @@ import numpy as np
 
 from twilight.jit.kernels import njit
 from twilight.solvers.cells.exchange import add_alike, sky_fraction, unfold
-from twilight.solvers.cells.grid import CellGrid
-from twilight.solvers.cells.layers import path_depth
+from twilight.solvers.cells.grid import CellGrid, path_depth
 from twilight.solvers.cells.refraction import find_sun
 
 

@@ -20,12 +20,10 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.progress import Progress, silent
 from twilight.solvers.base import BareField, Convergence
-from twilight.solvers.cells.active_shells import energy_ratio, make_active_shells
-from twilight.solvers.cells.exchange import exchange, full_turn, make_rings
+from twilight.solvers.cells.exchange import energy_ratio, exchange, full_turn, make_active_shells, make_rings
 from twilight.solvers.cells.first_event import sunlit
-from twilight.solvers.cells.grid import make_grid
+from twilight.solvers.cells.grid import make_grid, make_layers
 from twilight.solvers.cells.ground import Patches, exchange_with_ground, make_patches, sunlit_ground
-from twilight.solvers.cells.layers import make_layers
 from twilight.solvers.cells.settings import CellsSettings, check_sun
 from twilight.solvers.cells.sky_texture import SkyTexture
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from twilight.jit.kernels import njit
 from twilight.solvers.cells.exchange import Rings
-from twilight.solvers.cells.grid import CellGrid
-from twilight.solvers.cells.layers import Layers, layer_of, path_depth
+from twilight.solvers.cells.grid import CellGrid, Layers, layer_of, path_depth
 
 
 @njit(cache=True)

@@ -11,13 +11,18 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.solvers.base import BareField, Cost
-from twilight.solvers.cells.active_shells import make_active_shells
 from twilight.solvers.cells.exact import ExactCells
+from twilight.solvers.cells.exchange import make_active_shells
+from twilight.solvers.cells.first_event import (
+    MultipleView,
+    coarse_elevations,
+    horizon_deg,
+    make_straight_lines,
+    single_scattering,
+)
 from twilight.solvers.cells.grid import make_grid
 from twilight.solvers.cells.haber import HaberField
-from twilight.solvers.cells.line_integrals import MultipleView, coarse_elevations, horizon_deg
 from twilight.solvers.cells.settings import QUALITIES, CellsSettings, check_sun
-from twilight.solvers.cells.single import make_straight_lines, single_scattering
 from twilight.transport.beam import prepare_beam
 from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import delta_scaled

@@ -12,9 +12,9 @@ from zipfile import BadZipFile
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.base.blas import one_blas_thread
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
+from twilight.base.threads import one_blas_thread
 from twilight.solvers.base import BareField, Cost, ModelError, observer_at
 from twilight.solvers.compact.air import LIMITED, air_of, limited, side_by_side
 from twilight.transport.clear_air import STEP, SUN_DEG, Air, Model, Skies

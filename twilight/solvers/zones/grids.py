@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twilight.atmosphere.gases import ciddor_refractivity
 from twilight.atmosphere.grid_medium import RANGES, range_of
 from twilight.atmosphere.medium import Medium
-from twilight.atmosphere.refraction import ciddor_refractivity
 from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.air_needs import (
     FractionalTruncation,

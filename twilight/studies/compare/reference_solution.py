@@ -19,7 +19,7 @@ from twilight.config.sun import SunElevation
 from twilight.engine.field import Field, solve
 from twilight.io.provenance import configuration_hash
 from twilight.scene import resolve
-from twilight.scene.record import resolved_configuration
+from twilight.scene.scene import resolved_configuration
 from twilight.studies.compare.job import SampleDirections, code_of
 
 NAME = "montecarlo"

@@ -1,16 +1,23 @@
-"""The tables of a comparison: CSV files and what is printed."""
+"""The tables of a comparison: CSV files and what is printed.
+
+The picture of a comparison: error against run time, a small multiple for each sun, a line for each solver.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import csv
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from twilight.base.whole_files import write_csv
+from twilight.base.errors import TwilightError
+from twilight.base.whole_files import whole_file, write_csv
 from twilight.studies.compare.accuracy import ErrorQuantiles
-from twilight.studies.compare.comparison import ComparisonRow
+from twilight.studies.compare.comparison import ADDED, ComparisonRow
 
 _QUANTILES = ("median", "p95", "max", "mean", "noise_median", "noise_p95", "noise_max")
-
 TABLE_COLUMNS = (
     *("solver", "quality", "sun_elevation_deg"),
     *(f"{name}_percent" for name in _QUANTILES),
@@ -124,3 +131,212 @@ def remarks(rows: Iterable[ComparisonRow]) -> list[str]:
 
 def _resolved(value: float, noise: float) -> str:
     return f"<{noise / 2:.2g}" if value < noise / 2 else f"{value:.2g}" if value < 100 else f"{value:.0f}"
+
+
+# Okabe and Ito's colours, which differ for every kind of colour vision, a grey and a brown
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C8C8C", "#6B4423")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "p", "<")
+JOINED_QUALITIES = ("draft", "standard", "reference")
+"""Qualities that a line joins; others stand alone."""
+LARGEST_PERCENT = 200.0
+"""Errors beyond this are drawn here, hollow."""
+
+
+@dataclass(frozen=True)
+class FigurePoint:
+    """One mark: the error [%] over the directions and wavelengths, and the time of one sky [s].
+
+    noise_percent: the part of the error that the reference's own noise would give, already taken out.
+    memory_mib: the most that its process held; nan where it was not measured.  time_s is nan for radiances that were
+    computed elsewhere.
+    """
+
+    solver: str
+    quality: str
+    sun_elevation_deg: float
+    time_s: float
+    error_percent: float
+    noise_percent: float = 0.0
+    memory_mib: float = math.nan
+
+    @property
+    def resolved(self) -> bool:
+        return self.error_percent >= 0.5 * self.noise_percent
+
+    @property
+    def drawn_percent(self) -> float:
+        return min(max(self.error_percent, 0.5 * self.noise_percent, 1e-3), LARGEST_PERCENT)
+
+
+def points(rows: Iterable[ComparisonRow]) -> list[FigurePoint]:
+    """The marks of the rows that hold an error and a time, or were computed elsewhere: 95th percentiles."""
+    return [
+        FigurePoint(
+            r.preset.solver,
+            r.preset.quality,
+            r.sun_elevation_deg,
+            math.nan if r.timing is None else r.time_s,
+            r.error.p95,
+            r.error.noise_p95,
+            math.nan if r.timing is None else r.timing.peak_mib,
+        )
+        for r in rows
+        if r.error is not None and (r.timing is not None or r.preset.quality == ADDED)
+    ]
+
+
+def read_points(path: str | Path, *, processor: bool = False) -> list[FigurePoint]:
+    """The marks of a `compare.csv`, or of any table with its columns solver, quality, sun_elevation_deg, time_s and
+    p95_percent (and noise_p95_percent, peak_memory_mib); with `processor` their times are processor times, from cpu_s.
+
+    Errors: TwilightError for a file that cannot be read or has other columns.
+    """
+    found = []
+    column = "cpu_s" if processor else "time_s"
+    try:
+        with open(path, newline="", encoding="utf-8") as stream:
+            for row in csv.DictReader(line for line in stream if not line.startswith("#")):
+                if row[column] and row["p95_percent"]:
+                    found.append(
+                        FigurePoint(
+                            row["solver"],
+                            row["quality"],
+                            float(row["sun_elevation_deg"]),
+                            float(row[column]),
+                            float(row["p95_percent"]),
+                            float(row.get("noise_p95_percent") or 0.0),
+                            float(row.get("peak_memory_mib") or "nan"),
+                        )
+                    )
+    except (OSError, KeyError, ValueError) as error:
+        raise TwilightError(f"{path}: is not a table of errors and times: {error}") from None
+    return found
+
+
+def draw(
+    marks: Sequence[FigurePoint],
+    path: Path,
+    *,
+    title: str = "",
+    time_label: str = "time for one sky, set-up included [s]",
+    columns: int = 4,
+    panel_inches: tuple[float, float] = (2.4, 2.5),
+) -> bool:
+    """PNG of the marks, log-log; False where there is nothing to draw and no file is written.
+
+    Errors without a time are dashed lines across.
+    """
+    levels = [m for m in marks if math.isnan(m.time_s)]
+    marks = [m for m in marks if m.time_s > 0]
+    if not marks:
+        return False
+    import matplotlib  # start-up
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    suns = sorted({m.sun_elevation_deg for m in marks}, reverse=True)
+    columns = min(columns, len(suns))
+    rows = math.ceil(len(suns) / columns)
+    with pyplot.rc_context({"font.size": 11, "axes.spines.top": False, "axes.spines.right": False}):
+        figure: Any
+        figure, grid = pyplot.subplots(
+            rows,
+            columns,
+            figsize=(max(columns * panel_inches[0], 5.0) + 0.5, rows * panel_inches[1] + 1.1),
+            sharex=True,
+            sharey=True,
+            squeeze=False,
+            layout="constrained",
+        )
+        solvers = list(dict.fromkeys(m.solver for m in [*marks, *levels]))
+        for axes, sun in zip(grid.flat, suns, strict=False):
+            _panel(axes, [m for m in marks if m.sun_elevation_deg == sun], solvers)
+            for m in levels:
+                if m.sun_elevation_deg == sun:
+                    colour = COLOURS[solvers.index(m.solver) % len(COLOURS)]
+                    axes.axhline(m.drawn_percent, color=colour, linestyle="--", linewidth=1.6)
+            axes.set_title(f"sun {sun:g}°".replace("-", "−"), fontsize=11, loc="left")
+        for axes in grid.flat[len(suns) :]:
+            axes.set_visible(False)
+        _limits(grid[0, 0], marks, levels)
+        figure.supxlabel(time_label, fontsize=11)
+        figure.supylabel("error of the radiance," + ("\n" if rows == 1 else " ") + "95th percentile [%]", fontsize=11)
+        _heading(figure, {name: _memory(m for m in marks if m.solver == name) for name in solvers}, title, levels)
+        try:
+            with whole_file(path) as temporary:
+                figure.savefig(temporary, dpi=150)
+        finally:
+            pyplot.close(figure)
+    return True
+
+
+def _panel(axes: Any, marks: Sequence[FigurePoint], solvers: Sequence[str]) -> None:
+    axes.set(xscale="log", yscale="log")
+    axes.grid(which="major", color="0.88", linewidth=0.8)
+    axes.set_axisbelow(True)
+    noise = [m.noise_percent for m in marks if m.noise_percent > 0]
+    if noise:
+        axes.axhspan(1e-6, 0.5 * max(noise), color="0.93", linewidth=0)
+    for i, solver in enumerate(solvers):
+        joined = [m for m in marks if m.solver == solver and m.quality in JOINED_QUALITIES]
+        joined.sort(key=lambda m: JOINED_QUALITIES.index(m.quality))
+        line = [m.time_s for m in joined], [m.drawn_percent for m in joined]
+        axes.plot(*line, color=COLOURS[i % len(COLOURS)], linewidth=1.6)
+    for solver in solvers:
+        style = {"color": COLOURS[solvers.index(solver) % len(COLOURS)]}
+        marker = MARKERS[solvers.index(solver) % len(MARKERS)]
+        own = [m for m in marks if m.solver == solver]
+        for m in own:
+            solid = m.resolved and m.quality in JOINED_QUALITIES and m.error_percent <= LARGEST_PERCENT
+            fill = style["color"] if solid else "white"
+            axes.plot(
+                m.time_s, m.drawn_percent, marker=marker, markersize=6, markerfacecolor=fill, linestyle="none", **style
+            )
+
+
+def _limits(axes: Any, marks: Sequence[FigurePoint], levels: Sequence[FigurePoint]) -> None:
+    """The same limits for all panels, of at least a decade each so that every axis has a labelled tick."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter  # start-up
+
+    formatter = FuncFormatter(lambda value, position: f"{value:g}")
+    for axis, values, set_limits in (
+        (axes.xaxis, [m.time_s for m in marks], axes.set_xlim),
+        (axes.yaxis, [m.drawn_percent for m in [*marks, *levels]], axes.set_ylim),
+    ):
+        low, high = math.log10(min(values)) - 0.2, math.log10(max(values)) + 0.2
+        more = max(0.0, 1.05 - (high - low)) / 2.0
+        set_limits(10.0 ** (low - more), 10.0 ** (high + more))
+        axis.set_major_formatter(formatter)
+        axis.set_minor_formatter(NullFormatter())
+
+
+def _memory(marks: Iterable[FigurePoint]) -> str:
+    """The least and the most that the qualities of a solver hold, in words; empty where it is not known."""
+    known = [m.memory_mib / 1024.0 for m in marks if math.isfinite(m.memory_mib)]
+    if not known:
+        return ""
+    low, high = f"{min(known):.1f}", f"{max(known):.1f}"
+    return f" ({low} GiB)" if low == high else f" ({low} to {high} GiB)"
+
+
+def _heading(figure: Any, solvers: Mapping[str, str], title: str, levels: Sequence[FigurePoint]) -> None:
+    """The legend: names of the solvers, each with the memory of its process, and of what was computed elsewhere."""
+    from matplotlib.lines import Line2D  # start-up
+
+    handles = []
+    dashed = {m.solver for m in levels}
+    for i, (name, held) in enumerate(solvers.items()):
+        style: dict[str, Any] = {"linestyle": "--"} if name in dashed else {"marker": MARKERS[i % len(MARKERS)]}
+        handles.append(Line2D([], [], color=COLOURS[i % len(COLOURS)], linewidth=1.6, label=name + held, **style))
+    figure.legend(
+        handles=handles,
+        title=title or None,
+        alignment="left",
+        loc="outside upper left",
+        ncols=min(len(handles), 4) if any(solvers.values()) else len(handles),
+        frameon=False,
+        columnspacing=1.4,
+        handletextpad=0.5,
+        borderaxespad=0.2,
+    )

@@ -2,21 +2,26 @@
 
 A field of all suns makes the skies of an air over a ground: tables of suns (`twilight.sky.table`), below -2 deg of
 every second sun of the file, between which the tables' rule goes.
+
+A folder of files that is written whole or not at all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of
+from twilight.base.whole_files import whole_folder
 from twilight.engine.sun_tables import AUREOLE_SUN_DEG, COLUMN_COUNT, ROW_COUNT
 from twilight.engine.table import first_columns, first_rows, row_breaks
 from twilight.sky.table import DARKEST, SkyTable, stack
-from twilight.studies.export.prague_air import ChannelNodes
+from twilight.studies.export.prague_air import ChannelNodes, transmittance_of, transmittance_roots
 from twilight.studies.export.prague_file import (
     PragueAxes,
     PragueFile,
@@ -33,8 +38,29 @@ from twilight.studies.export.prague_fit import (
     solve_half,
 )
 from twilight.studies.export.prague_sky import SAFETY_M, PragueAngles, angles_of, elevation_of, index_and_fraction
-from twilight.studies.export.prague_transmittance import transmittance_of, transmittance_roots
 from twilight.transport.rays import horizon_dip_deg
+
+Buffer = bytes | bytearray | memoryview
+
+
+def write_folder(folder: str | Path, files: Mapping[str, Buffer]) -> None:
+    """Write the files into a new folder; a name may stand in a folder of its own.
+
+    Errors: TwilightError where there is something already, and where the system refuses; nothing is left behind then.
+    """
+    folder = Path(folder)
+    check_new(folder)
+    with whole_folder(folder) as temporary:
+        for name, content in files.items():
+            path = temporary / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+
+
+def check_new(folder: Path) -> None:
+    """Raise TwilightError where there is something other than an empty folder."""
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise TwilightError(f"{folder}: is there already; tables are written into a new folder")
 
 
 def _numbers(text: str) -> np.ndarray:
@@ -48,7 +74,6 @@ SUN_DEG = (
 """Elevations of the sun in a file [deg]."""
 EVERY_SUN_DEG = -2.0
 """Elevation of the sun [deg] below which every second sun of the file has a table."""
-
 EMPHASIS_DEG = 90.0 - _numbers(
     "90 81 72 64 56 48 40 33 27 22 18 15 12.5 10 8 6 4.5 3.5 2.7 2 1.4 1 0.75 0.5 0.35 0.2269"
 )

@@ -13,8 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from twilight.base.errors import TwilightError
-from twilight.solvers.analytic.coefficients import QUANTITIES, SkyCoefficients
-from twilight.solvers.analytic.perez import angles, perez
+from twilight.solvers.analytic.coefficients import QUANTITIES, SkyCoefficients, angles, perez
 from twilight.studies.fit.truth import ColourSky
 
 STARTS = {

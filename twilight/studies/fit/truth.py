@@ -1,17 +1,25 @@
-"""Computed skies as luminance and chromaticity: what formulae are fitted to."""
+"""Computed skies as luminance and chromaticity: what formulae are fitted to.
+
+The file of a fit: a set of coefficients that the preetham solver takes, with what it was fitted to.
+
+How far a set of coefficients is from computed skies.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import yaml
 
 from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
+from twilight.base.whole_files import whole_file
 from twilight.config.scene import Config
 from twilight.engine.field import solve
 from twilight.numerics import spectrum
@@ -19,12 +27,70 @@ from twilight.numerics.phase import PhaseFunction
 from twilight.scene import Scene
 from twilight.scene.medium import climate_medium, wavelengths_of
 from twilight.scene.plan import make_plan
-from twilight.sky.colour import colour_is_defined
+from twilight.sky.colour import colour_is_defined, uv_of_xy
 from twilight.sky.sky import Sky
 from twilight.solvers.analytic import aerial
+from twilight.solvers.analytic.coefficients import SkyCoefficients, parse_coefficients
 
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
+
+HEAD = """\
+# Coefficients of Perez's five-parameter sky in the form of Preetham, Shirley and Smits 1999, for
+#     twilight render CLIMATE --solver preetham --set solver.coefficients=THIS_FILE
+# Lists are polynomials in the turbidity T at 550 nm, highest power first.
+# luminance, x and y (CIE 1931) in a direction at zenith angle theta and at the angle gamma from the sun are
+#     zenith * F(theta, gamma) / F(0, z),  F = (1 + A exp(B / cos theta)) (1 + C exp(D gamma) + E cos^2 gamma)
+# with z the zenith angle of the sun.  Zenith luminance: slope tan(chi (pi - 2 z)) + constant [kcd m^-2];
+# zenith x and y: polynomials in z [rad] whose coefficients, z^3 first, are the four lists.
+"""
+
+
+def write_set(made: SkyCoefficients, facts: dict[str, Any], path: Path) -> None:
+    """Write a set as YAML, whole or not at all, with the facts about its fit under `fit`.
+
+    Raises TwilightError where it cannot be written, or what is written would not be accepted by the solver.
+    """
+    text = HEAD + yaml.safe_dump(
+        made.as_document() | {"fit": facts}, sort_keys=False, default_flow_style=None, width=118
+    )
+    parse_coefficients(text, str(path))
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class SetError:
+    """Errors over all directions of some skies.
+
+    luminance_*: |model / truth - 1| of the absolute luminance; distribution_*: with the best scale for every sky;
+    chromaticity_*: distance in CIE 1976 u', v'.  bias: mean of ln(model / truth).
+    """
+
+    luminance_bias: float
+    luminance_median: float
+    luminance_p95: float
+    distribution_median: float
+    distribution_p95: float
+    chromaticity_median: float
+    chromaticity_p95: float
+
+
+def error_of(made: SkyCoefficients, skies: Sequence[ColourSky]) -> SetError:
+    """Errors of a set over skies whose turbidity and sun it covers."""
+    bias, absolute, distribution, chromaticity = [], [], [], []
+    for sky in skies:
+        luminance, x, y = made.sky(sky.turbidity, sky.sun_elevation_deg, sky.elevation_deg, sky.azimuth_deg)
+        ratio = luminance / sky.luminance
+        bias.append(np.log(ratio))
+        absolute.append(np.abs(ratio - 1.0))
+        scale = np.exp(-np.sum(sky.weight * np.log(ratio)))
+        distribution.append(np.abs(scale * ratio - 1.0))
+        chromaticity.append(np.linalg.norm(uv_of_xy(x, y) - uv_of_xy(sky.x, sky.y), axis=-1))
+    errors = [np.concatenate(e) for e in (absolute, distribution, chromaticity)]
+    quantiles = [float(np.percentile(e, q)) for e in errors for q in (50, 95)]
+    return SetError(float(np.mean(np.concatenate(bias))), *quantiles)
+
 
 AUREOLE_DEG = 2.5
 """Directions this close to the sun are left out: five parameters cannot follow the forward peak of an aerosol."""

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.studies.sweep.store import Store
-from twilight.studies.sweep.task import Task
-from twilight.studies.sweep.work import compute, forget
+from twilight.studies.sweep.work import Task, compute, forget
 
 if TYPE_CHECKING:
     from distributed import Client, Future

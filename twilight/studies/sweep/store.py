@@ -19,15 +19,12 @@ import numpy as np
 from twilight import __version__
 from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_folder
-from twilight.io.journal import Journal, open_journal, read_journal
 from twilight.io.labels import attributes
-from twilight.io.provenance import differences, to_json
+from twilight.io.provenance import Journal, differences, open_journal, read_journal, to_json
 from twilight.numerics.spectrum import solar_irradiance
-from twilight.studies.sweep.dimensions import variable_name
-from twilight.studies.sweep.labels import key_attributes
+from twilight.studies.sweep.dimensions import key_attributes, variable_name
 from twilight.studies.sweep.sweep import Sweep
-from twilight.studies.sweep.task import STANDARD_ERROR, DatasetBlock, Task
-from twilight.studies.sweep.work import TaskResult
+from twilight.studies.sweep.work import STANDARD_ERROR, DatasetBlock, Task, TaskResult
 
 JOURNAL = "tasks.jsonl"
 MISSING = 0

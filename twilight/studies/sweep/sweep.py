@@ -25,7 +25,7 @@ from twilight.io.provenance import configuration_hash, to_json
 from twilight.numerics.directions import half_of, texture_centres
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium, name_by_content, wavelengths_of
-from twilight.scene.suns import suns_of
+from twilight.scene.scene import suns_of
 from twilight.studies.sweep.dimensions import (
     Dimension,
     check_keys,
@@ -34,7 +34,7 @@ from twilight.studies.sweep.dimensions import (
     shares_field_along,
     solver_of,
 )
-from twilight.studies.sweep.task import STANDARD_ERROR, STOKES, STOKES_ERROR, DatasetBlock, ScenePosition, Task, code_of
+from twilight.studies.sweep.work import STANDARD_ERROR, STOKES, STOKES_ERROR, DatasetBlock, ScenePosition, Task, code_of
 
 MAX_SCENES = 10_000_000
 """Scenes of a sweep: their indices and labels fit into memory."""

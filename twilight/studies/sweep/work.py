@@ -1,11 +1,16 @@
-"""What a worker does: the skies of one field."""
+"""What a worker does: the skies of one field.
+
+The pieces of a sweep: skies, the chunks that they lie in, and the tasks that workers are given.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import threading
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -13,17 +18,79 @@ from typing import Any
 import numpy as np
 
 from twilight import solvers
+from twilight.base.digest import DISPLAY, code_digest
 from twilight.base.errors import TwilightError
 from twilight.config.scene import Config, Observer
 from twilight.engine.field import Field, Part, parts
 from twilight.engine.problem import plan
 from twilight.scene import resolve
-from twilight.solvers.analytic.turbidity import turbidity_of
-from twilight.studies.sweep.task import STANDARD_ERROR, STOKES, STOKES_ERROR, ScenePosition, code_of
+from twilight.solvers.analytic.limits import turbidity_of
+
+STANDARD_ERROR = "standard_error"
+STOKES = ("sun_normalised_radiance_q", "sun_normalised_radiance_u")
+STOKES_ERROR = ("standard_error_q", "standard_error_u")
+
+
+def code_of(solver: str) -> str:
+    """SHA-256 over the code and data that the skies of a sweep with this solver depend on."""
+    return code_digest("twilight.studies.sweep.work", solvers.SOLVERS[solver], without=DISPLAY)
+
+
+@dataclass(frozen=True)
+class ScenePosition:
+    """Sun and observer of one sky."""
+
+    sun_elevation_deg: float
+    sun_azimuth_deg: float | None
+    distance_au: float
+    observer_altitude_km: float
+    time_s: float | None
+    name: str
+
+
+@dataclass(frozen=True)
+class DatasetBlock:
+    """One chunk of the dataset: an index along each outer dimension, a range along each inner one."""
+
+    index: tuple[int, ...]
+    ranges: tuple[tuple[int, int], ...]
+
+    @property
+    def skies(self) -> int:
+        """How many skies it holds."""
+        return math.prod(stop - start for start, stop in self.ranges)
+
+    @property
+    def region(self) -> tuple[slice, ...]:
+        """Where it lies in an array over the sweep's dimensions."""
+        return tuple(slice(i, i + 1) for i in self.index) + tuple(slice(*r) for r in self.ranges)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the block in an array over the sweep's dimensions."""
+        return (1,) * len(self.index) + tuple(stop - start for start, stop in self.ranges)
+
+    def scenes(self) -> Iterator[tuple[int, ...]]:
+        """The index of each of its skies."""
+        return itertools.product(*((i,) for i in self.index), *(range(*r) for r in self.ranges))
+
+
+@dataclass(frozen=True)
+class Task:
+    """What one worker computes at a time: chunks that come out of one field.  key: a hash of all it depends on."""
+
+    key: str
+    field_key: str
+    blocks: tuple[DatasetBlock, ...]
+
+    @property
+    def skies(self) -> int:
+        """How many skies it computes."""
+        return sum(block.skies for block in self.blocks)
+
 
 _ONE_AT_A_TIME = threading.Lock()
 """A worker with several threads computes one field at a time, with all of them."""
-
 _last_field: dict[str, Field] = {}
 """The field of the block of wavelengths that was solved last: its suns may come in several tasks."""
 

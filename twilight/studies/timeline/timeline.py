@@ -1,4 +1,9 @@
-"""The table of an evening, and the times at which a quantity passes a value, to the second."""
+"""The table of an evening, and the times at which a quantity passes a value, to the second.
+
+What a timeline has columns of: a quantity of a direction or a surface, as `V@zenith`.
+
+Timelines by what they are for: columns and conditions with the published thresholds that they stand on.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import partial
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -15,8 +20,96 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.light import LightField
 from twilight.engine.light_sources import SOURCE_NAMES, Moments, moments_at
+from twilight.engine.surfaces import Direction, Surface, towards
+from twilight.sky.quantities.measure import Quantity, check_of, quantity, unit_of
 from twilight.sky.twilight_times import TwilightTime, twilight_times
-from twilight.studies.timeline.columns import Column, column
+
+
+@dataclass(frozen=True)
+class Column:
+    """A quantity of a direction or a surface over time.
+
+    text: as it was asked for; needs: the quantity, which the wavelengths must cover; target: what it is of.
+    """
+
+    text: str
+    needs: Quantity
+    target: Direction | Surface
+
+    @property
+    def unit(self) -> str:
+        """Of its values."""
+        return unit_of(self.needs, "surface" if isinstance(self.target, Surface) else "direction")
+
+    @property
+    def variable(self) -> str:
+        """Its name in files, with its unit."""
+        where = "".join(c if c.isalnum() else "_" for c in self.text.partition("@")[2])
+        return f"{self.needs.variable}{'_' + where if where else ''}"
+
+    @property
+    def about(self) -> str:
+        """What it is, in one line."""
+        return self.needs.about
+
+    def values(self, field: LightField, moments: Moments, sources: Sequence[str] | None = None) -> np.ndarray:
+        """Its values at moments, (N,), of some sources, None: all."""
+        if isinstance(self.target, Surface):
+            made = field.surfaces(moments, [self.target], sources)
+        else:
+            made = field.directions(moments, *_angles(self.target, moments), sources)
+        return self.needs.value(field.spectra(made[:, 0]))
+
+
+def column(text: str) -> Column:
+    """The column of a text: `QUANTITY@WHERE`; without WHERE of the zenith, or of level ground.
+
+    Errors: TwilightError for a quantity, or what it is of, that is none.
+    """
+    text = text.strip()
+    name, _, where = text.partition("@")
+    wanted = quantity(name)
+    target = towards(where or ("zenith" if wanted.of == ("direction",) else "horizontal"))
+    check_of(wanted, "surface" if isinstance(target, Surface) else "direction")
+    return Column(text, wanted, target)
+
+
+def _angles(target: Direction, moments: Moments) -> tuple[np.ndarray, np.ndarray]:
+    """Elevation and azimuth from north (N, 1)."""
+    count = len(moments.places)
+    azimuth = target.azimuth_deg + (moments.sun_azimuth_deg if target.from_sun else np.zeros(count))
+    return np.full((count, 1), target.elevation_deg), azimuth[:, None]
+
+
+class Preset(NamedTuple):
+    """Columns and conditions as text; about: what the thresholds are, with their sources."""
+
+    columns: tuple[str, ...]
+    conditions: tuple[str, ...]
+    about: str
+
+
+PRESETS = {
+    "darkness": Preset(
+        ("V@zenith", "B@zenith", "luminance@zenith"),
+        ("V@zenith > 20", "V@zenith > 21"),
+        "the zenith of a dark site without moon is at V 21.6 at solar maximum (Paranal, Patat 2003), where a Sky "
+        "Quality Meter has read 21.9 in the mean of seven years (Cosmic Campground); 21 is within a magnitude of it",
+    ),
+    "reading": Preset(
+        ("illuminance", "cct"),
+        ("illuminance < 450", "illuminance < 3.4"),
+        "level ground at sunset 450 lx; at the end of civil twilight, where outdoor work needs lamps, 3.4 lx (Janiczek "
+        "& DeYoung 1987)",
+    ),
+    "melanopic": Preset(
+        ("melanopic@plane:90/sun", "melanopic@plane:90/sun+180", "illuminance"),
+        ("melanopic@plane:90/sun < 250", "melanopic@plane:90/sun < 10", "melanopic@plane:90/sun < 1"),
+        "at the eye, upright: 250 lx or more by day, 10 lx at most in the evening, 1 lx at night (Brown et al. 2022, "
+        "PLoS Biol. 20, e3001571)",
+    ),
+}
+
 
 MAX_ROWS = 20_000
 """Most rows of a table."""

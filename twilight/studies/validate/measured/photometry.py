@@ -25,9 +25,15 @@ from twilight.numerics.directions import hemisphere
 from twilight.scene import resolve
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.night import Place, night_radiance
-from twilight.studies.validate.measured import references
-from twilight.studies.validate.measured.meter import MoonlitPoint, SkyQualityMeter, site_of
-from twilight.studies.validate.measured.references import KOOMEN_SITES, METER_SITE, Site
+from twilight.studies.validate.measured import meter
+from twilight.studies.validate.measured.meter import (
+    KOOMEN_SITES,
+    METER_SITE,
+    MoonlitPoint,
+    Site,
+    SkyQualityMeter,
+    site_of,
+)
 
 WAVELENGTHS_NM = (400.0, 424.0, 460.0, 490.0, 520.0, 545.0, 560.0, 590.0, 603.0, 620.0, 650.0, 720.0)
 """Where the radiance is computed: dense where V(lambda) is large, on both sides of the O4 bands (477, 577, 630 nm)."""
@@ -224,23 +230,23 @@ def photometry(
     name, points, transmissions = config.climate.name, [], {}
     for i, sun in enumerate(SUNS_DEG):
         progress("illuminance", 0.4 + 0.2 * i / len(SUNS_DEG))
-        light = (sun, *photometer.illuminance_lux(sun), float(references.horizontal_illuminance_lux(sun)))
-        points.append(PhotometricPoint(name, "illuminance", references.ILLUMINANCE_SOURCE, "ground", 0.0, *light))
+        light = (sun, *photometer.illuminance_lux(sun), float(meter.horizontal_illuminance_lux(sun)))
+        points.append(PhotometricPoint(name, "illuminance", meter.ILLUMINANCE_SOURCE, "ground", 0.0, *light))
     for site in KOOMEN_SITES:
         there = photometer
         if site.altitude_km - photometer.medium.bottom_km > HIGH_SITE_KM:
             there = Photometer(config, part_of(progress, 0.6, 0.35), site.altitude_km)
         transmissions[site.name] = there.transmission(site.altitude_km)
-        suns, values = references.zenith_luminance_cd_m2(site.name)
+        suns, values = meter.zenith_luminance_cd_m2(site.name)
         measured = dict(zip(suns.tolist(), values.tolist(), strict=True))
-        where = (references.LUMINANCE_SOURCE, site.name, site.altitude_km)
+        where = (meter.LUMINANCE_SOURCE, site.name, site.altitude_km)
         for sun in ZENITH_SUNS_DEG:
             progress(f"zenith, {site.name}", 0.97)
             light = (sun, *there.zenith_luminance(sun, site), measured.get(float(sun), float("nan")))
             points.append(PhotometricPoint(name, "zenith luminance", *where, *light))
     points += _colour_points(photometer, name)
     progress("zenith, meter", 0.98)
-    floor = None if config.night is None else references.METER_FLOOR_MAG
+    floor = None if config.night is None else meter.METER_FLOOR_MAG
     zenith_meter = SkyQualityMeter(Photometer(site_of(config), None, METER_SITE.altitude_km), floor)
     points += _meter_points(zenith_meter, name, floor)
     moonlit = list(zenith_meter.moonlit(name))
@@ -252,8 +258,8 @@ def _colour_points(photometer: Photometer, climate: str) -> list[PhotometricPoin
     """Colours of level ground beside every session."""
     points: list[PhotometricPoint] = []
     known: dict[float, np.ndarray] = {}
-    for session in references.SESSIONS:
-        suns, nm, spectra = references.level_ground_spectra(session)
+    for session in meter.SESSIONS:
+        suns, nm, spectra = meter.level_ground_spectra(session)
         blue, green, red = (spectra[:, np.abs(nm - w) < 6.0].mean(axis=1) for w in BLUE_GREEN_RED_NM)
         for k, sun in enumerate(suns):
             if sun < LOWEST_COLOUR_DEG:
@@ -261,7 +267,7 @@ def _colour_points(photometer: Photometer, climate: str) -> list[PhotometricPoin
             if sun not in known:
                 known[sun] = photometer.colours(float(sun))
             measured = (blue[k] / green[k], red[k] / green[k])
-            where = (references.SPECTRA_SOURCE, f"session {session}", 0.0, float(sun))
+            where = (meter.SPECTRA_SOURCE, f"session {session}", 0.0, float(sun))
             points += [
                 PhotometricPoint(climate, quantity, *where, float(computed), 0.0, float(there))
                 for quantity, computed, there in zip(COLOURS, known[sun], measured, strict=True)
@@ -272,10 +278,10 @@ def _colour_points(photometer: Photometer, climate: str) -> list[PhotometricPoin
 def _meter_points(meter: SkyQualityMeter, climate: str, floor_mag: float | None) -> list[PhotometricPoint]:
     """The zenith through twilight, as luminances that the meter prints."""
     night = 0.0 if floor_mag is None else meter_luminance(floor_mag)
-    where = (climate, METER_QUANTITY, references.METER_SOURCE, METER_SITE.name, METER_SITE.altitude_km)
+    where = (climate, METER_QUANTITY, meter.METER_SOURCE, METER_SITE.name, METER_SITE.altitude_km)
     return [
         PhotometricPoint(*where, sun, meter_luminance(meter.twilight_mag(sun)), night, meter_luminance(mag))
-        for sun, mag in zip(*(values.tolist() for values in references.meter_zenith()), strict=True)
+        for sun, mag in zip(*(values.tolist() for values in meter.meter_zenith()), strict=True)
     ]
 
 

@@ -9,21 +9,21 @@ from typing import Any
 import numpy as np
 
 from twilight.base.whole_files import whole_file, write_csv
-from twilight.studies.validate.measured.meter import MoonlitPoint
+from twilight.studies.validate.measured.meter import (
+    KOOMEN_SITES,
+    METER_SITE,
+    SESSIONS,
+    MoonlitPoint,
+    horizontal_illuminance_lux,
+    meter_zenith,
+    zenith_luminance_cd_m2,
+)
 from twilight.studies.validate.measured.photometry import (
     COLOURS,
     METER_QUANTITY,
     Level,
     PhotometricPoint,
     meter_magnitude,
-)
-from twilight.studies.validate.measured.references import (
-    KOOMEN_SITES,
-    METER_SITE,
-    SESSIONS,
-    horizontal_illuminance_lux,
-    meter_zenith,
-    zenith_luminance_cd_m2,
 )
 
 POINT_COLUMNS = (

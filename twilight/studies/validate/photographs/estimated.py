@@ -30,7 +30,6 @@ from twilight.studies.validate.photographs.airs import (
     climate_settings,
     with_settings,
 )
-from twilight.studies.validate.photographs.checks import check_sky, check_upright
 from twilight.studies.validate.photographs.estimate import (
     EQUIVALENT,
     AirEstimate,
@@ -49,7 +48,7 @@ from twilight.studies.validate.photographs.photo import (
     Comparison,
 )
 from twilight.studies.validate.photographs.photo import compare as compare_photo
-from twilight.studies.validate.photographs.photograph import MaskedSky, Photograph, place_sun
+from twilight.studies.validate.photographs.photograph import MaskedSky, Photograph, check_sky, check_upright, place_sun
 
 MOST_CELLS = 240
 """Directions that a fit takes, of one photograph or of all."""

@@ -2,6 +2,8 @@
 
 A camera that was not given is made of what the file says (`camera.exif`), and how it was held of what the file says or
 of the horizon in the picture; what neither tells is fitted with the air, never taken as level.
+
+What makes a photograph useless for its air, or less useful, told before anything is fitted.
 """
 
 from __future__ import annotations
@@ -13,11 +15,13 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import ndimage
 
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.scene import PLACED_NM
 from twilight.numerics import spectrum
 from twilight.sky import colour
+from twilight.sky.colour import REC709_LUMINANCE
 from twilight.sky.sky import Sky
 from twilight.studies.camera.exif import (
     ANGLE_ERROR_DEG,
@@ -31,14 +35,13 @@ from twilight.studies.camera.image import StoredImage, as_light, read_image, rea
 from twilight.studies.camera.model import CameraModel, ImageSize, Orientation
 from twilight.studies.camera.response import load_response
 from twilight.studies.validate.photographs import mask as masks
+from twilight.studies.validate.photographs.mask import SKYLINE_ERROR_DEG, TILT_ERROR_DEG, find_horizon, separation_deg
 from twilight.studies.validate.photographs.panorama import Panorama, make_panorama, mask_image_on
 from twilight.studies.validate.photographs.photo import OBSERVER, PhotoSky, photo_sky
-from twilight.studies.validate.photographs.skyline import SKYLINE_ERROR_DEG, TILT_ERROR_DEG, find_horizon
 from twilight.studies.validate.photographs.sun_azimuth import SunAzimuth, burnt_disc, find_sun_azimuth
 
 FINE_CELL_DEG = 0.5
 """Aimed size of the fine cells on which masks are made."""
-
 WIDE_VIEW = 0.45
 """Part of the horizon from which the symmetry of the sky tells the sun's azimuth by itself."""
 NARROW_ERROR_DEG = 8.0
@@ -47,7 +50,6 @@ UNKNOWN_PITCH_DEG, UNKNOWN_ROLL_DEG = 12.0, 3.0
 """Standard errors of the angle above the horizontal and of the tilt of a camera of which nothing is known [deg]."""
 GUESSED_PITCH_DEG = 12.0
 """Elevation of such a camera's axis, about which it is sought [deg]."""
-
 SPECTRUM_NM = (450.0, 550.0, 620.0)
 """Where the spectra that stand for a photograph's colours have corners [nm]; they are level beyond."""
 
@@ -291,3 +293,79 @@ def _camera(path: Path, picture: StoredImage, stated: Stated, field_of_view_deg:
         orientation=Orientation(azimuth_deg=None),
         response="linear" if picture.linear else "srgb",
     )
+
+
+UPSIDE_DOWN = 2.0
+"""Light of the lower half of a picture over that of the upper beyond which it may stand on its head."""
+NIGHT_CD_PER_M2 = 2e-3
+"""Luminance of the sky below which a picture is one of the night: a zenith with the sun at -15 deg."""
+MOST_SATURATED, MUCH_SATURATED = 0.6, 0.2
+"""Part of the sky that is shown, saturated: refused, and worth a warning."""
+LAMP_SQUARE_DEG = 2.0
+"""Area of saturated light in the sky from which it counts as a sun [deg^2]."""
+APART_DEG = 15.0
+"""Distance of two such lights that are not one [deg]."""
+
+
+def check_upright(name: str, photograph: Photograph) -> None:
+    """TwilightError for a picture that stands on its head: below brighter, and smoother, than above."""
+    light = photograph.picture.samples @ REC709_LUMINANCE.astype(np.float32)
+    step = max(1, light.shape[1] // 200)
+    small = light[::step, ::step]
+    upper, lower = np.array_split(small, 2)
+    logarithms = [np.log(np.maximum(half, 1e-6 + 1e-4 * float(small.max()))) for half in (upper, lower)]
+    level = [float(np.median(half)) for half in logarithms]
+    rough = [float(np.median(np.abs(np.diff(half, axis=1)))) for half in logarithms]
+    if level[1] - level[0] > np.log(UPSIDE_DOWN) and rough[1] < rough[0]:
+        raise TwilightError(
+            f"{name}: its lower half is brighter and smoother than its upper: it stands on its head, or shows no sky; "
+            "turn it"
+        )
+
+
+def check_sky(name: str, photograph: Photograph, seen: MaskedSky) -> list[str]:
+    """Sentences of warning about the sky of a photograph.  Errors: TwilightError for one that is of no use."""
+    shown = seen.panorama.covered & (seen.panorama.elevation_deg > 0.0)[:, None]
+    weight = np.cos(np.radians(seen.panorama.elevation_deg))[:, None] * shown
+    sky = weight * ~seen.mask.foreground
+    saturated = float((sky * seen.panorama.saturated).sum() / max(float(sky.sum()), 1e-12))
+    if saturated > MOST_SATURATED:
+        raise TwilightError(f"{name}: is over-exposed: {saturated:.0%} of its sky is at the end of its scale")
+    lines = []
+    if saturated > MUCH_SATURATED:
+        lines.append(f"{saturated:.0%} of the sky is over-exposed and left out: intervals are wider")
+    exposure = photograph.log_exposure
+    if exposure is not None:
+        luminance = float(np.nanmedian(seen.sky.xyz[..., 1][seen.sky.counts])) * float(np.exp(exposure[0]))
+        if luminance < NIGHT_CD_PER_M2:
+            raise TwilightError(
+                f"{name}: by exposure time, aperture and sensitivity its sky has {luminance:.1g} cd/m^2: a night, or "
+                "moonlight; the air is estimated by the sun's light down to -15 deg"
+            )
+    count = _lights(seen.panorama, seen.panorama.saturated & shown & ~seen.mask.foreground)
+    if count > 1:
+        lines.append(
+            f"{count} lights in the sky are at the end of the scale, more than {APART_DEG:g} deg apart: reflections or "
+            "lamps; give --sun-azimuth, and a --mask without their glare"
+        )
+    return lines
+
+
+def _lights(panorama: Panorama, saturated: np.ndarray) -> int:
+    """How many large saturated lights stand far from each other."""
+    labels, count = ndimage.label(saturated, np.ones((3, 3)))
+    if count < 2:
+        return count
+    rows, columns = np.indices(saturated.shape)
+    elevation, azimuth = panorama.elevation_deg[rows], panorama.azimuth_deg[columns]
+    area = ndimage.sum_labels(np.cos(np.radians(elevation)) * panorama.step_deg**2, labels, np.arange(1, count + 1))
+    kept: list[tuple[float, float]] = []
+    for label in 1 + np.argsort(-area):
+        if area[label - 1] < LAMP_SQUARE_DEG:
+            break
+        here = labels == label
+        east, north = np.sin(np.radians(azimuth[here])).mean(), np.cos(np.radians(azimuth[here])).mean()
+        middle = float(elevation[here].mean()), float(np.degrees(np.arctan2(east, north)))
+        if all(float(separation_deg(*middle, *other)) > APART_DEG for other in kept):
+            kept.append(middle)
+    return len(kept)

@@ -15,8 +15,7 @@ from twilight.sky.night.points import Stars, blended
 from twilight.studies.camera.model import CameraModel
 from twilight.studies.validate.stars.coordinates import StarSite, equatorial, horizontal
 from twilight.studies.validate.stars.detect import Sources, detect
-from twilight.studies.validate.stars.match import Pose, ZenithRefraction
-from twilight.studies.validate.stars.search import Attitude, find_attitude
+from twilight.studies.validate.stars.search import Attitude, Pose, ZenithRefraction, find_attitude
 from twilight.studies.validate.stars.solve import CameraSolution, refine, with_lens
 
 FOCAL_STEPS = (1.0, 0.97, 1.03, 0.94, 1.06, 0.91, 1.09)

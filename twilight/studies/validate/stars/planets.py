@@ -9,8 +9,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.studies.validate.stars.calibrate import Calibration
-from twilight.studies.validate.stars.coordinates import PLANETS, planet_tracks, precession
-from twilight.studies.validate.stars.refraction import lifted
+from twilight.studies.validate.stars.coordinates import PLANETS, lifted, planet_tracks, precession
 
 FAINTEST_MAG = 1.5
 """Magnitude of the faintest source that may be a planet; Mars at its faintest, and Mercury, are missed."""

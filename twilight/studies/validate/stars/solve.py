@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from twilight.sky.night.points import Stars
 from twilight.studies.camera.model import CameraModel
 from twilight.studies.validate.stars.detect import Sources
-from twilight.studies.validate.stars.match import Match, Pose, chance_matches, fit_in_brightness, match
+from twilight.studies.validate.stars.search import Match, Pose, chance_matches, fit_in_brightness, match
 
 NEIGHBOURHOODS_DEG = (35.0, 55.0, 80.0, 180.0, 180.0, 180.0, 180.0)
 """Distance from the pair that gave the attitude within which stars are matched [deg], iteration by iteration."""
