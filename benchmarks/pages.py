@@ -2,7 +2,7 @@
 
     python benchmarks/pages.py
 
-`tests/test_docs.py` fails where a page says something else than its table.
+`tests/project/test_docs.py` fails where a page says something else than its table.
 """
 
 from __future__ import annotations

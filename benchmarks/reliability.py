@@ -32,13 +32,14 @@ ALLOWED_PERCENT = {"odd_air.csv": 1.0, "sharp_layers.csv": 3.0}
 
 def slow_files() -> list[str]:
     """Names of the test files that hold long tests."""
-    return sorted(file.name for file in (ROOT / "tests").glob("test_*.py") if "mark.slow" in file.read_text("utf-8"))
+    return sorted(file.name for file in (ROOT / "tests").rglob("test_*.py") if "mark.slow" in file.read_text("utf-8"))
 
 
 def run_tests(file: str) -> tuple[int, int, int, float]:
     """(long tests, passed, failed, processor seconds)."""
     before = os.times()
-    words = ["-m", "pytest", "-m", "slow", f"tests/{file}", "-v", "-p", "no:cacheprovider", "--durations=8"]
+    path = str(next((ROOT / "tests").rglob(file)))
+    words = ["-m", "pytest", "-m", "slow", path, "-v", "-p", "no:cacheprovider", "--durations=8"]
     done = subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, text=True)
     after = os.times()
     print(done.stdout[-2000:], done.stderr[-500:], flush=True)

@@ -1,6 +1,6 @@
 """A pytest plugin: which assertions stand close to their bound.
 
-    PYTHONPATH=tests pytest -p margins -o enable_assertion_pass_hook=true tests/test_lines.py
+    PYTHONPATH=tests pytest -p margins -o enable_assertion_pass_hook=true tests/files/test_lines.py
 
 ends with a line for every comparison of two numbers, `pytest.approx` and `assert_allclose` that uses up more
 than 1/1.5 of what it allows: the fraction, the test and the bound.  Bounds on counts and on equality have none.

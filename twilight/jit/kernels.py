@@ -69,7 +69,7 @@ def _load_known_index(file: Any) -> dict[Any, Any]:
         return {}
 
 
-IndexDataCacheFile._load_index = _load_known_index
+IndexDataCacheFile._load_index = _load_known_index  # type: ignore[method-assign]
 
 
 class InnerKernel:

@@ -4,7 +4,7 @@
 
 f is the moon's irradiance over the sun's, see(L) the channels of a spectrum.  The spectra of one sky are few enough
 that C exists: 95 % of the residuals are within 0.2 % of luminance and 0.8 % of X, Z and scotopic luminance
-(`tests/test_moon_films.py`), so that the tables of a field serve the moon as well.
+(`tests/show/test_moon_films.py`), so that the tables of a field serve the moon as well.
 
 Tables of the page over one axis: the sun's beam and the night's light by elevation; and the zodiacal light.
 """

@@ -64,7 +64,7 @@ POLARISED_DIRECTION_S = 1e-5
 """Processor seconds of a direction and wavelength, polarised."""
 MAX_COMPARED_DEPTH = 100.0
 """Vertical optical depth of scattering, forward peaks left out, up to which thick air of conservative scattering was
-compared with doubling (`tests/test_zones_thick.py`)."""
+compared with doubling (`tests/solvers/test_zones_thick.py`)."""
 PEAKED_ASYMMETRY = 0.88
 """Asymmetry parameter of an aerosol beyond which errors of `standard` exceed 2 % (`benchmarks/odd_air.py`)."""
 PEAKED_DEPTH = 0.1

@@ -176,7 +176,7 @@ def _moment(main: Mapping[int, Any], taken: Mapping[int, Any], gps: Mapping[int,
 
     day, clock = gps.get(GPS.GPSDateStamp), gps.get(GPS.GPSTimeStamp)
     with contextlib.suppress(TypeError, ValueError, ZeroDivisionError, OverflowError):
-        hour, minute, second = (float(part) for part in clock)
+        hour, minute, second = (float(part) for part in clock or ())
         date = datetime.strptime(str(day).strip("\0 "), "%Y:%m:%d")
         return date.replace(hour=int(hour), minute=int(minute), second=min(int(second), 59), tzinfo=UTC)
     for tags, when, offset in (

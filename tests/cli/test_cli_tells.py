@@ -1,0 +1,226 @@
+"""The command line: what it tells without computing a sky."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rendering import TABLE_NM, call
+from typer.testing import CliRunner
+
+from twilight import solvers
+from twilight.base.errors import TwilightError
+from twilight.cli.app import app
+from twilight.cli.options import settings_of
+from twilight.config import load
+
+
+def test_null_is_a_value_of_set(plain):
+    result = call("render", "urban", "--plan", "--set", "aerosol=null")
+    assert result.exit_code == 0 and "the climate has none" in result.stdout
+    result = call("render", "urban", "--plan", "--set", "sun.elevation_deg=null")
+    assert result.exit_code == 2 and "got null" in result.stderr
+
+
+def test_an_option_counts_within_a_section_that_set_replaces():
+    """`--disc` beside `--set sun={...}` would be forgotten without a word."""
+    given = {
+        "sun.disc": (True, "--disc"),
+        "output.disc": (None, "--disc"),
+        "texture.resolution_deg": (3.0, "--resolution"),
+    }
+    chosen, names = settings_of(["sun={elevation_deg: 2}", "texture.resolution_deg=5"], given)
+    assert load("pure-air", chosen).sun.disc and load("pure-air", chosen).sun.elevation_deg == 2
+    assert chosen["texture.resolution_deg"] == 5 and names["sun.disc"] == "--disc"
+
+
+def test_time_left_is_at_the_mean_speed():
+    from twilight.cli.terminal import time_left
+
+    assert time_left(0.25, 1200.0) == "1:00:00 left"
+    assert time_left(0.5, 65.0) == "0:01:05 left"
+    assert time_left(0.09, 5.0) == "-:--:-- left"
+
+
+def test_the_plan_says_how_large_a_scene_is():
+    words = ("--sun-elevation=-4,-5", "--set", "wavelengths={count: 1000}", "--projection", "latlong")
+    words += ("--quality", "standard", "--set", "texture.resolution_deg=3", "--size", "2048x1024")
+    result = CliRunner().invoke(app, ["render", "pure-air", "--plan", *words])
+    assert result.exit_code == 0, result.stderr
+    row = result.stdout.splitlines()[-1].split("\t")
+    assert row[1:3] == ["2", "1000"]
+    blocks, of = (int(number) for number in row[3].split(" of "))
+    # a block holds at most 32, and wavelengths that the solver treats differently share none
+    assert of <= 32 and 1000 / of <= blocks < 2 * 1000 / of
+    assert 0.1 < float(row[7]) <= 1.0 and float(row[7]) + float(row[5]) < float(row[8]) < 2.0
+    assert 24 <= int(row[4]) <= 64 and row[9].endswith((" min", " h"))
+    # a texture of I, Q and U at 1000 wavelengths is 86 MB; four channels of four bytes, and 8 bits twice, of a pixel
+    assert 0.34 < float(row[5]) < 1.0 and float(row[6]) == pytest.approx(24 * 2048 * 1024 / 1e9, rel=0.01)
+    small = call("render", "pure-air", "--plan", "--solver", "preetham", "--sun-elevation", "5")
+    row = small.stdout.splitlines()[-1].split("\t")
+    assert row[1:4] == ["1", "8", "1 of 8"] and row[7:] == ["-", "-", "-"]  # of a formula there is no field
+
+
+def test_the_plan_of_a_table_says_what_is_left_out(plain, table, tmp_path):
+    result = call("render", table, "--plan", "--output", tmp_path / "sky")
+    assert result.exit_code == 0 and not (tmp_path / "sky").exists()
+    assert "refraction" in result.stdout and "aerosol" not in result.stdout
+    assert not plain.calls
+
+
+def test_the_plan_says_what_is_missing_though_it_matters():
+    def rows(*words):
+        result = call("render", "pure-air", "--plan", "--sun-elevation", "5", *words)
+        assert result.exit_code == 0, result.stderr
+        return {cells[1]: cells[2:] for cells in (line.split("\t") for line in result.stdout.splitlines()[1:])}
+
+    clean = rows("--solver", "zones", "--set", "wavelengths={list_nm: [450, 550, 670]}")
+    assert not {"polarisation", "oxygen at 629 nm"} & clean.keys()
+    assert clean["bands of oxygen"][0].startswith("no wavelength of this scene lies in them")
+    words = "--solver zones --quality draft --set solver.polarisation=false --set".split()
+    scalar = rows(*words, "wavelengths={list_nm: [550, 629, 762, 940]}")
+    assert "scalar theory" in scalar["polarisation"][1] and "solver.polarisation: false" in scalar["polarisation"][0]
+    assert scalar["oxygen at 629 nm"][0].endswith("holds 629 nm")
+    assert not {"bands of oxygen", "bands of water vapour"} & scalar.keys()
+    assert rows("--solver", "preetham")["polarisation"] == ["preetham computes radiance alone", "no Q, no U"]
+
+
+def test_the_scalar_error_of_the_plan_is_that_of_the_table():
+
+    from twilight.scene.plan import SCALAR_ERROR
+
+    table = Path(__file__).resolve().parents[2] / "benchmarks" / "polarisation.csv"
+    lines = [line for line in table.read_text().splitlines() if not line.startswith("#")]
+    rows = [
+        row for row in csv.DictReader(lines) if row["quantity"] == "440 nm" and float(row["sun_elevation_deg"]) <= 30
+    ]
+    medians, largest = ([float(row[key]) for row in rows] for key in ("median", "largest"))
+    low, high, most = (
+        float(n) for n in re.match(r".*: (\d+) to (\d+) % at 440 nm, up to (\d+) %", SCALAR_ERROR).groups()
+    )
+    assert (low, high, most) == (round(min(medians)), round(max(medians)), round(max(largest)))
+
+
+def test_lists_and_descriptions():
+    result = call("show", "configs")
+    assert result.exit_code == 0
+    assert "saarbruecken-2003-12-08\t31\t" in result.stdout
+    assert "humidity\t3\t" in result.stdout and "three-climates\t3\t" in result.stdout
+    for document in ("climate", "configuration"):
+        assert json.loads(call("show", "schema", document).stdout)["additionalProperties"] is False
+    assert call("show", "schema", "sky").exit_code == 2
+
+
+def test_solvers_are_listed_with_their_options(plain):
+    result = call("show", "solvers")
+    assert "plain\tbrightness\t0.01" in result.stdout and "plain (default)\tquality\tstandard, bright" in result.stdout
+    assert "cells\tazimuth_cells\t" in result.stdout
+
+
+def test_every_option_of_every_solver_is_explained(plain):
+
+    from twilight.config.solver import explain_options
+
+    for name in [name for name in solvers.SOLVERS if name != "plain"]:
+        settings = type(solvers.load(name).QUALITIES["standard"])
+        why = explain_options(settings)
+        assert set(why) == {f.name for f in fields(settings)}, name
+        assert all(len(text) > 5 and ": " not in text[:3] for text in why.values()), name
+    lines = call("show", "solvers", "zones").stdout.splitlines()
+    assert lines[0] == "option\tdraft\tstandard\treference\twhat it is"
+    expert = lines.index("solver.expert\tdraft\tstandard\treference\twhat it is")
+    assert expert <= 7 and not any(line.startswith("polar_directions") for line in lines[:expert])
+    polar = next(line for line in lines if line.startswith("polar_directions"))
+    assert "polar_directions\t14\t14\t20\t" in polar and polar.endswith("\tdirections per hemisphere")
+    tuned = lines.index("tuned number\tvalue\tunit\tfor air\ttest\twhat it does")
+    assert any(line.startswith("RIM_KM\t4.0\tkm\ttop of dust\t") for line in lines[tuned:])
+    assert "brightness\t0.01\t0.1\tof the sky above the horizon" in call("show", "solvers", "plain").stdout
+    assert "did you mean zones?" in call("show", "solvers", "zons").stderr
+
+
+def test_suggestions_are_of_the_kind_asked_for():
+    for command, kind, other in (("show", "climates are", "sweep-haze"), ("sweep", "configurations are", "urban")):
+        refused = call(command, "nowhere")
+        assert refused.exit_code == 2 and kind in refused.stderr
+        assert "did you mean" not in refused.stderr and other not in refused.stderr
+    assert "did you mean sweep-haze?" in call("sweep", "sweep-hase").stderr
+    either = call("render", "nowhere").stderr
+    assert "climates are antarctic" in either and "configurations are airliner-dusk" in either
+
+
+def test_show_takes_settings_and_the_shell_completes_names(tmp_path):
+    shown = [
+        call("show", "pure-air", "--output", tmp_path / "p.png", *more).stdout
+        for more in ((), ("--set", "gases.ozone.column_du=150"))
+    ]
+    ozone = [next(line.split("\t") for line in text.splitlines() if line.startswith("ozone\t")) for text in shown]
+    columns = shown[0].splitlines()[1].split("\t")
+    at = columns.index("550 nm")
+    assert columns[1] == "300 nm" and columns[-1] == "1000 nm"
+    assert float(ozone[1][at]) < 0.6 * float(ozone[0][at])
+    wrong = call("show", "pure-air", "--set", "gases.ozne=3")
+    assert wrong.exit_code == 2 and "did you mean ozone?" in wrong.stderr
+    from twilight.cli.options import climate_names, scene_names, solver_names
+
+    assert climate_names("urb") == ["urban"] and "sweep-haze" in scene_names("sw") and solver_names("zo") == ["zones"]
+    assert "--show-completion" in call("--help").stdout
+
+
+def test_show_prints_depths_and_draws_the_profile(table, tmp_path):
+    result = call("show", table, "--output", tmp_path / "profile.png")
+    assert result.exit_code == 0, result.stderr
+    lines = dict(line.split("\t", 1) for line in result.stdout.splitlines() if "\t" in line)
+    depth = 1e-2 * 60 * (1 - 1e-3) / np.log(1e3)
+    assert float(lines["air"].split("\t")[1]) == pytest.approx(depth * (500 / TABLE_NM[1]) ** 4, abs=6e-5)
+    assert float(lines["aerosol"].split("\t")[1]) == pytest.approx(5 * depth, abs=6e-5)
+    assert lines["scale height of the air"] == f"{60 / np.log(1e3) * (1 - 1e-3):.2f} km"
+    assert (tmp_path / "profile.png").read_bytes().startswith(b"\x89PNG")
+    assert list(tmp_path.glob(".*")) == []
+
+
+def test_version_and_help():
+    from twilight import __version__
+
+    assert __version__ in call("--version").stdout
+    assert "render" in call("--help").stdout
+
+
+def test_what_is_missing_is_said_in_short(tmp_path, monkeypatch):
+    """A file's neighbour in its folder first, then what comes with the program, without a list of all names."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "evening.yaml").write_text("version: 1\nclimate: pure-air\n")
+    said = call("render", "evenng.yaml").stderr
+    assert "did you mean evening.yaml?" in said and len(said) < 100
+    assert len(call("render", "nothing-like-it.yaml").stderr) < 160
+    assert "did you mean urban" in call("render", "urbann.yaml").stderr
+    assert len(call("render", "urbann").stderr) < 100
+
+
+def test_a_sweep_that_varies_nothing_is_refused_at_once(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "one.yaml").write_text("version: 1\nclimate: pure-air\nsun: {elevation_deg: 3}\n")
+    refused = call("sweep", "one.yaml")
+    assert refused.exit_code == 2 and "varies nothing: a sweep needs a section vary" in refused.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["one.yaml"]
+
+
+def test_an_altitude_in_metres_is_said_before_anything_is_computed(monkeypatch):
+    from twilight.api import light
+
+    def computes(*_):
+        raise TwilightError("computes now")
+
+    monkeypatch.setattr(light, "field_for", computes)
+    place = ["--latitude", "48", "--longitude", "11", "--altitude-km", "2400"]
+    for words, says in (
+        (["light", "pure-air", "--at", "2026-06-21T21:00Z"], "is 2400 km, above the air; 2400 m are 2.4 km"),
+        (["timeline", "pure-air", "--at", "2026-06-21"], "altitude_km: 2400"),
+        (["times", "--date", "2026-06-21"], "altitude_km: 2400"),
+    ):
+        refused = call(*words, *place)
+        assert refused.exit_code == 2 and says in refused.stderr

@@ -1,0 +1,157 @@
+"""The command `twilight validate photo`: its files, its options, and what it says of bad ones."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+from photographs import latlong, preetham
+from PIL import Image
+from typer.testing import CliRunner
+
+from twilight import engine
+from twilight.base.errors import TwilightError
+from twilight.cli.app import app
+from twilight.sky import colour
+from twilight.studies.camera import write_camera
+from twilight.studies.camera.image import read_image, write_exr
+from twilight.studies.validate.photographs import photo as comparing
+from twilight.studies.validate.photographs.photograph import read_photograph
+
+PANORAMAS = Path(__file__).parents[1] / "data" / "photos"
+
+
+def command(*words):
+    return CliRunner().invoke(app, ["validate", *map(str, words)])
+
+
+def photo(*words):
+    return command("photo", PANORAMAS / "rooitou_park_256.hdr", "--resolution", 3, *words)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scene")
+    write_camera(folder / "camera.yaml", latlong())
+    (folder / "scene.yaml").write_text(
+        "version: 1\nclimate: continental-average\nsun: {elevations_deg: [12, 20]}\nsolver: {name: preetham}\n"
+    )
+    return folder
+
+
+def test_the_command_writes_its_files(scene, tmp_path):
+    out = tmp_path / "out"
+    given = ("--camera", scene / "camera.yaml", "--config", scene / "scene.yaml")
+    done = photo(*given, "--white-balance", "--output", out)
+    assert done.exit_code == 0, done.output
+    assert sorted(p.name for p in out.iterdir()) == sorted(
+        ["comparison.png", "figures.json", "profiles.csv", "comparison.h5", "suns.csv"]
+    )
+    facts = json.loads((out / "figures.json").read_text())
+    # by the disc in the photograph: 10.5 deg apparent, not the nearest of those to try
+    assert facts["sun_elevation_deg"] == pytest.approx(10.43, abs=0.4)
+    assert "by its disc in the photograph" in done.output
+    assert facts["sun_azimuth_deg"] == pytest.approx(36.0, abs=1.0)
+    assert facts["figures"]["correlation_of_log_luminance"] > 0.9
+    assert Image.open(out / "comparison.png").size[0] > 800
+    import xarray
+
+    with xarray.open_dataset(out / "comparison.h5") as data:
+        ratio = data.log_ratio.values
+        assert data.photograph_xyz.dims == ("elevation", "azimuth", "tristimulus")
+        weight = data.solid_angle.values
+    assert abs(np.nansum(ratio * weight)) / weight.sum() < 1e-5
+    assert len((out / "suns.csv").read_text().splitlines()) == 4
+
+
+def test_the_last_of_a_list_is_not_taken_without_a_word(scene, tmp_path):
+    """Where the disc does not say it, a best sun at the end of those tried may be far from the true one."""
+    done = photo("--config", scene / "scene.yaml", "--sun-azimuth", 36, "--output", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    assert "best: sun +20.00 deg, the highest of those tried: the true one may lie beyond" in done.output
+
+
+def test_a_panorama_needs_no_camera(scene, tmp_path):
+    words = ("--config", scene / "scene.yaml")
+    done = photo(*words, "--output", tmp_path / "without")
+    assert done.exit_code == 0, done.output
+    assert "taken for a panorama of the whole sphere, 256 x 128, north unknown, linear" in done.stderr
+    with_camera = photo(*words, "--camera", scene / "camera.yaml", "--output", tmp_path / "with")
+    assert with_camera.exit_code == 0 and "--camera" not in with_camera.stderr
+    figures = [json.loads((tmp_path / d / "figures.json").read_text())["figures"] for d in ("without", "with")]
+    assert figures[0] == figures[1]
+
+
+def test_whole_numbers_of_a_panorama_without_camera_are_srgb(tmp_path):
+    values = np.full((64, 128, 3), 188, np.uint8)
+    Image.fromarray(values).save(tmp_path / "grey.png")
+    shot = read_photograph(tmp_path / "grey.png", None, cell_deg=3.0)
+    assert shot.camera.response == "srgb" and shot.picture.samples.mean() == pytest.approx(0.503, abs=0.002)
+    Image.fromarray(values[:60]).save(tmp_path / "cut.png")
+    with pytest.raises(TwilightError, match=r"cut.png: is 128 x 60, no panorama .* \(--camera\)"):
+        read_photograph(tmp_path / "cut.png", None, cell_deg=3.0)
+
+
+def test_a_photograph_behind_a_polariser_is_compared_with_the_sky_behind_it(scene, tmp_path, monkeypatch):
+    whole = preetham(12.0)
+    polarised = replace(whole, polarisation=0.5 * np.stack([whole.sun_normalised_radiance] * 2, axis=2))
+    compare = Mock(wraps=comparing.compare)
+    monkeypatch.setattr(comparing, "compare", compare)
+    monkeypatch.setattr(engine, "frames", lambda config, progress, **_: iter([engine.Frame("sun", polarised)]))
+    given = ("--camera", scene / "camera.yaml", "--config", "pure-air")
+    done = photo(*given, "--polariser", 22.5, "--output", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    ratio = compare.call_args_list[0].args[1].sun_normalised_radiance / whole.sun_normalised_radiance
+    assert ratio == pytest.approx(0.5 * (1.0 + np.sqrt(0.5)))
+
+
+@pytest.mark.parametrize(
+    "more, words",
+    [
+        (["--resolution", "0.1"], "resolution"),
+        (["--resolution", "7"], "divide 90"),
+        (["--sun-azimuth", "999"], "--sun-azimuth"),
+        (["--glare", "-1"], "glare"),
+        (["--profile", "none.csv"], "none.csv"),
+        (["--mask", "none.png"], "none.png"),
+        (["--set", "aerosol.tpye=urban"], "tpye"),
+        (["--polariser", "30"], "output.polariser_deg needs polarised light, and preetham (standard) computes none"),
+    ],
+)
+def test_wrong_options_are_one_sentence(scene, tmp_path, more, words):
+    given = ("--camera", scene / "camera.yaml", "--config", scene / "scene.yaml")
+    done = photo(*given, "--output", tmp_path / "out", *more)
+    assert done.exit_code == 2 and words in done.stderr and len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_eight_bits_as_linear_light_are_remarked(tmp_path):
+    Image.fromarray(np.full((20, 40, 3), 99, np.uint8)).save(tmp_path / "a.png")
+    with pytest.warns(UserWarning, match="srgb"):
+        read_photograph(tmp_path / "a.png", latlong(40))
+    assert read_photograph(tmp_path / "a.png", latlong(40, response="srgb")).picture.samples[0, 0, 0] < 0.2
+
+
+def test_the_response_command(tmp_path):
+    random = np.random.default_rng(0)
+    light = np.exp(random.uniform(-6, 0, (40, 60, 1))) * np.array([1.0, 0.9, 0.7])
+    names = []
+    for i, t in enumerate((0.25, 1.0, 4.0)):
+        names.append(tmp_path / f"{i}.png")
+        z = colour.srgb_encode(light * t)
+        Image.fromarray(np.round(255 * z).astype(np.uint8)).save(names[-1])
+    merged, curve = tmp_path / "merged.exr", tmp_path / "curve.csv"
+    done = command("response", *names, "--times", "1/4,1,4", "--output", curve, "--merge", merged)
+    assert done.exit_code == 0, done.output
+    ratio = read_image(merged).samples / light
+    good = light.max(axis=-1) > 0.02
+    assert np.std(np.log(ratio[good])) < 0.05
+    assert command("response", *names, "--times", "1,2").exit_code == 2
+    assert command("response", *names).exit_code == 2  # PNG knows no exposure time
+    write_exr(tmp_path / "a.exr", light)
+    write_exr(tmp_path / "b.exr", light * 2)
+    done = command("response", tmp_path / "a.exr", tmp_path / "b.exr", "--times", "1,2", "--merge", merged)
+    assert done.exit_code == 0, done.output
+    assert np.allclose(read_image(merged).samples, light, rtol=1e-5)

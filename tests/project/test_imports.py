@@ -1,0 +1,125 @@
+"""Importing stays fast, and imports go one way."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+HEAVY = {"numba", "scipy", "colour", "matplotlib", "pandas", "erfa", "xarray", "h5py", "PIL", "OpenEXR", "mitsuba"}
+
+
+def modules_after(statement: str) -> set[str]:
+    program = f"import sys\n{statement}\nprint(*sorted({{name.partition('.')[0] for name in sys.modules}}))"
+    return set(
+        subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    )
+
+
+def test_importing_the_package_loads_nothing_but_itself():
+    assert not modules_after("import twilight") & (HEAVY | {"numpy", "pydantic", "yaml", "typer"})
+
+
+@pytest.mark.parametrize(
+    "statement", ["import twilight.cli.app", "from twilight.config import load_climate; load_climate('urban')"]
+)
+def test_the_command_line_and_configurations_load_nothing_heavy(statement):
+    assert not modules_after(statement) & HEAVY
+
+
+def test_imports_keep_to_the_contract():
+    pytest.importorskip("importlinter")
+    result = subprocess.run(
+        [sys.executable, "-c", "from importlinter.cli import lint_imports_command as c; c()", "--no-cache"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert result.returncode == 0, result.stdout
+    assert "3 kept, 0 broken" in result.stdout
+
+
+@functools.cache
+def imports_of(path: Path) -> dict[str, set[str]]:
+    """What a module imports from where, those in functions and for types alone too."""
+    found: dict[str, set[str]] = {}
+    for one in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(one, ast.Import):
+            found |= {alias.name: set() for alias in one.names}
+        elif isinstance(one, ast.ImportFrom):
+            found.setdefault(one.module or "", set()).update(alias.name for alias in one.names)
+    return found
+
+
+def imported(path: Path, modules: set[str]) -> set[str]:
+    """The modules of the package that a module imports."""
+    found = set()
+    for module, names in imports_of(path).items():
+        found |= {f"{module}.{name}" for name in names} & modules or {module}
+    return found & modules
+
+
+def circles(imports: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of modules each of which leads back to itself."""
+    reached = {name: set(others) for name, others in imports.items()}
+    for middle in imports:
+        for name in imports:
+            if middle in reached[name]:
+                reached[name] |= reached[middle]
+    groups = {frozenset(o for o in reached[n] if n in reached[o]) for n in imports if n in reached[n]}
+    return [sorted(group) for group in groups]
+
+
+def test_no_modules_import_each_other():
+    """Neither when they are loaded, nor in functions, nor for types alone: a reader of one needs not the other."""
+    names = {}
+    for path in (ROOT / "twilight").rglob("*.py"):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        names[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    imports = {name: imported(path, set(names)) - {name} for name, path in names.items()}
+    assert len(imports) > 250 and sum(map(len, imports.values())) > 1000
+    assert circles(imports) == []
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set()}) == [["a", "b", "c"]]
+
+
+INSIDE_THE_ENGINE = {"Problem", "Block", "MixedBlock", "Answer"}
+OF_THE_TABLES_FILL = {"test_sky_table.py", "test_prague.py"}
+"""Tests of `engine.table.fill`, which takes answers."""
+
+
+def test_fields_and_skies_are_all_that_the_engine_hands_out():
+    """A film, a sweep, a test or a benchmark would join blocks of wavelengths by itself."""
+    files = [p for room in ("twilight", "tests", "benchmarks") for p in (ROOT / room).rglob("*.py")]
+    outside = [p for p in files if (ROOT / "twilight" / "engine") not in p.parents]
+    users = {
+        p.name: INSIDE_THE_ENGINE & names
+        for p in outside
+        for module, names in imports_of(p).items()
+        if module.startswith("twilight.engine") and INSIDE_THE_ENGINE & names
+    }
+    assert users == {name: {"Answer"} for name in OF_THE_TABLES_FILL}
+    assert len(outside) > 400
+
+
+def unexplained_imports(path: Path) -> list[str]:
+    """Functions that import first without a word of the reason; one comment serves the imports behind it."""
+    text = path.read_text(encoding="utf-8")
+    lines, found = text.splitlines(), []
+    for function in ast.walk(ast.parse(text)):
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef):
+            inside = sorted(n.lineno for n in ast.walk(function) if isinstance(n, ast.Import | ast.ImportFrom))
+            around = " ".join(lines[inside[0] - 2 : inside[-1]]) if inside else "start-up"
+            if "start-up" not in around and "# optional" not in around:
+                found.append(f"{path.relative_to(ROOT)}:{inside[0]}: {function.name}")
+    return found
+
+
+def test_imports_inside_functions_say_why():
+    """The commands' head says it for all of them."""
+    files = [f for f in (ROOT / "twilight").rglob("*.py") if "cli" not in f.relative_to(ROOT).parts]
+    assert [line for file in files for line in unexplained_imports(file)] == []
