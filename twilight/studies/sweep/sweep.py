@@ -20,7 +20,7 @@ from twilight.config.load import Series
 from twilight.config.scene import Config
 from twilight.config.solver import complete_solver
 from twilight.config.vary import DRAWS
-from twilight.engine.problem import START_S, Problem, check_size, field_cpu_s
+from twilight.engine.problem import START_S, check_size, field_cpu_s, plan
 from twilight.io.provenance import configuration_hash, to_json
 from twilight.numerics.directions import half_of, texture_centres
 from twilight.scene import resolve
@@ -146,7 +146,7 @@ class Sweep:
             suns = {
                 self.position(scene).sun_elevation_deg for scene in DatasetBlock(place[key], tuple(ranges)).scenes()
             }
-            problem = Problem(resolve(config, wavelength_nm=self.wavelength_nm, for_plan=True), tuple(sorted(suns)))
+            problem = plan(resolve(config, wavelength_nm=self.wavelength_nm, for_plan=True), sorted(suns))
             if problem.cost is None:
                 return None
             seconds += field_cpu_s(problem, skies[key], directions)
