@@ -40,7 +40,7 @@ ELSEWHERE = {
     "base/cache.py": "handed to store(), which writes it whole",
     "base/peak_memory.py": "/proc",
     "cli/__init__.py": "/dev/null",
-    "io/journal.py": "grows line by line: a line that was cut is not read",
+    "io/provenance.py": "its journal grows line by line: a line that was cut is not read",
     "io/folder.py": "empties that journal",
     "studies/compare/worker.py": "a pipe",
     "studies/camera/image.py": "copies in a temporary folder",

