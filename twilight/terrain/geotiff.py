@@ -83,7 +83,7 @@ def _read(path: Path, changed_ns: int, place: tuple[float, float] | None) -> tup
 
 
 def _check_place(file: Any, path: Path, place: tuple[float, float] | None) -> None:
-    """TwilightError for a file that says half of where it lies; a warning where it cannot be compared with the place."""
+    """TwilightError for a file that says half of where it lies; a warning where that is not compared with the place."""
     if file.transform.is_identity and file.gcps[0]:
         raise TwilightError(
             f"{path}: is placed by ground control points; lay it on a grid first (gdalwarp in.tif out.tif)"
@@ -99,13 +99,13 @@ def _check_place(file: Any, path: Path, place: tuple[float, float] | None) -> No
         step = float(np.hypot(file.transform.a, file.transform.d))
         if step < LEAST_STEP_M:
             raise TwilightError(
-                f"{path}: has no coordinate system, and its pixels are {step:.3g} m large if its coordinates are metres, "
-                f"allowed is {LEAST_STEP_M:g} m or more; if they are degrees, say so (gdal_edit.py -a_srs EPSG:4326)"
+                f"{path}: has no coordinate system, and its pixels are {step:.3g} m large if its coordinates are "
+                f"metres, allowed is {LEAST_STEP_M:g} m or more; if they are degrees, say so (gdal_edit.py -a_srs EPSG:4326)"
             )
         if place is not None:
             warnings.warn(
-                f"{path}: has no coordinate system; it is not laid where its coordinates are, but with its middle where "
-                "terrain.distance_km and terrain.azimuth_deg say",
+                f"{path}: has no coordinate system; it is not laid where its coordinates are, but with its middle "
+                "where terrain.distance_km and terrain.azimuth_deg say",
                 TwilightWarning, stacklevel=2,
             )  # fmt: skip
     elif not (file.crs.is_geographic or file.crs.is_projected):
@@ -148,10 +148,11 @@ def _unit_m(file: Any, band: int, path: Path) -> float:
             raise TwilightError(f"{path}: its heights are in {name!r}; known are m, km, dm, cm, mm, ft, US survey foot")
         return METRES[name.lower()]
     found = VERTICAL.search(text)
-    if found is None and file.crs is not None and file.crs.is_projected and abs(file.crs.linear_units_factor[1] - 1) > 1e-3:
+    projected = file.crs is not None and file.crs.is_projected
+    if found is None and projected and abs(file.crs.linear_units_factor[1] - 1.0) > 1e-3:
         warnings.warn(
-            f"{path}: its coordinates are in {file.crs.linear_units}, and it does not say in what its heights are: they "
-            "are taken for metres; say it otherwise (gdal_edit.py -units ft)",
+            f"{path}: its coordinates are in {file.crs.linear_units}, and it does not say in what its heights are: "
+            "they are taken for metres; if they are not, say so (gdal_edit.py -units ft)",
             TwilightWarning, stacklevel=2,
         )  # fmt: skip
     return float(found[1]) if found else 1.0

@@ -46,7 +46,7 @@ COORDINATES = {
 }
 """What each coordinate is called."""
 STANDARD_NAMES = {"pressure": "air_pressure"}
-"""What a coordinate of any other name says that it is, by the conventions CF: `latitude`, `longitude`, `time` and so on."""
+"""What a coordinate of any other name says that it is (CF conventions), where that is not our own word."""
 HPA = {"hpa": 1.0, "hectopascal": 1.0, "hectopascals": 1.0, "mbar": 1.0, "mb": 1.0, "millibar": 1.0, "millibars": 1.0,
        "": 1.0, "pa": 0.01, "pascal": 0.01, "pascals": 0.01, "kpa": 10.0, "bar": 1000.0}  # fmt: skip
 """Units of pressure [hPa], in lower case."""
@@ -340,7 +340,7 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
 
 
 def _check_hydrostatic(path: Path, pressure_hpa: np.ndarray, temperature_k: np.ndarray, height_m: np.ndarray) -> None:
-    """TwilightError for pressures and heights that are not those of one air, as where one of them is in another unit."""
+    """TwilightError for pressures and heights that are not of one air, as where one of them is in another unit."""
     metres = -np.diff(np.log(pressure_hpa)) * 0.5 * (temperature_k[1:] + temperature_k[:-1])
     expected = float(metres.sum()) * parts.GAS_CONSTANT / (parts.MOLAR_MASS_DRY * parts.STANDARD_GRAVITY)
     found = float(height_m[-1] - height_m[0])

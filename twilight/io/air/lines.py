@@ -38,9 +38,7 @@ def read_bytes(path: Path, count: int = -1) -> bytes:
                 return file.read(count)
         with zipfile.ZipFile(path) as archive:
             members = [
-                info
-                for info in archive.infolist()
-                if not info.is_dir() and not info.filename.startswith(NO_CONTENT)
+                info for info in archive.infolist() if not info.is_dir() and not info.filename.startswith(NO_CONTENT)
             ]
             if len(members) != 1 or members[0].file_size > MAX_BYTES:
                 names = ", ".join(info.filename for info in members[:4]) + ", ..." * (len(members) > 4)
