@@ -100,7 +100,8 @@ def _check_place(file: Any, path: Path, place: tuple[float, float] | None) -> No
         if step < LEAST_STEP_M:
             raise TwilightError(
                 f"{path}: has no coordinate system, and its pixels are {step:.3g} m large if its coordinates are "
-                f"metres, allowed is {LEAST_STEP_M:g} m or more; if they are degrees, say so (gdal_edit.py -a_srs EPSG:4326)"
+                f"metres, allowed is {LEAST_STEP_M:g} m or more; if they are degrees, say so "
+                "(gdal_edit.py -a_srs EPSG:4326)"
             )
         if place is not None:
             warnings.warn(

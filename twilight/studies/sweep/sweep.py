@@ -228,11 +228,10 @@ class Sweep:
         for dimension in self.dimensions:
             points = [dimension.point(i) for i in range(dimension.size)]
             for key in points[0]:
-                if all(isinstance(point[key], (int, float)) for point in points):
-                    for end in (min, max):
-                        yield self.series.config(
-                            self._first_point() | end(points, key=lambda point, key=key: point[key])
-                        )
+                numbers = [point[key] for point in points]
+                if all(isinstance(number, (int, float)) for number in numbers):
+                    for end in (min(numbers), max(numbers)):
+                        yield self.series.config(self._first_point() | points[numbers.index(end)])
 
     def _outer_point(self, index: Sequence[int]) -> dict[str, Any]:
         return {k: v for d, i in zip(self.outer, index, strict=True) for k, v in d.point(i).items()}
