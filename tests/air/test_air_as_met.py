@@ -225,3 +225,91 @@ def test_files_as_met():
     assert "2026-06-21 18:30 UTC" in part_of(AS_MET / "cams-fc.nc", AerosolDepth, wanted).source
     with pytest.warns(TwilightWarning, match=r"1976-03-04 00:00 UTC.* is more than 12 h"):
         load(AS_MET / "air-old.yaml", {"climate.air.aeronet": str(AS_MET / "all-sites.lev15")})
+
+
+def in_units(data, name, factor, unit):
+    """A variable or a coordinate in another unit, said or not."""
+    return data.assign({name: (data[name].dims, data[name].values * factor, {"units": unit})})
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda data: in_units(data, "pressure_level", 100.0, "Pa").rename(pressure_level="isobaricInPa"),
+        lambda data: in_units(data, "pressure_level", 0.1, "kPa").isel(pressure_level=slice(None, None, -1)),
+        lambda data: data.isel(latitude=slice(None, None, -1)).rename(valid_time="time", latitude="lat"),
+        lambda data: data.assign_coords(
+            p=("pressure_level", data.pressure_level.values, {"standard_name": "air_pressure", "units": "hPa"})
+        ).swap_dims(pressure_level="p").drop_vars("pressure_level"),
+        lambda data: xarray.concat([data + 1.0, data], dim=xarray.Variable("expver", ["0005", "0001"])),
+    ],
+)  # fmt: skip
+def test_one_map_in_every_dress(tmp_path, era5, change):
+    """Names, orders and units of axes as services and tools write them; of two versions the final one counts."""
+    data, expected = era5
+    assert_same(part_of(save(change(data), tmp_path / "a.nc"), AirColumn), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: in_units(data, "pressure_level", 750.0, "mmHg"), "in 'mmHg'; allowed are hPa, Pa"),
+        (lambda data: in_units(data, "z", 1 / 9.8, "m"), r"has 5.01 km of air .* make 49.1 km"),
+        (
+            lambda data: in_units(data, "q", 1e3, "g kg**-1"),
+            "specific humidity goes from .* allowed is -0.01 to 0.1 kg",
+        ),
+        (lambda data: data.isel(pressure_level=0, drop=True), "t is that of one level"),
+        (lambda data: data.rename(pressure_level="levels"), "pressure levels are known by its name"),
+        (lambda data: data.assign_coords(valid_time=[0.0, 1.0]), "valid_time is no time of the usual calendar"),
+    ],
+)
+def test_maps_that_are_refused(tmp_path, era5, change, message):
+    with pytest.raises(TwilightError, match=message):
+        read_air_file(save(change(era5[0]), tmp_path / "a.nc"), WANTED)
+
+
+def test_a_map_of_one_far_place_is_warned_of(tmp_path, era5):
+    path = save(era5[0].isel(latitude=1, longitude=1), tmp_path / "a.nc")
+    assert not read_air_file(path, WANTED).warnings
+    (words,) = read_air_file(path, PlaceAndTime(TIME, 10.0, 20.0)).warnings
+    assert "48.25 N 11.5 E" in words and "more than 300 km" in words
+
+
+TEXT_DRESSES = {
+    "CRLF": lambda b: b.replace(b"\n", b"\r\n"),
+    "mark": lambda b: b"\xef\xbb\xbf" + b,
+    "UTF-16": lambda b: b.decode().encode("utf-16"),
+    "notes on top": lambda b: b"# downloaded by me\n\n" + b,
+}
+
+
+@pytest.mark.parametrize("dress", TEXT_DRESSES.values(), ids=TEXT_DRESSES)
+@pytest.mark.parametrize("make", [wyoming_html, wyoming_csv, air_files.igra, air_files.aeronet])
+def test_one_text_in_every_dress(tmp_path, make, dress):
+    path = make(tmp_path / "a")
+    plain = read_air_file(path, WANTED).parts[0]
+    path.write_bytes(dress(path.read_bytes()))
+    found = read_air_file(path, WANTED).parts[0]
+    name = "optical_depth" if isinstance(plain, AerosolDepth) else "temperature_k"
+    assert found.source == plain.source
+    np.testing.assert_array_equal(getattr(found, name), getattr(plain, name))
+
+
+@pytest.mark.parametrize("word", ["", "NaN", "-9999", "-999.0", "N/A", "null", "////"])
+def test_missing_numbers(tmp_path, word):
+    """A level without a temperature is left out, whatever stands in its place."""
+    levels = [LEVELS[0], (925.0, 800, word, word, word), *LEVELS[1:]]
+    column = part_of(wyoming_csv(tmp_path / "a", levels), AirColumn)
+    np.testing.assert_allclose(column.pressure_hpa, [1000.0, 850.0, 500.0])
+
+
+def test_what_archives_hold_beside_the_file(tmp_path):
+    wyoming_csv(tmp_path / "a")
+    with zipfile.ZipFile(tmp_path / "b", "w") as archive:
+        archive.write(tmp_path / "a", "a.csv")
+        archive.writestr("__MACOSX/._a.csv", b"x")
+    assert read_air_file(tmp_path / "b", WANTED).parts
+    (tmp_path / "c").write_bytes(b"\x1f\x8b\x08" + bytes(20))
+    with pytest.raises(TwilightError, match=r"is compressed \(gzip\); unpack it"):
+        read_air_file(tmp_path / "c", WANTED)

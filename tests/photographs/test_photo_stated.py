@@ -293,3 +293,51 @@ def test_pictures_as_met():
         # the rest is what 8 bits of other primaries round
         assert np.sqrt(np.mean((found - srgb) ** 2)) < 0.03 * srgb.mean()
         np.testing.assert_allclose(found.mean(axis=(0, 1)), srgb.mean(axis=(0, 1)), rtol=5e-3)
+
+
+def adobe_of(pixels):
+    primaries = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)
+    return (pixels / 255.0) ** 2.19921875 @ to_rec709(primaries).T
+
+
+@pytest.mark.parametrize("said", [{0xA001: 65535, 0xA005: {1: "R03"}}, {0xA001: 2}])
+def test_adobe_rgb_by_exif(tmp_path, said):
+    exif = Image.Exif()
+    exif[0x8769] = said
+    pixels = np.full((16, 16, 3), (200, 120, 60), np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "a.jpg", exif=exif, quality=100, subsampling=0)
+    found = read_image(tmp_path / "a.jpg", srgb_to_linear).samples
+    np.testing.assert_allclose(found, adobe_of(pixels), atol=5e-3)
+
+
+def uncalibrated(path):
+    exif = Image.Exif()
+    exif[0x8769] = {0xA001: 65535}
+    Image.fromarray(EIGHT).save(path, exif=exif)
+
+
+def frames(path):
+    Image.fromarray(EIGHT).save(path, save_all=True, append_images=[Image.fromarray(EIGHT // 2)])
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "words"),
+    [
+        ("a.jpg", uncalibrated, "not sRGB .Exif ColorSpace 65535., and not which"),
+        ("a.jpg", lambda path: Image.fromarray(EIGHT).convert("CMYK").save(path), "amounts of ink .CMYK"),
+        ("a.tif", lambda path: Image.fromarray(EIGHT).convert("CMYK").save(path), "amounts of ink .CMYK"),
+        ("a.png", frames, "holds 2 pictures"),
+        ("a.tif", frames, "holds 2 pictures"),
+        ("a.jpg", lambda path: with_gpano(path, EIGHT, FullPanoWidthPixels=80), "takes GPano:FullPanoWidthPixels and"),
+    ],
+)
+def test_pictures_that_are_refused(tmp_path, name, make, words):
+    make(tmp_path / name)
+    with pytest.raises(TwilightError, match=words):
+        read_samples(tmp_path / name)
+
+
+def test_a_preview_beside_the_picture_is_left(tmp_path):
+    small = Image.fromarray(EIGHT[:5, :10])
+    Image.fromarray(EIGHT).save(tmp_path / "a.tif", save_all=True, append_images=[small])
+    np.testing.assert_allclose(read_samples(tmp_path / "a.tif").samples, EIGHT / 255.0, atol=1e-6)

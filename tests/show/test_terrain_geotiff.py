@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.pictures import Terrain
 from twilight.terrain.heights import Standpoint, heights_of
 from twilight.terrain.march import height_at, shadow_over
@@ -194,3 +194,32 @@ def test_feet_as_met():
     rows, columns = made.altitude_km.shape
     assert made.highest_km == pytest.approx(1.5, abs=2e-3)
     assert (rows * made.step_y_km, columns * made.step_x_km) == pytest.approx((20.0, 20.0), rel=0.02)
+
+
+DEGREES = from_bounds(8.9, 47.8, 9.1, 47.9, 60, 60)
+LOCAL = 'LOCAL_CS["mine",UNIT["metre",1]]'
+
+
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+@pytest.mark.parametrize(
+    ("transform", "crs", "message"),
+    [
+        (DEGREES, None, r"pixels are 0.00333 m large .* if they are degrees, say so"),
+        (None, UTM, "not where its pixels lie in it"),
+        (UP, LOCAL, "is none of places on Earth"),
+    ],
+)
+def test_half_a_place_is_refused(tmp_path, transform, crs, message):
+    with pytest.raises(TwilightError, match=message):
+        heights_of(Terrain(heights=write(tmp_path / "z.tif", slope_land().astype("float32"), transform, crs)))
+
+
+def test_what_a_file_leaves_open_is_warned_of(tmp_path, plain):
+    """Coordinates without a system beside an observer's place; axes in feet and heights in nobody says what."""
+    z = slope_land().astype("float32")
+    with pytest.warns(TwilightWarning, match="not laid where its coordinates are"):
+        name = write(tmp_path / "a.tif", z, UP, None)
+        heights_of(Terrain(heights=name), standpoint=Standpoint(47.8, 9.0, 0.0))
+    name = write(tmp_path / "b.tif", z, Affine.scale(1 / FOOT) @ UP, "+proj=utm +zone=32 +datum=WGS84 +units=us-ft")
+    with pytest.warns(TwilightWarning, match="in US survey foot.*taken for metres"):
+        np.testing.assert_allclose(profile(name), plain, atol=2e-3)

@@ -9,7 +9,8 @@ import pytest
 import xarray as xr
 from sweeping import SUNS, planned, right, swept
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.config.load import warn_of_slips
 from twilight.studies.sweep.store import JOURNAL, open_store
 
 
@@ -109,3 +110,10 @@ def test_a_damaged_chunk_is_computed_again(toy, client, tmp_path, log, damage):
     xr.testing.assert_identical(xr.load_dataset(path, engine="zarr"), before)
     with open_store(path, made) as store:
         assert store.damaged == 0 and len(store.done) == 3
+
+
+def test_a_slip_anywhere_along_an_axis_is_warned_of(toy):
+    made = planned({"observer.altitude_km": [0.0, 4200.0, 1.0]})
+    with pytest.warns(TwilightWarning, match="4200 m are 4.2 km") as said:
+        warn_of_slips(*made.ends())
+    assert len(said) == 1

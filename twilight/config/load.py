@@ -392,9 +392,9 @@ LOWEST_CO2_PPM = 100.0
 """Least carbon dioxide that is no slip [ppm]: the last 800 000 years had 172 and more (Luethi et al. 2008)."""
 
 
-def warn_of_slips(config: Config) -> None:
-    """A TwilightWarning for each value of a configuration that is almost surely a slip."""
-    for sentence in slips(config):
+def warn_of_slips(*configs: Config) -> None:
+    """A TwilightWarning for each value of one or more configurations that is almost surely a slip."""
+    for sentence in dict.fromkeys(sentence for config in configs for sentence in slips(config)):
         warnings.warn(sentence, TwilightWarning, stacklevel=3)
 
 

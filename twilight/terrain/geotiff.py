@@ -15,11 +15,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.extras import missing
+from twilight.base.reading import first_line
 
 MOST_POINTS = 4096
 """Most altitudes along a side of a file, and of the grid that it is laid on."""
+LEAST_STEP_M = 0.05
+"""Smallest pixel of a file without a coordinate system [m]: what is smaller is no metre."""
 REACH_KM = 1000.0
 """Land farther from the observer than this is left out [km]: lines of sight to terrain are at most 600 km long."""
 METRES = {
@@ -70,16 +73,47 @@ def _read(path: Path, changed_ns: int, place: tuple[float, float] | None) -> tup
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
             with rasterio.open(path) as file:
                 check_shape(path, file.shape)
+                _check_place(file, path, place)
                 metres = _metres(file, path)
-                if file.transform.is_identity and file.gcps[0]:
-                    raise TwilightError(
-                        f"{path}: is placed by ground control points; lay it on a grid first (gdalwarp in.tif out.tif)"
-                    )
-                if file.transform.is_identity and file.crs is None:
+                if file.transform.is_identity:
                     return Land(metres), False
                 return _on_grid(metres, file.transform, file.crs, path, place), file.crs is not None and bool(place)
-    except rasterio.errors.RasterioError as error:
-        raise TwilightError(f"{path}: cannot be read as GeoTIFF ({error})") from None
+    except (rasterio.errors.RasterioError, rasterio._err.CPLE_BaseError) as error:
+        raise TwilightError(f"{path}: cannot be read as GeoTIFF ({first_line(error)})") from None
+
+
+def _check_place(file: Any, path: Path, place: tuple[float, float] | None) -> None:
+    """TwilightError for a file that says half of where it lies; a warning where that is not compared with the place."""
+    if file.transform.is_identity and file.gcps[0]:
+        raise TwilightError(
+            f"{path}: is placed by ground control points; lay it on a grid first (gdalwarp in.tif out.tif)"
+        )
+    if file.transform.is_identity:
+        if file.crs is not None:
+            raise TwilightError(
+                f"{path}: says its coordinate system and not where its pixels lie in it; say it "
+                "(gdal_edit.py -a_ullr WEST NORTH EAST SOUTH), or remove both"
+            )
+        return
+    if file.crs is None:
+        step = float(np.hypot(file.transform.a, file.transform.d))
+        if step < LEAST_STEP_M:
+            raise TwilightError(
+                f"{path}: has no coordinate system, and its pixels are {step:.3g} m large if its coordinates are "
+                f"metres, allowed is {LEAST_STEP_M:g} m or more; if they are degrees, say so "
+                "(gdal_edit.py -a_srs EPSG:4326)"
+            )
+        if place is not None:
+            warnings.warn(
+                f"{path}: has no coordinate system; it is not laid where its coordinates are, but with its middle "
+                "where terrain.distance_km and terrain.azimuth_deg say",
+                TwilightWarning, stacklevel=2,
+            )  # fmt: skip
+    elif not (file.crs.is_geographic or file.crs.is_projected):
+        raise TwilightError(
+            f"{path}: its coordinate system is none of places on Earth; say which it is (gdal_edit.py -a_srs ...), or "
+            "remove it (gdal_edit.py -a_srs None)"
+        )
 
 
 def check_shape(path: Path, shape: tuple[int, ...]) -> None:
@@ -115,6 +149,13 @@ def _unit_m(file: Any, band: int, path: Path) -> float:
             raise TwilightError(f"{path}: its heights are in {name!r}; known are m, km, dm, cm, mm, ft, US survey foot")
         return METRES[name.lower()]
     found = VERTICAL.search(text)
+    projected = file.crs is not None and file.crs.is_projected
+    if found is None and projected and abs(file.crs.linear_units_factor[1] - 1.0) > 1e-3:
+        warnings.warn(
+            f"{path}: its coordinates are in {file.crs.linear_units}, and it does not say in what its heights are: "
+            "they are taken for metres; if they are not, say so (gdal_edit.py -units ft)",
+            TwilightWarning, stacklevel=2,
+        )  # fmt: skip
     return float(found[1]) if found else 1.0
 
 

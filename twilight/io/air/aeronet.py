@@ -58,10 +58,7 @@ class _Row:
 
     def get(self, name: str, low: float, high: float) -> float:
         """A number, NaN where it is missing or not given."""
-        text = self.values.get(name, "").strip()
-        if not text or text in ("N/A", "NaN"):
-            return np.nan
-        return number(self.path, self.line, name, text, low, high, missing=MISSING)
+        return number(self.path, self.line, name, self.values.get(name, ""), low, high, missing=MISSING)
 
     def time(self) -> datetime:
         day = next(value for name, value in self.values.items() if DATE.fullmatch(name))

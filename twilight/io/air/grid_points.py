@@ -59,7 +59,8 @@ def _merged(value: Any) -> Any:
     at each time and level."""
     if "expver" not in value.dims:
         return value
-    versions = [value.isel(expver=i, drop=True) for i in range(value.sizes["expver"])]
+    order = np.argsort(value["expver"].values.astype(str)) if "expver" in value.coords else range(value.sizes["expver"])
+    versions = [value.isel(expver=int(i), drop=True) for i in order]
     merged = versions[0]
     for version in versions[1:]:
         merged = merged.where(np.isfinite(merged), version)

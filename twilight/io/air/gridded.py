@@ -42,9 +42,14 @@ COORDINATES = {
     "latitude": ("latitude", "lat"),
     "longitude": ("longitude", "lon"),
     "time": ("valid_time", "time"),
-    "pressure": ("pressure_level", "isobaricInhPa", "level", "lev", "plev"),
+    "pressure": ("pressure_level", "isobaricInhPa", "isobaricInPa", "level", "lev", "plev"),
 }
 """What each coordinate is called."""
+STANDARD_NAMES = {"pressure": "air_pressure"}
+"""What a coordinate of any other name says that it is (CF conventions), where that is not our own word."""
+HPA = {"hpa": 1.0, "hectopascal": 1.0, "hectopascals": 1.0, "mbar": 1.0, "mb": 1.0, "millibar": 1.0, "millibars": 1.0,
+       "": 1.0, "pa": 0.01, "pascal": 0.01, "pascals": 0.01, "kpa": 10.0, "bar": 1000.0}  # fmt: skip
+"""Units of pressure [hPa], in lower case."""
 
 TEMPERATURE = ("t", "T")
 """Names of the variables in the files: temperature [K]."""
@@ -109,9 +114,9 @@ def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
     try:
         for data in datasets:
             name = name or _name(data)
-            found, levels, where, single = _at_the_place(path, data, wanted)
+            found, levels, where, single, there = _at_the_place(path, data, wanted)
             said.add(where)
-            warned |= set(wanted.warnings(f"{name or 'map'} {path.name}: {where}", single))
+            warned |= set(wanted.warnings(f"{name or 'map'} {path.name}: {where}", single, *there))
             on_levels = {key: value for key, value in found.items() if np.ndim(value)}
             columns |= {key: value for key, value in found.items() if key not in on_levels}
             if levels is not None:
@@ -134,6 +139,8 @@ def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
     if any(one in columns for one in TEMPERATURE) and pressure_hpa.size:
         parts.append(_air(path, source, pressure_hpa, columns, wanted))
         parts += _clouds(source, pressure_hpa, columns, wanted)
+    elif name_of := [one for one in TEMPERATURE if one in columns]:
+        raise TwilightError(f"{path}: {name_of[0]} is that of one level; download it on the pressure levels")
     parts += _amounts(path, source, columns)
     if not parts:
         raise TwilightError(
@@ -188,14 +195,16 @@ def _name(data: Any) -> str:
 
 
 def _coordinate(data: Any, kind: str) -> str | None:
-    return next((name for name in COORDINATES[kind] if name in data.variables), None)
+    known = next((name for name in COORDINATES[kind] if name in data.variables), None)
+    standard = STANDARD_NAMES.get(kind, kind)
+    return known or next((str(n) for n in data.coords if data[n].attrs.get("standard_name") == standard), None)
 
 
 def _at_the_place(
     path: Path, data: Any, wanted: PlaceAndTime
-) -> tuple[dict[str, Any], np.ndarray | None, str, datetime | None]:
-    """Values of all variables at the place and time, by pressure where they have it; the pressures; where; and the time
-    of a map that has a single one."""
+) -> tuple[dict[str, Any], np.ndarray | None, str, datetime | None, tuple[float | None, float | None]]:
+    """Values of all variables at the place and time, by pressure where they have it; the pressures; where; the time of
+    a map that has a single one; and the place [deg] that a map with a single latitude or longitude stands for."""
     single = None
     words = []
     latitude, longitude = (_coordinate(data, kind) for kind in ("latitude", "longitude"))
@@ -211,14 +220,21 @@ def _at_the_place(
         raise TwilightError(
             f"{path}: {latitude} and {longitude} must be one-dimensional; other projections are not read"
         )
+    on_map: tuple[float | None, float | None] = (None, None)
     if lat.size * lon.size > 1 or wanted.latitude_deg is not None:
         there = wanted.place(path)
         weights.append((dimension(data, latitude), between(path, latitude, lat, there[0], "deg")))
         weights.append((dimension(data, longitude), between(path, longitude, lon, there[1], "deg", turn=360.0)))
-        words.append(f"{there[0]:g} N {there[1]:g} E" if lat.size * lon.size > 1 else f"{lat[0]:g} N {lon[0]:g} E")
+        on_map = float(lat[0]) if lat.size == 1 else there[0], float(lon[0]) if lon.size == 1 else there[1]
+        words.append(f"{on_map[0]:g} N {on_map[1]:g} E")
     time = _coordinate(data, "time")
     if time is not None:
         stamps = np.atleast_1d(data[time].values)
+        if stamps.size > 1 and not np.issubdtype(stamps.dtype, np.datetime64):
+            raise TwilightError(
+                f"{path}: {time} is no time of the usual calendar; allowed are numbers with units such as `hours since "
+                "1900-01-01`"
+            )
         if np.issubdtype(stamps.dtype, np.datetime64) and stamps.ndim == 1:
             seconds = stamps.astype("datetime64[ms]").astype(np.int64) / 1000.0
             if seconds.size > 1:
@@ -235,8 +251,10 @@ def _at_the_place(
     levels = None
     if pressure is not None:
         levels = np.atleast_1d(data[pressure].values).astype(float)
-        if str(data[pressure].attrs.get("units", "hPa")).strip().lower() in ("pa", "pascal", "pascals"):
-            levels = levels / 100.0
+        unit = str(data[pressure].attrs.get("units", "hPa")).strip()
+        if unit.lower() not in HPA:
+            raise TwilightError(f"{path}: {pressure} is in {unit!r}; allowed are hPa, Pa, kPa, mbar")
+        levels = levels * HPA[unit.lower()]
     found: dict[str, Any] = {}
     for name in data.data_vars:
         variable = data[name]
@@ -250,7 +268,7 @@ def _at_the_place(
             found[str(name)] = np.asarray(value.values, dtype=float)
         elif str(name) in USED:
             raise TwilightError(f"{path}: {name} {_too_many(value, data, pressure)}")
-    return found, levels, " ".join(words), single
+    return found, levels, " ".join(words), single, on_map
 
 
 def _too_many(value: Any, data: Any, pressure: str | None) -> str:
@@ -259,6 +277,11 @@ def _too_many(value: Any, data: Any, pressure: str | None) -> str:
     others = [str(dim) for dim in value.dims if dim not in known]
     if any(dim in MODEL_LEVELS for dim in others):
         return f"is on model levels ({others[0]}); download it on pressure levels"
+    if pressure is None and len(others) == 1:
+        return (
+            f"has the dimension {others[0]} at a place and time; pressure levels are known by its name "
+            f"({', '.join(COORDINATES['pressure'])}) or by its standard_name air_pressure"
+        )
     sizes = ", ".join(f"{dim} ({value.sizes[dim]} of them)" for dim in others)
     return (
         f"still has the dimension{'s' * (len(others) > 1)} {sizes} at a place and time; choose one of each first, for "
@@ -295,11 +318,12 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
     if np.ndim(height_m) == 0:  # of the ground alone
         height_m = _from_the_ground(path, float(height_m), pressure_hpa, temperature, water, columns)
     height = np.asarray(height_m, dtype=float)
-    _check_ranges(path, pressure_hpa, temperature, height)
+    _check_ranges(path, pressure_hpa, temperature, height, q, o3)
     good = np.isfinite(temperature) & np.isfinite(height) & (temperature > 0.0) & (pressure_hpa > 0.0)
     if not good.any():
         raise TwilightError(f"{path}: has no temperature and altitude at the place and time")
     order = np.flatnonzero(good)[np.argsort(-pressure_hpa[good])]
+    _check_hydrostatic(path, pressure_hpa[order], temperature[order], height[order])
     ozone = None
     if o3 is not None:
         ozone = parts.ozone_from_mass_mixing_ratio(np.maximum(o3, 0.0), 0.0 if water is None else water)
@@ -315,14 +339,32 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
     )
 
 
-def _check_ranges(path: Path, pressure_hpa: np.ndarray, temperature_k: np.ndarray, height_m: np.ndarray) -> None:
+def _check_hydrostatic(path: Path, pressure_hpa: np.ndarray, temperature_k: np.ndarray, height_m: np.ndarray) -> None:
+    """TwilightError for pressures and heights that are not of one air, as where one of them is in another unit."""
+    metres = -np.diff(np.log(pressure_hpa)) * 0.5 * (temperature_k[1:] + temperature_k[:-1])
+    expected = float(metres.sum()) * parts.GAS_CONSTANT / (parts.MOLAR_MASS_DRY * parts.STANDARD_GRAVITY)
+    found = float(height_m[-1] - height_m[0])
+    if expected > 0.0 and not 0.8 <= found / expected <= 1.25:
+        raise TwilightError(
+            f"{path}: has {1e-3 * found:.3g} km of air between {pressure_hpa[0]:g} and {pressure_hpa[-1]:g} hPa, which "
+            f"its temperatures make {1e-3 * expected:.3g} km: z (geopotential) must be in m2 s-2, H and gh in m"
+        )
+
+
+def _check_ranges(
+    path: Path, pressure_hpa: np.ndarray, temperature_k: np.ndarray, height_m: np.ndarray, q: Any, o3: Any
+) -> None:
     """TwilightError for numbers that no air has, as those in other units."""
     for name, values, low, high, unit in (
         ("pressure", pressure_hpa, 0.0, 1200.0, "hPa (or say in its units that it is in Pa)"),
         ("temperature", temperature_k, 100.0, 1000.0, "K"),
         ("height of the pressure levels", height_m, -2000.0, 120e3, "m"),
+        ("specific humidity", q, -0.01, 0.1, "kg in a kg of air"),
+        ("ozone", o3, -1e-4, 1e-3, "kg in a kg of air"),
     ):
-        known = values[np.isfinite(values)]
+        if values is None:
+            continue
+        known = np.asarray(values)[np.isfinite(values)]
         if known.size and not low <= known.min() <= known.max() <= high:
             raise TwilightError(
                 f"{path}: its {name} goes from {known.min():g} to {known.max():g}; allowed is {low:g} to {high:g} "

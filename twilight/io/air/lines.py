@@ -19,6 +19,15 @@ MAX_BYTES = 400_000_000
 """Largest file of text that is read."""
 
 
+NO_CONTENT = "__MACOSX/"
+"""What one system puts into zip archives beside the files."""
+UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+GZIP = b"\x1f\x8b"
+"""First bytes of a gzip file."""
+NOT_MEASURED = ("", "nan", "n/a", "na", "null", "none", "m", "-", "--", "//", "///", "////")
+"""Words that stand for a missing number, in lower case."""
+
+
 def read_bytes(path: Path, count: int = -1) -> bytes:
     """The first bytes of a file, -1: all; of the one file in a zip archive where it is one."""
     try:
@@ -28,7 +37,9 @@ def read_bytes(path: Path, count: int = -1) -> bytes:
             with open(path, "rb") as file:
                 return file.read(count)
         with zipfile.ZipFile(path) as archive:
-            members = [info for info in archive.infolist() if not info.is_dir()]
+            members = [
+                info for info in archive.infolist() if not info.is_dir() and not info.filename.startswith(NO_CONTENT)
+            ]
             if len(members) != 1 or members[0].file_size > MAX_BYTES:
                 names = ", ".join(info.filename for info in members[:4]) + ", ..." * (len(members) > 4)
                 raise TwilightError(
@@ -46,7 +57,7 @@ def read_lines(path: Path) -> list[str]:
     """The lines of a text; letters outside UTF-8 (names of stations) are read as Latin-1."""
     content = read_bytes(path)
     try:
-        text = content.decode("utf-8-sig")
+        text = content.decode("utf-16" if content[:2] in UTF16_MARKS else "utf-8-sig")
     except UnicodeDecodeError:
         text = content.decode("latin-1")
     return text.splitlines()
@@ -62,10 +73,12 @@ def number(
     unit: str = "",
     missing: tuple[float, ...] = (),
 ) -> float:
-    """A number of a line (counted from 1), NaN for one of `missing`.
+    """A number of a line (counted from 1), NaN for one of `missing` and, where there are such, for a word of that.
 
     Errors: TwilightError with the file, the line and what is allowed.
     """
+    if missing and text.strip().lower() in NOT_MEASURED:
+        return math.nan
     try:
         value = float(text)
     except ValueError:

@@ -9,7 +9,7 @@ from zipfile import is_zipfile
 from twilight.atmosphere.measured.parts import Reading
 from twilight.base.errors import TwilightError
 from twilight.io.air import aeronet, gridded, sounding
-from twilight.io.air.lines import PlaceAndTime, read_bytes, read_lines
+from twilight.io.air.lines import GZIP, PlaceAndTime, read_bytes, read_lines
 
 KINDS = {
     "sounding": "a sounding (University of Wyoming's list or CSV, IGRA version 2)",
@@ -52,6 +52,8 @@ def read_air_file(path: Path, wanted: PlaceAndTime) -> Reading:
         return gridded.read_gridded(path, "netcdf3", wanted)
     if head.startswith(HDF5):
         return gridded.read_gridded(path, "netcdf", wanted)
+    if head.startswith(GZIP):
+        raise TwilightError(f"{path}: is compressed (gzip); unpack it")
     lines = read_lines(path)
     if aeronet.is_aeronet(lines):
         return aeronet.read_aeronet(path, wanted)

@@ -40,6 +40,10 @@ CSV_COLUMNS = {
     "dew point temperature_C": (-180.0, 60.0), "relative humidity_%": (0.0, 130.0),
 }  # fmt: skip
 """Columns of Wyoming's CSV that are used, and the numbers that they may hold."""
+CSV_MISSING = (-9999.0, -999.0)
+"""Numbers that stand for a missing one."""
+MOST_HEAD_LINES = 30
+"""Lines within which a file's first header stands: notes may be on top."""
 MOST_LEVELS = 300
 """Levels that are kept of an ascent that has more (a row a second), evenly in ln(p)."""
 
@@ -64,12 +68,19 @@ def is_wyoming(lines: list[str]) -> bool:
 
 
 def is_wyoming_csv(lines: list[str]) -> bool:
-    names = [name.strip() for name in lines[0].split(",")] if lines else []
-    return {"time", "pressure_hPa", "temperature_C"} <= set(names)
+    return _csv_head(lines) is not None
+
+
+def _csv_head(lines: list[str]) -> int | None:
+    """The line with the names of the columns."""
+    for i, line in enumerate(lines[:MOST_HEAD_LINES]):
+        if {"time", "pressure_hPa", "temperature_C"} <= {name.strip() for name in line.split(",")}:
+            return i
+    return None
 
 
 def is_igra(lines: list[str]) -> bool:
-    return bool(lines) and IGRA_HEAD.match(lines[0]) is not None
+    return any(IGRA_HEAD.match(line) for line in lines[:MOST_HEAD_LINES])
 
 
 def read_sounding(path: Path, wanted: PlaceAndTime) -> Reading:
@@ -179,34 +190,36 @@ def _row(
 
 def _wyoming_csv(path: Path, lines: list[str]) -> _Sounding:
     """The ascent of a CSV file, at the time and place of its first row."""
-    reader = csv.reader(lines)
+    head = _csv_head(lines) or 0
+    reader = csv.reader(lines[head:])
     names = [name.strip() for name in next(reader)]
     rows: list[tuple[float, float, float, float]] = []
     first: dict[str, str] | None = None
-    for i, fields in enumerate(reader, start=2):
+    at = head + 2
+    for i, fields in enumerate(reader, start=at):
         if not any(field.strip() for field in fields):
             continue
         if len(fields) != len(names):
             raise TwilightError(f"{path}: line {i}: has {len(fields)} values, the columns are {len(names)}")
         values = {name: field.strip() for name, field in zip(names, fields, strict=True)}
-        first = first or values
+        first, at = first or values, at if first else i
         row = _row(*(
-            number(path, i, name, values[name], *span) if values.get(name) else np.nan
+            number(path, i, name, values.get(name, ""), *span, missing=CSV_MISSING)
             for name, span in CSV_COLUMNS.items()
         ))  # fmt: skip
         if row is not None:
             rows.append(row)
     if first is None:
         raise TwilightError(f"{path}: has the names of columns and no row below them")
-    place = [number(path, 2, n, first[n], -360.0, 360.0, "deg") if first.get(n) else None for n in CSV_TIME[1:]]
-    time = moment(path, 2, first["time"], "%Y-%m-%d %H:%M:%S")
+    place = [number(path, at, n, first[n], -360.0, 360.0, "deg") if first.get(n) else None for n in CSV_TIME[1:]]
+    time = moment(path, at, first["time"], "%Y-%m-%d %H:%M:%S")
     return _Sounding("a station without a name", time, place[0], place[1], rows)
 
 
 def _igra(path: Path, lines: list[str], wanted: PlaceAndTime) -> Iterator[_Sounding]:
     """The soundings within a day of the time that is wanted, or else the nearest one; all where no time is."""
     heads = []
-    i = 0
+    i = next((i for i, line in enumerate(lines) if IGRA_HEAD.match(line)), 0)
     while i < len(lines):
         line = lines[i]
         if not line.strip():

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from os.path import isfile
 from pathlib import Path
@@ -158,6 +158,7 @@ def _openimageio(path: Path) -> StoredImage:
             raise TwilightError(f"{path}: is not a complete picture ({_line(OpenImageIO.geterror())})")
         spec = file.spec()
         _check_size(path, spec.width, spec.height)
+        _check_single(path, file)
         stored = file.read_image(OpenImageIO.UNKNOWN)
         error = file.geterror()
     if stored is None or error:
@@ -196,6 +197,24 @@ def _openimageio(path: Path) -> StoredImage:
     samples, saturated = upright(samples, orientation), upright(saturated, orientation)
     seconds = spec.get_float_attribute("ExposureTime")
     return StoredImage(samples, saturated, bits, False, grey, seconds if 0.0 < seconds < np.inf else None, colours)
+
+
+def _check_single(path: Path, file: Any) -> None:
+    """TwilightError for a film or pages; a smaller picture beside the first is a preview."""
+    pages = 1
+    if path.suffix.lower() == ".png":
+        from PIL import Image  # start-up
+
+        with suppress(OSError, ValueError, SyntaxError), Image.open(path) as image:
+            pages = int(getattr(image, "n_frames", 1))
+    elif path.suffix.lower() in (".tif", ".tiff"):
+        size = file.spec().width, file.spec().height
+        while file.seek_subimage(pages, 0) and (file.spec().width, file.spec().height) == size:
+            pages += 1
+        file.geterror()  # that there are no more is none
+        file.seek_subimage(0, 0)
+    if pages > 1:
+        raise TwilightError(f"{path}: holds {pages} pictures, of one size; give a file with one of them")
 
 
 @contextmanager

@@ -20,6 +20,10 @@ from twilight.numerics.spectrum import from_xyz, to_rec709
 ADOBE_RGB = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)
 """x, y of red, green, blue and white of Adobe RGB (1998); its samples are light to the power 1 / 2.19921875."""
 ADOBE_EXPONENT = 2.19921875
+EXIF_SRGB, EXIF_ADOBE_RGB, EXIF_UNCALIBRATED = 1, 2, 65535
+"""Exif's ColorSpace; 2 is not in the standard, but what some cameras write for Adobe RGB."""
+INKS = ("CMYK", "YCCK")
+"""Pictures for print."""
 SRGB_GAMMA = 0.45455
 """What PNG's gAMA says of sRGB."""
 NODES = 1024
@@ -67,13 +71,22 @@ def colours_of(path: Path, spec: Any) -> Colours:
             f"{path}: has primaries {code[0]} and curve {code[1]} of ITU-T H.273, which are not read; save it as "
             "sRGB or with an ICC profile"
         )
+    if (model := spec.getattribute("jpeg:ColorSpace") or spec.getattribute("tiff:ColorSpace")) in INKS:
+        raise TwilightError(f"{path}: holds amounts of ink ({model}), which say no light; save it as sRGB")
     profile = spec.getattribute("ICCProfile")
     if profile is not None:
-        return _of_profile(path, np.asarray(profile, dtype=np.uint8).tobytes())
+        return _of_profile(path, np.asarray(profile, dtype=np.uint8).tobytes(), grey=spec.nchannels <= 2)
     if path.suffix.lower() == ".png":
         return _of_png(path)
-    if str(spec.getattribute("Exif:InteroperabilityIndex") or _interoperability(path)).startswith("R03"):
+    space = spec.get_int_attribute("Exif:ColorSpace", EXIF_SRGB)
+    interoperability = str(spec.getattribute("Exif:InteroperabilityIndex") or _interoperability(path))
+    if interoperability.startswith("R03") or space == EXIF_ADOBE_RGB:
         return Colours(to_rec709(ADOBE_RGB), _power(ADOBE_EXPONENT))
+    if space == EXIF_UNCALIBRATED:
+        raise TwilightError(
+            f"{path}: says that its colours are not sRGB (Exif ColorSpace {space}), and not which they are; save it as "
+            "sRGB or with an ICC profile"
+        )
     return Colours()
 
 
@@ -104,7 +117,7 @@ def _interoperability(path: Path) -> str:
 
     try:
         with Image.open(path) as image:
-            return str(image.getexif().get_ifd(0x8769).get(0xA005, {}).get(1, ""))
+            return str(image.getexif().get_ifd(0xA005).get(1, ""))
     except (OSError, ValueError, SyntaxError, AttributeError):
         return ""
 
@@ -121,14 +134,14 @@ def _matrix(path: Path, chromaticities: tuple[float, ...]) -> np.ndarray | None:
 # ICC profiles ---------------------------------------------------------------------------------------------------
 
 
-def _of_profile(path: Path, data: bytes) -> Colours:
-    """A profile of three primaries and their curves, or of a grey curve."""
+def _of_profile(path: Path, data: bytes, grey: bool) -> Colours:
+    """A profile of three primaries and their curves, or, of a grey picture, of a grey curve."""
     from PIL import ImageCms  # start-up
 
     try:
         profile = ImageCms.ImageCmsProfile(BytesIO(data)).profile
         tags = _tags(data)
-        if profile.xcolor_space.strip() == "GRAY" and "kTRC" in tags:
+        if grey and profile.xcolor_space.strip() == "GRAY" and "kTRC" in tags:
             return Colours(None, Curves(np.repeat(_curve(tags["kTRC"])[:, None], 3, axis=1)))
         if profile.xcolor_space.strip() == "RGB" and profile.is_matrix_shaper:
             columns = np.array([profile.red_colorant, profile.green_colorant, profile.blue_colorant])[:, 0]
@@ -137,7 +150,8 @@ def _of_profile(path: Path, data: bytes) -> Colours:
     except (OSError, ValueError, KeyError, IndexError, TypeError, struct.error, ImageCms.PyCMSError):
         raise TwilightError(f"{path}: its colour profile (ICC) is damaged; save it as sRGB") from None
     raise TwilightError(
-        f"{path}: its colour profile (ICC) is not one of three primaries and their curves; save it as sRGB"
+        f"{path}: its colour profile (ICC) is not one of three primaries and their curves{', or of grey' * grey}; save "
+        "it as sRGB"
     )
 
 
@@ -258,6 +272,11 @@ def _panorama(path: Path, spec: Any) -> Place | None:
     sizes = ("CroppedAreaImageWidthPixels", "CroppedAreaImageHeightPixels")
     values, (width, height) = [number(name) for name in names], [number(name) for name in sizes]
     if values[0] is None or values[1] is None:
+        if said := [name for name, value in zip(names, values, strict=True) if value]:
+            raise TwilightError(
+                f"{path}: says GPano:{said[0]}, and not how large the whole is; that takes GPano:{names[0]} and "
+                f"GPano:{names[1]}"
+            )
         return None
     full_width, full_height, left, top = (value or 0.0 for value in values)
     scale = np.array([spec.width / (width or full_width), spec.height / (height or full_height)])

@@ -222,6 +222,17 @@ class Sweep:
     def _first_point(self) -> dict[str, Any]:
         return {k: v for d in self.dimensions for k, v in d.point(0).items()}
 
+    def ends(self) -> Iterator[Config]:
+        """The first scene, and those with the least and the greatest of a key's numbers, the others as in the first."""
+        yield self.first
+        for dimension in self.dimensions:
+            points = [dimension.point(i) for i in range(dimension.size)]
+            for key in points[0]:
+                numbers = [point[key] for point in points]
+                if all(isinstance(number, (int, float)) for number in numbers):
+                    for end in (min(numbers), max(numbers)):
+                        yield self.series.config(self._first_point() | points[numbers.index(end)])
+
     def _outer_point(self, index: Sequence[int]) -> dict[str, Any]:
         return {k: v for d, i in zip(self.outer, index, strict=True) for k, v in d.point(i).items()}
 
