@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ast
-import functools
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import rooms
+from rooms import imported, imports_of
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = {"numba", "scipy", "colour", "matplotlib", "pandas", "erfa", "xarray", "h5py", "PIL", "OpenEXR", "mitsuba"}
@@ -44,26 +46,6 @@ def test_imports_keep_to_the_contract():
     assert "3 kept, 0 broken" in result.stdout
 
 
-@functools.cache
-def imports_of(path: Path) -> dict[str, set[str]]:
-    """What a module imports from where, those in functions and for types alone too."""
-    found: dict[str, set[str]] = {}
-    for one in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(one, ast.Import):
-            found |= {alias.name: set() for alias in one.names}
-        elif isinstance(one, ast.ImportFrom):
-            found.setdefault(one.module or "", set()).update(alias.name for alias in one.names)
-    return found
-
-
-def imported(path: Path, modules: set[str]) -> set[str]:
-    """The modules of the package that a module imports."""
-    found = set()
-    for module, names in imports_of(path).items():
-        found |= {f"{module}.{name}" for name in names} & modules or {module}
-    return found & modules
-
-
 def circles(imports: dict[str, set[str]]) -> list[list[str]]:
     """Groups of modules each of which leads back to itself."""
     reached = {name: set(others) for name, others in imports.items()}
@@ -77,14 +59,58 @@ def circles(imports: dict[str, set[str]]) -> list[list[str]]:
 
 def test_no_modules_import_each_other():
     """Neither when they are loaded, nor in functions, nor for types alone: a reader of one needs not the other."""
-    names = {}
-    for path in (ROOT / "twilight").rglob("*.py"):
-        parts = path.relative_to(ROOT).with_suffix("").parts
-        names[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    imports = {name: imported(path, set(names)) - {name} for name, path in names.items()}
+    names = rooms.modules()
+    imports = {name: imported(path, names) - {name} for name, path in names.items()}
     assert len(imports) > 250 and sum(map(len, imports.values())) > 1000
     assert circles(imports) == []
     assert circles({"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set()}) == [["a", "b", "c"]]
+
+
+PAGE = rooms.PAGE.read_text(encoding="utf-8")
+SIZES = re.compile(r"^(\w+) +(\d+) +([\d,]+)(?=   )", re.MULTILINE)
+
+
+def test_the_page_draws_the_rooms_as_they_are():
+    """An import between rooms came or went: `python docs/rooms.py`; so did a tenth of a room's files or lines."""
+    page, now = rooms.drawn(PAGE), rooms.drawing()
+    assert SIZES.sub(r"\1", page) == SIZES.sub(r"\1", now)
+    sizes = [
+        {room: (int(files), int(lines.replace(",", ""))) for room, files, lines in SIZES.findall(text)}
+        for text in (page, now)
+    ]
+    assert list(sizes[0]) == rooms.layers()
+    for room, (files, lines) in sizes[1].items():
+        assert sizes[0][room][0] == pytest.approx(files, rel=0.1, abs=2), room
+        assert sizes[0][room][1] == pytest.approx(lines, rel=0.1, abs=200), room
+
+
+def test_rooms_define_what_they_hand_up():
+    names = rooms.modules()
+    for room, classes in rooms.HANDS_UP.items():
+        text = "".join(path.read_text("utf-8") for name, path in names.items() if name.startswith(f"twilight.{room}."))
+        assert [name for name in classes if not re.search(rf"^class {name}\b", text, re.MULTILINE)] == []
+
+
+def test_every_room_has_its_row_with_tests_that_are_there():
+    rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \|.*\| ([^|]*) \| [^|]*\|$", PAGE, re.MULTILINE)
+    told = {room: tests for named, tests in rows for room in re.findall(r"\w+", named)}
+    assert {room for room in rooms.layers() if "`tests/" in told.get(room, "")} == {*rooms.layers()}
+
+
+@pytest.mark.parametrize("walk", rooms.walks(PAGE))
+def test_the_walks_go_by_imports(walk):
+    steps = rooms.walks(PAGE)[walk]
+    assert rooms.broken(steps) == []
+    assert 10 <= len(steps) <= 14
+
+
+def test_a_walk_that_no_import_takes_is_broken():
+    steps = [("cli/render.py", ""), ("sky/table.py", "cli/render.py"), ("sky/sky.py", "by name"), ("sky/no.py", "")]
+    assert rooms.broken(steps) == [
+        "cli/render.py does not import sky/table.py",
+        "sky/sky.py is of no solver",
+        "sky/no.py is not there",
+    ]
 
 
 INSIDE_THE_ENGINE = {"Problem", "Block", "MixedBlock", "Answer"}

@@ -1,0 +1,146 @@
+"""The house, drawn from its code: rooms, their sizes, what each hands up, and which takes from which.
+
+    python docs/rooms.py
+
+writes the drawing into `architecture.md`; tests hold the page to the code.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import re
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "architecture.md"
+BEGIN, END = "<!-- drawing -->", "<!-- end of drawing -->"
+HANDS_UP = {
+    "engine": ("Field",),
+    "scene": ("Scene",),
+    "config": ("Config", "Climate"),
+    "sky": ("SkyTable", "Sky"),
+    "solvers": ("Solver",),
+    "transport": ("Beam", "RayPath"),
+    "atmosphere": ("Medium",),
+    "numerics": ("PhaseFunction", "Projection"),
+    "base": ("TwilightError",),
+}
+"""Classes that the data is in when it leaves a room."""
+
+
+def modules() -> dict[str, Path]:
+    """All modules of the package by name; a package's is its `__init__`."""
+    found = {}
+    for path in sorted((ROOT / "twilight").rglob("*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+@functools.cache
+def imports_of(path: Path) -> dict[str, set[str]]:
+    """What a module imports from where, in functions and for types alone too."""
+    found: dict[str, set[str]] = {}
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name: set() for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found.setdefault(node.module or "", set()).update(alias.name for alias in node.names)
+    return found
+
+
+def imported(path: Path, names: dict[str, Path]) -> set[str]:
+    """The modules of the package that a module imports."""
+    found = set()
+    for module, members in imports_of(path).items():
+        found |= {f"{module}.{member}" for member in members} & names.keys() or {module}
+    return found & names.keys()
+
+
+def reached(path: Path, names: dict[str, Path]) -> set[str]:
+    """The modules that a module imports, and those whose names it takes from a package that hands them on."""
+    found = imported(path, names)
+    for module, members in imports_of(path).items():
+        if module in names and names[module].name == "__init__.py":
+            within = imports_of(names[module])
+            found |= {source for source, handed in within.items() if handed & members and source in names}
+    return found
+
+
+def layers() -> list[str]:
+    """Rooms from top to bottom, as import-linter holds them."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
+    [rows] = [contract["layers"] for contract in contracts if contract["type"] == "layers"]
+    return [room.strip() for row in rows for room in row.split("|")]
+
+
+def takes() -> set[tuple[str, str]]:
+    """Pairs of rooms: the first imports from the second."""
+    names = modules()
+    rooms = {name: name.split(".")[1] for name in names if "." in name}
+    pairs = {(rooms[n], rooms[m]) for n in rooms for m in imported(names[n], names) if m in rooms}
+    return {(above, below) for above, below in pairs if above != below}
+
+
+def drawing() -> str:
+    """A row for each room.  Below its name a line goes down: every dot on it is a room from which it takes."""
+    order, pairs, names = layers(), takes(), modules()
+    lowest = {room: max([i for i, below in enumerate(order) if (room, below) in pairs], default=-1) for room in order}
+    rows = []
+    for i, room in enumerate(order):
+        files = [path for name, path in names.items() if name.split(".")[1:2] == [room]]
+        lines = round(sum(len(path.read_text("utf-8").splitlines()) for path in files), -2)
+        marks = ["●" if (above, room) in pairs else "│" if i < lowest[above] else " " for above in order[:i]]
+        head = "┐" if lowest[room] > i else " "
+        up = ", ".join(HANDS_UP.get(room, ()))
+        rows.append(f"{room:<11}{len(files):4}{lines:8,}   {'  '.join([*marks, head]):<{3 * len(order)}}{up}".rstrip())
+    return "\n".join([f"{'room':<11}files  lines   {'takes from':<{3 * len(order)}}hands up", *rows])
+
+
+def drawn(text: str) -> str:
+    """The drawing that a page holds."""
+    found = re.search(rf"{BEGIN}\n\n```text\n(.*?)\n```\n\n{END}", text, re.DOTALL)
+    assert found is not None, f"{BEGIN} is not there"
+    return found[1]
+
+
+def walks(text: str) -> dict[str, list[tuple[str, str]]]:
+    """Walk to its steps: a file, and the file that imports it; "by name" for a solver that the registry loads."""
+    part = text.partition("## Three walks")[2].partition("\n## ")[0]
+    found = {}
+    for walk in part.split("\n### ")[1:]:
+        steps = re.findall(r"^(\d+)\. `([\w/]+\.py)`(?: \((?:from (\d+)|(by name))\))?:", walk, re.MULTILINE)
+        assert [int(step[0]) for step in steps] == [*range(1, len(steps) + 1)]
+        files = [step[1] for step in steps]
+        found[walk.partition("\n")[0]] = [
+            (file, named or files[int(source) - 1 if source else i - 1] if i else "")
+            for i, (_, file, source, named) in enumerate(steps)
+        ]
+    return found
+
+
+def broken(steps: list[tuple[str, str]]) -> list[str]:
+    """Steps of a walk that the imports do not take."""
+    from twilight.solvers import SOLVERS
+
+    names = modules()
+    known = {path.relative_to(ROOT / "twilight").as_posix(): name for name, path in names.items()}
+    wrong = []
+    for file, source in steps:
+        if file not in known:
+            wrong.append(f"{file} is not there")
+        elif source == "by name":
+            solver = known[file].rpartition(".")[0]
+            if solver not in SOLVERS.values() or known[file] not in imported(names[solver], names):
+                wrong.append(f"{file} is of no solver")
+        elif source and (source not in known or known[file] not in reached(names[known[source]], names)):
+            wrong.append(f"{source} does not import {file}")
+    return wrong
+
+
+if __name__ == "__main__":
+    head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    block = f"{BEGIN}\n\n```text\n{drawing()}\n```\n\n{END}"
+    PAGE.write_text(f"{head}{block}{rest.partition(END)[2]}", encoding="utf-8")
