@@ -31,7 +31,8 @@ from twilight.io import write_outputs
 from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky.table import SkyTable
 
-sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in ("tests", "tests/engine")]
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "engine"))
 from test_files_beside_field import BESIDE_DEG, DISC_DEG, directions
 
 ROOT = Path(__file__).resolve().parents[1]

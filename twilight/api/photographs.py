@@ -107,13 +107,14 @@ def estimate(
     suns = None if sun_elevation_deg is None else np.atleast_1d(np.asarray(sun_elevation_deg, float)).tolist()
     known = {p.name for p in OTHERS}
     for what, names, allowed in (("types", types, set(get_args(AerosolType))), ("parameters", parameters, known)):
-        for one in names:
-            if one not in allowed:
-                raise TwilightError(f"{what}: {one} {unknown(one, sorted(allowed), what[:-1])}")
+        for word in names:
+            if word not in allowed:
+                raise TwilightError(f"{what}: {word} {unknown(word, sorted(allowed), what[:-1])}")
     if not types:
         raise TwilightError("types: names no aerosol type")
     called = [name] * len(pictures) if name is None or isinstance(name, str) else list(name)
-    names, photographs = [], []
+    photographs: list[Photograph] = []
+    names = []
     for one, known_as in zip(pictures, called, strict=True):
         if isinstance(one, Photograph):
             names.append(known_as or "photograph")

@@ -275,12 +275,12 @@ def _colour_points(photometer: Photometer, climate: str) -> list[PhotometricPoin
     return points
 
 
-def _meter_points(meter: SkyQualityMeter, climate: str, floor_mag: float | None) -> list[PhotometricPoint]:
+def _meter_points(zenith_meter: SkyQualityMeter, climate: str, floor_mag: float | None) -> list[PhotometricPoint]:
     """The zenith through twilight, as luminances that the meter prints."""
     night = 0.0 if floor_mag is None else meter_luminance(floor_mag)
     where = (climate, METER_QUANTITY, meter.METER_SOURCE, METER_SITE.name, METER_SITE.altitude_km)
     return [
-        PhotometricPoint(*where, sun, meter_luminance(meter.twilight_mag(sun)), night, meter_luminance(mag))
+        PhotometricPoint(*where, sun, meter_luminance(zenith_meter.twilight_mag(sun)), night, meter_luminance(mag))
         for sun, mag in zip(*(values.tolist() for values in meter.meter_zenith()), strict=True)
     ]
 

@@ -372,7 +372,7 @@ def _costs(fit: Fit) -> dict[str, float]:
     slopes = errors.root @ turned
     own = np.eye(count) * np.where(fit.angles, (2.0 * REACH) ** 2, 12.0e-3)
     whole = np.linalg.inv(turned.T @ turned + own)[0, 0]
-    made = {}
+    made: dict[str, float] = {}
     for kind in ("exposure", "white balance", "curve", "lens"):
         if kind in errors.kinds:
             known = np.linalg.solve(errors.covariance(errors.amplitude, kind), slopes)

@@ -432,7 +432,7 @@ def estimate_air(
         # a sun and a camera that were not known: cut the pictures into cells again
         look = first_look(airs, frames, options).values()
         lit = not known and look.get(SUN, 0.0) >= LIT_ABOVE_DEG
-        if lit or np.hypot(*(look.get(name, 0.0) for name in ("pitch", "roll"))) > RETURNED_DEG:
+        if lit or np.hypot(look.get("pitch", 0.0), look.get("roll", 0.0)) > RETURNED_DEG:
             cut = [_found(one, look) for one in shown]
             frames = [_frame(one, most, known, told) for one, told in zip(cut, frames, strict=True)]
     made = find_air(airs, frames, options, refined, progress)

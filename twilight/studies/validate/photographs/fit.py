@@ -231,8 +231,8 @@ class Fit:
             error = getattr(freedom, f"{name}_deg")
             if error > 0.0:
                 self.parameters.append(Parameter(name, "", "deg", (-REACH * error, REACH * error)))
-        ends = [p.scaled(np.array([p.nodes[0], p.nodes[-1]])) for p in self.parameters]
-        self.low, self.high = np.array(ends).T
+        bounds = [p.scaled(np.array([p.nodes[0], p.nodes[-1]])) for p in self.parameters]
+        self.low, self.high = np.array(bounds).T
         self.angles = np.array([p.name in ANGLES for p in self.parameters])
         self.corrections = [np.zeros((f.cells.elevation_deg.size, 3)) for f in frames]
         self.x, self.chi2, self.jacobian = np.full(self.low.size, 0.5), np.inf, np.zeros((0, 0))
