@@ -92,7 +92,8 @@ def write_figure(
         axes.imshow(image, extent=extent, origin="lower", aspect="auto" if wide else "equal", interpolation="nearest")
         axes.set_title(name, fontsize=10 if wide else 9)
         axes.set(ylabel="elevation [deg]")
-        axes.set_xticks(_ticks(extent))
+        narrow = wide and place[1].stop - place[1].start < columns
+        axes.set_xticks(_ticks(extent)[:: 2 if narrow else 1])
     ratio = comparison.log_ratio / np.log(2.0)
     spread = float(np.nanpercentile(np.abs(ratio), 95))
     limit = next((r for r in RATIO_LIMITS if spread <= r), RATIO_LIMITS[-1])
