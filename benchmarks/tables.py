@@ -39,7 +39,7 @@ ROOT = Path(__file__).resolve().parents[1]
 AIRS = ("pure-air", "continental-average", "urban", "desert", "maritime-clean")
 SUNS_DEG = (60.0, 30.0, 10.0, 2.0, -1.0, -2.3, -4.0, -8.0, -14.0)
 AUREOLE_SUNS_DEG = (10.0, 28.0, 30.0, 33.0)
-LOWEST_BETWEEN_DEG, HIGHEST_BETWEEN_DEG = -14.0, 3.0
+LOWEST_BETWEEN_DEG, HIGHEST_BETWEEN_DEG, EVERY_BETWEEN = -14.0, 3.0, 3
 SCENE = {"quality": "draft"}
 COLUMNS = ("case", "air", "sun_deg", "quantity", "value")
 
@@ -78,7 +78,7 @@ def of_air(air: str) -> Iterator[Row]:
     tables = SunTables(field)
     nodes = tables.suns_deg
     middle = 0.5 * (nodes[1:] + nodes[:-1])
-    middle = middle[(middle > LOWEST_BETWEEN_DEG) & (middle < HIGHEST_BETWEEN_DEG)]
+    middle = middle[(middle > LOWEST_BETWEEN_DEG) & (middle < HIGHEST_BETWEEN_DEG)][::EVERY_BETWEEN]
     found = [(sun, *errors(field, tables.under(float(sun)))) for sun in middle]
     for sun, usual, most in found:
         where = ("between suns", air, f"{sun:.2f}")
