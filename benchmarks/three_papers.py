@@ -115,7 +115,7 @@ def sizes() -> Iterator[Row]:
     """How far from fine cells the cells of the other claims are."""
     for sun in (10.0, -3.0):
         e, a = directions((5.0, 15.0, 25.0, 45.0, 85.0), AZIMUTH_DEG)
-        scene = resolve(load("haber2005", {"wavelengths.list_nm": [440.0, 550.0, 680.0]}))
+        scene = resolve(load("haber2005", {"wavelengths": {"list_nm": [440.0, 550.0, 680.0]}}))
         found = {
             s: cells.prepare(scene.medium, replace(scene.settings, azimuth_cells=s)).radiance(sun, e, a)
             for s in (36, 60, 72)

@@ -163,6 +163,7 @@ def test_the_type_that_fits_comes_first_and_one_s_own_is_taken_where_it_cannot_b
     assert [bool(e.parameters) for e in alike if e.aerosol_type == "alike"] == [True]
 
 
+@pytest.mark.slow
 def test_white_balance_is_free_on_request():
     cells = seen(latlong(), TRUTH, change=lambda rgb: rgb * np.array([1.2, 1.0, 0.8]))
     bound, free = (found_in(cells, white_balance=w)[0] for w in (False, True))
@@ -177,6 +178,7 @@ def test_what_does_not_fit_tells_nothing():
     assert not made.fits and not any(p.constrained for p in made.parameters)
 
 
+@pytest.mark.slow
 def test_the_solver_s_error_enters_the_uncertainties():
     cells = seen(latlong(), TRUTH)
     one, other = (by_name(found_in(cells, error=error)[0]) for error in (0.0, 0.1))
@@ -284,6 +286,7 @@ def test_the_camera_s_angles_are_fitted():
     assert made.values["aerosol"] == pytest.approx(0.22, rel=0.2)
 
 
+@pytest.mark.slow
 def test_a_tone_curve_is_undone():
     """A picture with 1.3 times the contrast: the air comes out right with the curve free, and wrong without."""
     cells = seen(latlong(), TRUTH, change=lambda rgb: rgb**1.3)
@@ -293,6 +296,7 @@ def test_a_tone_curve_is_undone():
     assert free.costs["curve"] > 1.0
 
 
+@pytest.mark.slow
 def test_a_series_tells_more_than_one_picture():
     """Two suns of one air: the same camera and air for both, and smaller errors."""
     two = [Frame(seen(latlong(), TRUTH | {"sun": sun}, cell_deg=3.0), sun_deg=sun) for sun in (25.0, 6.0)]
