@@ -39,7 +39,11 @@ ROOT = Path(__file__).resolve().parents[1]
 AIRS = ("pure-air", "continental-average", "urban", "desert", "maritime-clean")
 SUNS_DEG = (60.0, 30.0, 10.0, 2.0, -1.0, -2.3, -4.0, -8.0, -14.0)
 AUREOLE_SUNS_DEG = (10.0, 28.0, 30.0, 33.0)
-LOWEST_BETWEEN_DEG, HIGHEST_BETWEEN_DEG, EVERY_BETWEEN = -14.0, 3.0, 3
+LOWEST_BETWEEN_DEG = -14.0
+HIGHEST_BETWEEN_DEG = 3.0
+"""Between them suns are tried half-way between two of the table [deg]."""
+EVERY_BETWEEN = 3
+"""One pair of suns in so many."""
 SCENE = {"quality": "draft"}
 COLUMNS = ("case", "air", "sun_deg", "quantity", "value")
 
