@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -205,3 +206,10 @@ def test_a_picture_sheet_of_a_missing_picture_is_refused(tmp_path):
     with pytest.raises(TwilightError, match=r"sheet.png"):
         contact_sheet([("a", Path(tmp_path / "none.png"))], tmp_path / "sheet.png")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_file_names_commands_that_there_are():
+    said = CliRunner().invoke(app, ["render", "nosuch.yaml"])
+    assert said.exit_code == 2
+    named = re.findall(r"`twilight ([^`]+)`", said.stderr.replace("\n", " "))
+    assert named and all(CliRunner().invoke(app, words.split()).exit_code == 0 for words in named), said.stderr

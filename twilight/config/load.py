@@ -92,7 +92,7 @@ def _names(kinds: tuple[str, ...]) -> str:
 
 def _lists(kinds: tuple[str, ...]) -> str:
     """Where the names are listed, for errors."""
-    commands = " and ".join(f"`twilight {kind}`" for kind in kinds)
+    commands = " and ".join(f"`twilight show {kind}`" for kind in kinds)
     return f"{commands} list{'s' * (len(kinds) == 1)} those that come with the program"
 
 
