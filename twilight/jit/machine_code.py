@@ -39,12 +39,19 @@ _LINKED = "linked"
 
 
 class _LinkedLibrary(JITCodeLibrary):
-    """The code of an inner kernel: optimised, linked into those that call it, never made machine code of."""
+    """The code of an inner kernel: linked into those that call it, never made machine code of."""
 
     @property
     def codegen(self) -> Any:
         """What sets the environment of a function that Python calls: there is none."""
         return _NoEnvironment
+
+    def _optimize_final_module(self) -> None:
+        """Take in what it calls, at the least cost: all of it is optimised as a part of each kernel that Python calls."""
+        manager, builder = self._codegen._module_pass_manager(
+            loop_vectorize=False, slp_vectorize=False, opt=0, cost="cheap"
+        )
+        manager.run(self._final_module, builder)
 
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
