@@ -187,10 +187,11 @@ def _of_dataset(path: Path, data: Any) -> AlbedoMap:
             f"{path}: must have one variable over latitude and longitude, or one named {' or '.join(ALBEDO)}; it has "
             f"{', '.join(map(str, maps)) or 'none'}"
         )
-    variable = data[(named or maps)[0]].squeeze()
+    variable = data[(named or maps)[0]]
     order = [lat[1], lon[1], *([nm[1]] if nm is not None and nm[1] in variable.dims else [])]
+    variable = variable.squeeze([d for d, n in variable.sizes.items() if n == 1 and d not in order])
     if set(variable.dims) != set(order):
-        others = ", ".join(f"{d} ({n})" for d, n in variable.sizes.items() if d not in order) or "too few"
+        others = ", ".join(f"{d} ({n})" for d, n in variable.sizes.items() if d not in order)
         raise TwilightError(f"{path}: {variable.name} must be over latitude, longitude and wavelength; it has {others}")
     values = variable.transpose(*order).values.astype(np.float64)
     values = values if values.ndim == 3 else values[..., None]
@@ -215,8 +216,7 @@ def _increasing(
     values = np.asarray(values, dtype=float)
     if not (np.isfinite(values).all() and (values >= allowed[0] - 1e-6).all() and (values <= allowed[1] + 1e-6).all()):
         raise TwilightError(
-            f"{path}: {name} must be from {allowed[0]:g} to {allowed[1]:g}; it has {values.min():g} to "
-            f"{values.max():g}"
+            f"{path}: {name} must be from {allowed[0]:g} to {allowed[1]:g}; it has {values.min():g} to {values.max():g}"
         )
     made, place = np.unique(np.mod(values + 180.0, 360.0) - 180.0 if turn else values, return_index=True)
     if made.size < (1 if allowed[0] > 0.0 else 2) or (made.size < values.size - (1 if turn else 0)):

@@ -177,33 +177,25 @@ def placed_moon(section: MoonSection, sun_elevation_deg: float, sun_distance_au:
 
 
 def _with_mean_of_map(config: Config) -> Config:
-    """The configuration with the mean of `ground.albedo_map` for its albedo, where that has none.
+    """The configuration with the mean of `ground.albedo_map` for its albedo: over the ground in sight, or within
+    MAP_MEAN_KM.
 
-    The mean is over the ground in sight, or within MAP_MEAN_KM.
-    Errors: TwilightError for a file that is no map, and for one without an albedo there.
+    Errors: TwilightError for a file that is no map.
     """
     ground, sun = config.climate.ground, config.sun
     if ground.albedo_map is None:
         return config
+    assert not isinstance(sun, SunElevation | SunElevations)  # `Config` sees to that
     check_sha256(ground.albedo_map, ground.albedo_map_sha256, "ground.albedo_map_sha256")
     mapped = read_albedo_map(ground.albedo_map)
-    if "albedo" in ground.model_fields_set:
-        return config
-    assert not isinstance(sun, SunElevation | SunElevations)  # `Config` sees to that
     above_km = max(config.observer.altitude_km - ground.altitude_km, 0.0)
-    in_sight = np.degrees(np.arccos(EARTH_RADIUS_KM / (EARTH_RADIUS_KM + above_km)))
-    radius_deg = max(in_sight, np.degrees(MAP_MEAN_KM / EARTH_RADIUS_KM))
-    mean = mapped.mean(sun.latitude_deg, sun.longitude_deg, float(radius_deg))
+    in_sight = np.arccos(EARTH_RADIUS_KM / (EARTH_RADIUS_KM + above_km))
+    radius_deg = float(np.degrees(max(in_sight, MAP_MEAN_KM / EARTH_RADIUS_KM)))
+    mean = mapped.mean(sun.latitude_deg, sun.longitude_deg, radius_deg)
     if np.isnan(mean).any():
-        raise TwilightError(
-            f"{ground.albedo_map}: has no albedo about latitude {sun.latitude_deg:g}, longitude {sun.longitude_deg:g}; "
-            "set ground.albedo too, which is that of ground outside of the map"
-        )
+        return config
     nm = mapped.wavelength_nm
-    if nm.size < 2:
-        albedo: Spectrum | float = float(mean[0])
-    else:
-        albedo = Spectrum(wavelength_nm=tuple(nm.tolist()), albedo=tuple(mean.tolist()))
+    albedo = Spectrum(wavelength_nm=tuple(nm.tolist()), albedo=tuple(mean.tolist())) if nm.size > 1 else float(mean[0])
     lit = ground.model_copy(update={"albedo": albedo})
     return config.model_copy(update={"climate": config.climate.model_copy(update={"ground": lit})})
 
