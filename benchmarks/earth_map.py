@@ -1,8 +1,8 @@
-"""A coarse albedo map of the Earth, drawn by hand: continents as polygons, sea, vegetation, desert and ice by wavelength.
+"""A coarse albedo map of the Earth, drawn by hand: sea, vegetation, desert and ice by wavelength.
 
     python benchmarks/earth_map.py earth.nc
-    twilight render earth-from-36000-km --set ground.albedo_map=earth.nc --at 2026-06-21T10:00 --latitude 0 \
-        --longitude 10 --time-zone UTC
+    twilight render earth-from-36000-km --set ground.albedo_map=earth.nc --at 2026-06-21T10:00Z --latitude 0 \
+        --longitude 10 --set observer.view.azimuth_deg=-39
 
 It shows what `ground.albedo_map` takes; real ones come with many data sets of land and sea.
 """

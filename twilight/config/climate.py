@@ -305,15 +305,15 @@ class Ground(Section):
         Discriminator(_albedo_kind),
     ] = key(
         0.0,
-        "fraction of light reflected, a number or {wavelength_nm: [...], albedo: [...]}; with albedo_map for ground that "
-        "the map does not have",
+        "fraction of light reflected, a number or {wavelength_nm: [...], albedo: [...]}; with albedo_map: where that "
+        "has none",
         unit="1",
     )
     albedo_map: FilePath | None = key(
         None,
         "albedo by latitude and longitude: netCDF (over lat, lon and, if it likes, wavelength), or a picture of the "
-        "whole Earth (PNG, JPEG, EXR; north up, 180 deg W at the left); views see it, terrain has it, the air is lit by "
-        "its mean over the ground in sight or within 100 km; relative to the folder of the climate's file",
+        "whole Earth (PNG, JPEG, EXR; north up, 180 deg W at the left); views see it, terrain has it, its mean over "
+        "the ground in sight or within 100 km lights the air; relative to the folder of the climate's file",
         min_length=1,
     )
     albedo_map_sha256: str | None = key(

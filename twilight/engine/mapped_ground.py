@@ -137,8 +137,8 @@ def join_grounds(grounds: Sequence[MappedGround]) -> MappedGround:
 
 
 def _nodes() -> np.ndarray:
-    """sqrt(1 - (cos(elevation) / cos(that of the horizon))^2) of lines, from the horizon to straight down, closer to the
-    horizon: about the cosine of the zenith angle under which they meet the ground."""
+    """sqrt(1 - (cos(elevation) / cos(that of the horizon))^2) of lines from the horizon to straight down: about the
+    cosine of the zenith angle under which they meet the ground."""
     return np.linspace(1e-3, 1.0, LINES) ** 2
 
 

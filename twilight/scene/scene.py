@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 
 MAP_MEAN_KM = 100.0
-"""Least distance from the observer up to which the mean of an albedo map is taken [km]: what lights a sky from below."""
+"""Least distance from the observer up to which the mean of an albedo map is taken [km]."""
 
 
 @dataclass(frozen=True)
