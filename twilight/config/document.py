@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from twilight.base.errors import TwilightError
+from twilight.base.sections import dotted
 
 MAX_BYTES = 1_000_000
 """A climate or a configuration is a page of text; anything longer is a mistake."""
@@ -84,14 +85,6 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise TwilightError(f"{path}: must hold keys and values such as `version: 1`")
     return data
-
-
-def dotted(path: tuple) -> str:
-    """`aerosol.components.waso`, `wavelengths.list_nm[2]`."""
-    text = ""
-    for part in path:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
-    return text
 
 
 def _refuse_infinite(data: Any, source: str, path: tuple) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -14,6 +13,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
+from twilight.base.sections import option, settings
 from twilight.base.threads import one_blas_thread
 from twilight.solvers.base import BareField, Cost, ModelError, observer_at
 from twilight.solvers.compact.air import LIMITED, air_of, limited, side_by_side
@@ -38,11 +38,11 @@ CACHED_OBSERVERS = 4
 """Observers whose skies are cached."""
 
 
-@dataclass(frozen=True)
+@settings
 class CompactSettings:
-    """polarisation: the Stokes parameters Q and U too"""
+    """What is computed beside the radiance."""
 
-    polarisation: bool = True
+    polarisation: bool = option("the Stokes parameters Q and U too", default=True)
 
 
 QUALITIES: dict[str, CompactSettings] = {"standard": CompactSettings()}
