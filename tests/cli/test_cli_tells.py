@@ -94,7 +94,7 @@ def test_the_scalar_error_of_the_plan_is_that_of_the_table():
 
     from twilight.scene.plan import SCALAR_ERROR
 
-    table = Path(__file__).resolve().parents[2] / "benchmarks" / "polarisation.csv"
+    table = Path(__file__).resolve().parents[2] / "benchmarks" / "results" / "polarisation.csv"
     lines = [line for line in table.read_text().splitlines() if not line.startswith("#")]
     rows = [
         row for row in csv.DictReader(lines) if row["quantity"] == "440 nm" and float(row["sun_elevation_deg"]) <= 30

@@ -19,10 +19,10 @@ from twilight.api import calls  # noqa: F401 - attaches `view` to skies and fiel
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.numerics.projections import view_directions
+from twilight.show.skies import view_fields, view_sky
+from twilight.show.tones import Channels
 from twilight.sky.ephemeris import parse_time, sun_position
 from twilight.sky.night import NightLevels, Place, night_radiance
-from twilight.viewer import view_fields, view_sky
-from twilight.viewer.tones import Channels
 
 BARE = {"disc": False, "night": False, "stars": False, "path": False}
 UP_DEG = 4.0

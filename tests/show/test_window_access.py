@@ -9,7 +9,7 @@ import pytest
 from browser import open_page
 from closed_sky import COARSE, closed
 
-from twilight.viewer import view_fields
+from twilight.show.skies import view_fields
 
 PHONE = (390, 844)
 """Width and height of the window on a phone [px]."""

@@ -35,8 +35,8 @@ from twilight.engine import solve as solve_scene
 from twilight.engine.night import check_stars
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
+from twilight.show.page import Page
 from twilight.solvers.base import Solver
-from twilight.viewer.page import Page
 
 
 @overload
@@ -235,14 +235,14 @@ def view(self: Field, **options: Any) -> Page:
     Parameters
     ----------
     **options
-        Of `twilight.viewer.view_fields`, e.g. altitudes_km.
+        Of `twilight.show.view_fields`, e.g. altitudes_km.
 
     Returns
     -------
-    twilight.viewer.Page
+    twilight.show.Page
         A page that a notebook shows and whose `save(path)` writes it as HTML.
     """
-    from twilight.viewer import view_fields  # start-up
+    from twilight.show.skies import view_fields  # start-up
 
     return view_fields([self], **options)
 

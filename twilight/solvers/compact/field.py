@@ -49,8 +49,8 @@ QUALITIES: dict[str, CompactSettings] = {"standard": CompactSettings()}
 
 
 COST = Cost(fixed_bytes=2.0e8, bytes_per_wavelength=1.0e7, cpu_s_per_wavelength=0.035, cpu_s_per_direction=5e-5)
-"""Cost of a field: eight wavelengths take 272 MiB and 0.28 processor seconds (`benchmarks/compare.csv`); of a direction
-and wavelength where a sky has some hundred, which compute the sun's beam anew."""
+"""Of a field: eight wavelengths take 272 MiB and 0.28 processor seconds (`benchmarks/results/compare.csv`), a direction
+and wavelength 50 microseconds in a sky of some hundred, which compute the sunbeam anew."""
 
 
 @functools.lru_cache(maxsize=1)

@@ -194,17 +194,17 @@ QUALITIES = {
 
 
 SUN_DEG = (-12.0, -9.0, -6.0, -4.0, 0.0, 5.0, 30.0)
-"""Suns of `benchmarks/compare.csv`, rows of `standard`."""
+"""Suns of `benchmarks/results/compare.csv`, rows of `standard`."""
 TO_ONE_PERCENT_S = (0.187, 0.131, 0.059, 0.028, 0.022, 0.017, 0.0091)
 """Processor seconds to 1 % in a direction and wavelength, the mean over a sky and eight wavelengths (ibid.)."""
 SAMPLE_S = (227e-6, 241e-6, 211e-6, 159e-6, 162e-6, 153e-6, 121e-6)
-"""Processor seconds of a sample of PATHS paths (`benchmarks/montecarlo_speed.csv`)."""
+"""Processor seconds of a sample of PATHS paths (`benchmarks/results/montecarlo_speed.csv`)."""
 PATHS = 8
 PREPARE_S = 3.0
 """Processor seconds of the importance function of a wavelength with SWEEPS sweeps (ibid.)."""
 SWEEPS = 3
 WAVELENGTH_BYTES = 1.3e7
-"""Bytes of a wavelength: eight take 98 MiB (`benchmarks/compare.csv`)."""
+"""Bytes of a wavelength: eight take 98 MiB (`benchmarks/results/compare.csv`)."""
 
 
 def cost(

@@ -134,7 +134,7 @@ QUALITIES: dict[str, TablesSettings] = {
 
 TEXEL_DIRECTION_S = 9.6e-9
 """Processor seconds of a texel of S, an incident direction, a wavelength and an order after the first: `standard` and
-`fine`, within 15 % (`benchmarks/compare.csv`)."""
+`fine`, within 15 % (`benchmarks/results/compare.csv`)."""
 TEXEL_BYTES = 68.0
 """Bytes of a texel and wavelength while tables are filled (ibid.)."""
 DIRECTION_S = 3e-7
