@@ -221,7 +221,7 @@ def test_air_clearer_than_the_model_takes_its_clearest_sky_and_says_so():
         ),
         (
             lambda: preetham.prepare(turbid(), PreethamSettings(coefficients="no.yaml")),
-            "no.yaml: there is no such file",
+            "no.yaml: no such file",
         ),
         (lambda: preetham.prepare(turbid()).inscatter(20.0, -30.0, 0.0, 1.0), "ends below it"),
     ],

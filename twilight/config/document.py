@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from twilight.base.errors import TwilightError
+from twilight.base.reading import read_text
 from twilight.base.sections import dotted
 
 MAX_BYTES = 1_000_000
@@ -73,15 +74,7 @@ def parse_yaml(text: str, source: str) -> Any:
 
 def read_yaml(path: Path) -> dict[str, Any]:
     """The mapping in a YAML file; TwilightError when it cannot be read, is too long, or is not a mapping."""
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise TwilightError(f"{path}: is larger than {MAX_BYTES // 1000} kB, which no climate or configuration is")
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise TwilightError(f"{path}: is not a text file in UTF-8") from None
-    except OSError as error:
-        raise TwilightError(f"{path}: cannot be read: {error.strerror}") from None
-    data = parse_yaml(text, str(path))
+    data = parse_yaml(read_text(path, MAX_BYTES), str(path))
     if not isinstance(data, dict):
         raise TwilightError(f"{path}: must hold keys and values such as `version: 1`")
     return data

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import functools
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
+from twilight.base.reading import reading
 from twilight.base.sections import option, settings
 from twilight.base.threads import one_blas_thread
 from twilight.solvers.base import BareField, Cost, ModelError, observer_at
@@ -61,10 +60,8 @@ def shipped_model() -> Model:
 
 def load_model(path: Path) -> Model:
     """Read a file of the model; TwilightError for one that is none."""
-    try:
+    with reading(path, "a model of clear air"):
         return Model.load(path)
-    except (OSError, KeyError, ValueError, EOFError, BadZipFile, zlib.error) as error:
-        raise TwilightError(f"{path}: is no model of clear air ({error})") from None
 
 
 def prepare(
