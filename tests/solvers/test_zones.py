@@ -303,10 +303,10 @@ def test_no_light_is_isotropic_and_tiny():
 
 def test_settings_and_observers_out_of_range_are_named(hazy, small):
     """Impossible settings would end in a traceback of numpy."""
-    with pytest.raises(TwilightError, match=r"solver\.degree is 1; allowed is 2 to 48"):
+    with pytest.raises(TwilightError, match=r"solver\.expert\.degree must be a whole number from 2 to 48, got 1"):
         replace(SMALL, degree=1)
     with pytest.raises(
-        TwilightError, match=r"solver\.late_azimuth_directions is 6; allowed is up to azimuth_directions, 3"
+        TwilightError, match=r"solver\.expert\.late_azimuth_directions is 6; allowed is up to azimuth_directions, 3"
     ):
         replace(SMALL, azimuth_directions=3)
     with pytest.raises(TwilightError, match=r"observer\.altitude_km is -1"):

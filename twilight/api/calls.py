@@ -27,9 +27,9 @@ from twilight.api.arguments import (
 from twilight.api.representation import Sky, SkySeries
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.sections import unknown
 from twilight.config import Climate, load_climate
 from twilight.config.sun import SunAt, SunElevation
-from twilight.config.validate import unknown
 from twilight.engine import Field, check_size, frames
 from twilight.engine import solve as solve_scene
 from twilight.engine.night import check_stars
