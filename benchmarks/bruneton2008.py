@@ -1,7 +1,7 @@
 """The tables of Bruneton and Neyret 2008 in their own air beside the CIE clear sky: python benchmarks/bruneton2008.py
 
 Luminance over that of the zenith against CIE standard sky 12, for their two aerosols (fig. 6 and 7 of the paper).
-Writes benchmarks/bruneton2008_cie.csv and docs/bruneton2008-cie.png.
+Writes results/bruneton2008_cie.csv and docs/bruneton2008-cie.png.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from results import write
+import results
 
 from twilight.atmosphere.medium import Medium
 from twilight.config import load_climate
@@ -105,7 +105,7 @@ def cie() -> None:
         "rms and mean of the logarithm above 10 deg, and the mean below 10 deg, which the paper finds too bright;",
         "three wavelengths, five orders; cpu_s to fill the tables",
     ]
-    write(HERE / "bruneton2008_cie.csv", columns, rows, notes=notes)
+    results.write(results.FOLDER / "bruneton2008_cie.csv", columns, rows, notes=notes)
 
 
 if __name__ == "__main__":

@@ -394,7 +394,7 @@ def save(model: Model, path: Path) -> None:
 def calibrate(path: Path) -> None:
     """Multiply the error that a model estimates, so that REFERENCE_COVERED of the skies of `clear_air.csv` are at least
     as near as it says; `climates` comes first.  Prints how many hold in climates that were left out."""
-    table = results.read_rows(HERE / "clear_air.csv")
+    table = results.read_rows(results.FOLDER / "clear_air.csv")
     ratio = np.array([float(row["excess_percent"]) / float(row["estimated_percent"]) for row in table])
     names = np.array([row["climate"] for row in table])
     held = [ratio[names == name] <= np.quantile(ratio[names != name], REFERENCE_COVERED) for name in set(names)]
@@ -460,7 +460,7 @@ def climates(model: Model) -> None:
     """Compare the model with the reference solutions of climates, and write the table."""
     rows = []
     for name, table_name in CLIMATES.items():
-        table = results.read_numbers(HERE / "reference" / f"{table_name}.csv")
+        table = results.read_numbers(results.FOLDER / "reference" / f"{table_name}.csv")
         medium = climate_medium(load_climate(name), np.unique(table["wavelength_nm"]))
         try:
             field = ClearAirField(medium, model, medium.bottom_km, polarisation=True)
@@ -478,7 +478,7 @@ def climates(model: Model) -> None:
             percent = (f"{value:.2f}" for value in (median, most, largest, own, excess, estimated))
             rows.append([name, f"{sun:g}", *percent, f"{off:.4f}"])
             print(*rows[-1], sep="\t", flush=True)
-    results.write(HERE / "clear_air.csv", COLUMNS, rows)
+    results.write(results.FOLDER / "clear_air.csv", COLUMNS, rows)
     for sun in dict.fromkeys(row[1] for row in rows):
         excess, estimated = ([float(row[k]) for row in rows if row[1] == sun] for k in (6, 7))
         print(

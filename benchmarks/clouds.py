@@ -1,7 +1,7 @@
 """`zones` below and above decks of cloud beside doubling and adding: python benchmarks/clouds.py
 
 A deck of stratus alone, 1 km thick on a ground without curvature, light at 550 nm without polarisation.  The rows of
-benchmarks/clouds_plane.csv are fluxes over F0 (direct light included), and radiances that are azimuthal means, which
+results/clouds_plane.csv are fluxes over F0 (direct light included), and radiances that are azimuthal means, which
 delta scaling leaves as they are under thick decks alone; then the difference of each quality in per cent.
 """
 
@@ -81,7 +81,7 @@ def main() -> None:
                 rows.append([f"{depth:g}", f"{sun:g}", what, f"{value:.5g}", *off])
                 print(*rows[-1], sep="\t", flush=True)
     columns = ["optical_depth", "sun_elevation_deg", "quantity", "reference", *(f"{q}_percent" for q in QUALITIES)]
-    results.write(HERE / "clouds_plane.csv", columns, rows)
+    results.write(results.FOLDER / "clouds_plane.csv", columns, rows)
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ from twilight.scene.medium import climate_medium
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 from twilight.studies.compare.reference_solution import COLUMNS
 
-HERE = Path(__file__).parent / "reference"
+HERE = results.FOLDER / "reference"
 WAVELENGTHS_NM = (450.0, 550.0, 680.0)
 SUNS_DEG = (30.0, 5.0, 0.0, -2.0, -4.0, -6.0, -9.0, -12.0)
 DIRECTIONS_DEG = (

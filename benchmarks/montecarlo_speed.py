@@ -10,7 +10,6 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numba
 import numpy as np
@@ -20,7 +19,6 @@ from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
-HERE = Path(__file__).parent
 WAVELENGTH_NM = 550.0
 SUNS_DEG = (30.0, 10.0, 0.0, -4.0, -6.0, -9.0, -12.0, -15.0, -18.0)
 VIEWS = {
@@ -68,7 +66,7 @@ def main(climate: str) -> None:
         rows.append([f"{sun:g}", *(f"{s:.4f}" for s in (*found, np.median(found))), f"{1e6 * cost:.0f}"])
         print(*rows[-1], sep="\t", flush=True)
     columns = ["sun_elevation_deg", *(f"{name} [s]" for name in VIEWS), "median [s]", "microseconds per sample"]
-    results.write(HERE / "montecarlo_speed.csv", columns, rows, notes=notes)
+    results.write(results.FOLDER / "montecarlo_speed.csv", columns, rows, notes=notes)
 
 
 if __name__ == "__main__":

@@ -89,7 +89,7 @@ def main(folder: Path) -> None:
         f"mean {chosen.mean():+.2f}, rms {np.sqrt((chosen**2).mean()):.2f}, largest {np.abs(chosen).max():.2f}"
     )
     print(note)
-    results.write(HERE / "moonlight.csv", COLUMNS, [[_cell(x) for x in r] for r in rows], notes=[note])
+    results.write(results.FOLDER / "moonlight.csv", COLUMNS, [[_cell(x) for x in r] for r in rows], notes=[note])
     draw(rows)
 
 

@@ -27,7 +27,7 @@ CASES = {
 
 
 def _rows(name: str) -> list[dict[str, Any]]:
-    return results.read_rows(HERE / name)
+    return results.read_rows(results.FOLDER / name)
 
 
 def largest_errors(quality: str) -> dict[str, list[float]]:

@@ -189,7 +189,7 @@ def main() -> None:
             )
             print(*rows[-1][:6], rows[-1][7], sep="\t", flush=True)
     results.write(
-        HERE / "phenomena.csv",
+        results.FOLDER / "phenomena.csv",
         ["phenomenon", "climate", "variant", "sun_elevation_deg", "measure", "value", "literature", "seen"],
         rows,
     )

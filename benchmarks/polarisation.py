@@ -75,7 +75,7 @@ def scalar(climates) -> None:
     notes = [
         "errors of scalar theory in I and luminance [%] and colour; a median is one of sizes, lowest to mean have signs"
     ]
-    results.write(HERE / "polarisation.csv", columns, rows, notes=notes)
+    results.write(results.FOLDER / "polarisation.csv", columns, rows, notes=notes)
 
 
 def reference(climates) -> None:
@@ -103,7 +103,7 @@ def reference(climates) -> None:
         "all directions and wavelengths of a sun; angles where the degree exceeds 0.05; noise: the reference's, median",
         "excess: what 95 % of normally distributed errors stay below, of a mean square less the noise",
     ]
-    results.write(HERE / "polarisation_reference.csv", columns.split(","), rows, notes=notes)
+    results.write(results.FOLDER / "polarisation_reference.csv", columns.split(","), rows, notes=notes)
 
 
 def judged(ours: np.ndarray, right: np.ndarray, noise: np.ndarray) -> list[str]:
@@ -128,7 +128,7 @@ def judged(ours: np.ndarray, right: np.ndarray, noise: np.ndarray) -> list[str]:
 
 
 def stored(_climates) -> None:
-    medium = medium_from_table(HERE / "reference" / "pure-air.csv")
+    medium = medium_from_table(results.FOLDER / "reference" / "pure-air.csv")
     elevation, azimuth = (g.ravel() for g in np.meshgrid([3.0, 12.0, 35.0, 65.0, 88.0], [20.0, 90.0, 160.0]))
     judge = montecarlo.prepare(medium, montecarlo.MonteCarloSettings(target_stderr=NOISE))
     rows = []
@@ -166,7 +166,7 @@ def cost(climates) -> None:
         "scalar_mib,polarised_mib,times_memory"
     )
     notes = ["eight wavelengths, any sun, processor time; the sky: one sun over a texture of half of it"]
-    results.write(HERE / "polarisation_cost.csv", columns.split(","), rows, notes=notes)
+    results.write(results.FOLDER / "polarisation_cost.csv", columns.split(","), rows, notes=notes)
 
 
 def one_cost(arguments) -> None:

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from results import write
+import results
 
 from twilight.base.progress import silent
 from twilight.engine import solve
@@ -88,7 +88,7 @@ def main() -> None:
         f"albedos x channels: by proportion {size * whole / count / 1e6:.0f} MB and {spent * whole / count:.0f} s",
     ]
     columns = ["sun_elevation_deg", "median_percent", "p95_percent", "p95_of_worst_channel_percent"]
-    write(HERE / "prague.csv", columns, rows, notes=notes)
+    results.write(results.FOLDER / "prague.csv", columns, rows, notes=notes)
     if options.picture:
         picture(fields[0, 0], sky, nodes, axes, HERE.parent / "docs" / "prague.png")
 

@@ -4,7 +4,7 @@
     python benchmarks/reliability.py page                write the page's tables from the tables here
 
 Each file's long tests run as `pytest -m slow tests/FILE` in one process, which names the eight dearest; the processor
-time is that of the command with all that it started and compiled.  Writes benchmarks/slow_tests.csv, in which the files
+time is that of the command with all that it started and compiled.  Writes results/slow_tests.csv, in which the files
 that were not run now stay as they are, and then the page: slow_tests.csv, and how many odd airs (odd_air.csv,
 sharp_layers.csv) there were and how many went wrong.  A radiance of `standard` is wrong that is more than 1 % (sharp
 layers 3 %) and three of the reference solution's standard errors off.
@@ -25,7 +25,7 @@ import results
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 PAGE = ROOT / "docs" / "reliability.md"
-TESTS = HERE / "slow_tests.csv"
+TESTS = results.FOLDER / "slow_tests.csv"
 COLUMNS = ("file", "long_tests", "passed", "failed", "processor_s", "processor", "commit")
 ALLOWED_PERCENT = {"odd_air.csv": 1.0, "sharp_layers.csv": 3.0}
 
@@ -89,10 +89,10 @@ def tried() -> str:
     """Odd airs: how many, and how many wrong."""
     rows: list[list[str]] = []
     for name, allowed in ALLOWED_PERCENT.items():
-        if not (HERE / name).exists():
+        if not (results.FOLDER / name).exists():
             continue
         found: dict[str, list[bool]] = {}
-        for row in results.read_rows(HERE / name):
+        for row in results.read_rows(results.FOLDER / name):
             off = abs(float(row["standard_percent"]))
             found.setdefault(row["case"], []).append(off > allowed and off > 3.0 * float(row["reference_percent"]))
         for case, wrong in found.items():

@@ -4,7 +4,7 @@ Drawn skies (Hipparcos to Hp 5.5, over Vienna) with known truth: a fisheye and a
 off in focal length and without distortion; hot pixels, noise of photons and of reading out, and up to a half of
 the stars false.  Errors are angles between true and solved directions of pixels all over the picture.  Then a latitude-
 longitude photograph of unknown place and time, if one is given: how many stars fit, and what sky it shows.
-Writes benchmarks/stars.csv, and for a photograph benchmarks/stars_photograph.csv and .png.
+Writes results/stars.csv, and for a photograph results/stars_photograph.csv and .png.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def main() -> None:
                 )
             )
             print(*rows[-1], sep="\t", flush=True)
-    results.write(HERE / "stars.csv", HEADER, rows)
+    results.write(results.FOLDER / "stars.csv", HEADER, rows)
     if len(sys.argv) > 1:
         photograph(Path(sys.argv[1]))
 
@@ -116,8 +116,8 @@ def photograph(path: Path) -> None:
         facts["other_dates_2000_to_2036"] = dating.others
     for key, value in facts.items():
         print(key, value, sep="\t")
-    results.write(HERE / "stars_photograph.csv", ("figure", "value"), list(facts.items()))
-    drawn = HERE / "stars_photograph.png"
+    results.write(results.FOLDER / "stars_photograph.csv", ("figure", "value"), list(facts.items()))
+    drawn = results.FOLDER / "stars_photograph.png"
     draw(light, made, drawn)
     with Image.open(drawn) as whole:
         sky = whole.crop((0, 0, whole.width, round(0.53 * whole.height))).quantize(256, Image.Quantize.MAXCOVERAGE)

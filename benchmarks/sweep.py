@@ -7,7 +7,7 @@ time hardly depends on what else the machine does; `busy` is the fraction of the
 tasks, and the rest is Dask and the dataset.  `read_s`: xarray opens the dataset lazily and takes the mean radiance of
 every sky, chunk by chunk.
 
-Writes benchmarks/sweep.csv.
+Writes results/sweep.csv.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def main() -> None:
     notes.append(f"load average {os.getloadavg()[0]:.1f} at the end on {len(os.sched_getaffinity(0))} cores")
     print(*notes[1:], sep="\n")
     columns = "workers threads wall_s cpu_s cpu_ms_per_sky busy bytes_per_sky compressed_share read_s".split()
-    results.write(Path(__file__).with_name("sweep.csv"), columns, rows, notes=notes)
+    results.write(results.FOLDER / "sweep.csv", columns, rows, notes=notes)
 
 
 def measured(sweep: Sweep, workers: int, threads: int) -> tuple[float, float, float, int, float]:

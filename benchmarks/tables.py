@@ -2,7 +2,7 @@
 
     python benchmarks/tables.py [AIR ...]
 
-Writes benchmarks/tables.csv, a row for each quantity: errors of radiance at 95 % and at most in 1,000 directions from
+Writes results/tables.csv, a row for each quantity: errors of radiance at 95 % and at most in 1,000 directions from
 0.3 deg above the horizon, 0.3 deg and more from the sun's disc, of `field.table(sun)` and of the table of many suns
 half-way between two of them (`between suns`); sizes; the aureole's axes; processor seconds at eight wavelengths, in one
 process with an empty cache, after a first sky of another air has compiled the kernels.  AIR: these alone are measured,
@@ -139,7 +139,7 @@ def main() -> None:
     if sys.argv[1:]:
         csv.writer(sys.stdout, lineterminator="\n").writerows([COLUMNS, *rows])
         return
-    results.write(ROOT / "benchmarks" / "tables.csv", COLUMNS, rows)
+    results.write(results.FOLDER / "tables.csv", COLUMNS, rows)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Claims of the three papers, measured: what docs/three-papers.md says.
 
-    python benchmarks/three_papers.py [CLAIM ...]      writes benchmarks/three_papers.csv
+    python benchmarks/three_papers.py [CLAIM ...]      writes results/three_papers.csv
 
 Each claim is a function here.  What a claim has found is kept in out/three-papers with the version of the program, and
 taken from there by a run of the same version: a run that was stopped goes on where it was.  With names these claims
@@ -302,7 +302,7 @@ def main() -> None:
         (FOUND / f"{name}.json").write_text(json.dumps({"version": version, "rows": rows}), encoding="utf-8")
         known[name] = rows
     lines = [[CLAIMS[n][0], n, *row] for n in CLAIMS if n in known for row in known[n]]
-    results.write(results.ROOT / "benchmarks" / "three_papers.csv", ["paper", "claim", "what", "measured"], lines)
+    results.write(results.FOLDER / "three_papers.csv", ["paper", "claim", "what", "measured"], lines)
 
 
 if __name__ == "__main__":

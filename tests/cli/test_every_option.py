@@ -50,12 +50,12 @@ CASES: dict[str, Case] = {
         },
     ),
     "view": (
-        ["twilight.engine.solve", "twilight.viewer.view_fields"],
+        ["twilight.engine.solve", "twilight.show.view_fields"],
         ["pure-air"],
         {"--beside": "urban", "--altitudes-km": "0,2", "--output": "x.html", **QUALITY, **SET},
     ),
     "animate": (
-        ["twilight.animation.film.Animation"],
+        ["twilight.show.film.Animation"],
         ["pure-air", "--output", "film.gif"],
         {
             "--output": "film.webp", "--from": "7", "--to": "-3", "--speed": "100", "--frames": "9",
@@ -122,7 +122,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "export shader": (
-        ["twilight.engine.solve", "twilight.viewer.shader.shader_sky", "twilight.studies.export.prague.write_folder"],
+        ["twilight.engine.solve", "twilight.show.shader.shader_sky", "twilight.studies.export.prague.write_folder"],
         ["pure-air"],
         {"--output": OUTPUT, **QUALITY, **SET},
     ),

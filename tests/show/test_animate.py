@@ -12,10 +12,6 @@ from filming import MEDIUM, SKY, closed_scene, film, scene
 from PIL import Image, ImageSequence
 from typer.testing import CliRunner
 
-from twilight.animation import film as films
-from twilight.animation.draw import DiscPainter, Painter
-from twilight.animation.film import Animation
-from twilight.animation.timeline import meter, smoothed
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
@@ -25,10 +21,14 @@ from twilight.engine.table import first_columns, first_rows
 from twilight.numerics import spectrum
 from twilight.numerics.projections import view_directions
 from twilight.scene import resolve
+from twilight.show import film as films
+from twilight.show.draw import DiscPainter, Painter
+from twilight.show.film import Animation
+from twilight.show.moonlight import sky_elevations
+from twilight.show.timeline import meter, smoothed
+from twilight.show.tones import Channels
 from twilight.sky.disc import SOLAR_RADIUS_DEG
 from twilight.sky.tone import Light, Shot, tone_of
-from twilight.viewer.moonlight import sky_elevations
-from twilight.viewer.tones import Channels
 
 
 def pictures(path):
@@ -331,8 +331,8 @@ def test_a_missing_encoder_and_an_unknown_suffix_are_one_sentence(tmp_path, monk
 
 def test_as_many_pictures_as_asked_for():
     """--frames: the whole way, from the first sun to the last, in that many."""
-    from twilight.animation.timeline import timeline
     from twilight.config import load
+    from twilight.show.timeline import timeline
 
     line = timeline(load("pure-air"), speed=300.0, frames_per_second=25.0, from_deg=4.0, to_deg=-8.0, frames=48)
     assert len(line) == 48 and line.elevation_deg[[0, -1]] == pytest.approx([4.0, -8.0])

@@ -19,10 +19,10 @@ from twilight.api import calls  # noqa: F401 - attaches `view` to skies and fiel
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.numerics.projections import view_directions
+from twilight.show.skies import view_fields, view_sky
+from twilight.show.tones import Channels
 from twilight.sky.ephemeris import parse_time, sun_position
 from twilight.sky.night import NightLevels, Place, night_radiance
-from twilight.viewer import view_fields, view_sky
-from twilight.viewer.tones import Channels
 
 BARE = {"disc": False, "night": False, "stars": False, "path": False}
 UP_DEG = 4.0
@@ -35,20 +35,13 @@ def field():
 
 
 @pytest.fixture(scope="module")
-def pages(field, tmp_path_factory):
+def pages(field, page_of_two, tmp_path_factory):
     folder = tmp_path_factory.mktemp("pages")
-    two = view_fields(
-        [field, closed("other", 2.0)],
-        names=["one", "other"],
-        scenes=["one", "other"],
-        altitudes_km=[0.0, 5.0, 60.0],
-        nodes=COARSE,
-    )
     return SimpleNamespace(
         one=view_fields([field], nodes=COARSE, names=["closed"], scenes=["continental-average"]).save(
             folder / "one.html"
         ),
-        two=two.save(folder / "two.html"),
+        two=page_of_two,
         sky=view_sky(as_sky(ClosedSky(field.medium, gone_at_17_deg), -4.0, 5.0)).save(folder / "sky.html"),
     )
 
@@ -136,7 +129,7 @@ def test_the_suns_place_and_the_night_are_those_of_twilight(field, pages):
 
 
 def test_every_control_does_what_it_says(pages):
-    with open_page(pages.two, 420, 600, accept_downloads=True, device_scale_factor=0.35) as (page, errors):
+    with open_page(pages.two, 420, 600, accept_downloads=True, device_scale_factor=0.2) as (page, errors):
         page.click("#toggle")
 
         def state(key):

@@ -107,7 +107,7 @@ def test_observer_above_the_air_is_refused():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"azimuth_cells": 7}, "azimuth_cells is 7"),
+        ({"azimuth_cells": 7}, "azimuth_cells must be a whole number from 8"),
         ({"azimuth_cells": 61}, "even"),
         ({"multiple_scattering": "both"}, "multiple_scattering"),
         ({"degree": 12}, "azimuth_directions"),

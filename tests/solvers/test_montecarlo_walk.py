@@ -244,10 +244,16 @@ def test_empty_air_is_black():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (dict(target_stderr=2.0), r"solver\.target_stderr is .*; allowed is"),
-        (dict(samples=1), r"solver\.samples is .*; allowed is"),
-        (dict(approximation="isotropic"), r"solver\.approximation is 'isotropic'; allowed is none, isotropic_after"),
-        (dict(importance_direction_fraction=1.0), r"solver\.importance_direction_fraction is .*; allowed is"),
+        (dict(target_stderr=2.0), r"solver\.target_stderr must be a number from 1e-06 to 1 or null, got 2"),
+        (dict(samples=1), r"solver\.samples must be a whole number from 2 to"),
+        (
+            dict(approximation="isotropic"),
+            r"expert\.approximation must be one of none, isotropic_after_first",
+        ),
+        (
+            dict(importance_direction_fraction=1.0),
+            r"expert\.importance_direction_fraction must be a number from 0 to 0.99",
+        ),
     ],
 )
 def test_bad_settings_are_refused(change, message):

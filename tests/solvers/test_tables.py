@@ -311,7 +311,7 @@ def test_one_thread_gives_what_two_give(air):
     ("change", "words"),
     [
         ({"scattering_mu": 33}, "must be even"),
-        ({"scattering_r": 1}, "allowed is 4 to 256"),
+        ({"scattering_r": 1}, "from 4 to 256"),
         ({"degree": 16}, "azimuth_directions"),
     ],
 )

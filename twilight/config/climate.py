@@ -12,9 +12,9 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from twilight.atmosphere.profiles import AirProfile, load_profile, profile_of_levels
 from twilight.base.conventions import LOWEST_GROUND_KM
 from twilight.base.errors import TwilightError
+from twilight.base.sections import FilePath, Flag, Integer, Number, Section, increase, key
 from twilight.config.aerosol import Aerosol, Stratosphere
 from twilight.config.air import Air, air_files
-from twilight.config.base import FilePath, Flag, Integer, Number, Section, increase, key
 
 THINNEST_KM = 0.01
 """Least thickness of a cloud [km]."""

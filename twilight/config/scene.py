@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from twilight.base.conventions import LOWEST_GROUND_KM
-from twilight.config.base import Flag, Integer, Number, Section, increase, key
+from twilight.base.sections import Flag, Integer, Number, Section, increase, key
 from twilight.config.climate import Climate
 from twilight.config.pictures import Output, Terrain, View
 from twilight.config.solver import ChosenSolver, SolverOptions, choose_solver

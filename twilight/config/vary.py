@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from twilight.base.errors import TwilightError
-from twilight.config.validate import unknown
+from twilight.base.sections import unknown
 
 LIST = "list"
 DRAWS = "draws"

@@ -45,7 +45,7 @@ POLARISED_FACTOR = 1.35
 FIELD_FRACTION_HELD = 0.5
 """Fraction of a field's memory while it is solved that is still held when it is evaluated."""
 START_S = 1.8
-"""Processor seconds of the program's start: its libraries, the compiled kernels (skies of `benchmarks/memory.csv`)."""
+"""Processor seconds of the program's start: its libraries, the compiled kernels (`benchmarks/results/memory.csv`)."""
 PIXEL_S = 3e-6
 """Processor seconds of a pixel of a view of eight wavelengths (`twilight.engine.view`)."""
 TERRAIN_S = 4.0

@@ -17,8 +17,6 @@ HIGHEST_OBSERVER_KM = 1.0
 """The formulae are those of the sky seen from the ground; up to here above it they are taken for it."""
 ROUNDING_DEG = 1e-6
 """Elevation of the sun outside the limits that counts as rounding [deg]."""
-OUTSIDE = ("nearest", "refuse")
-"""What may be done with a turbidity that a formula does not cover."""
 
 
 def check_observer(medium: Medium, altitude_km: float, solver: str) -> None:

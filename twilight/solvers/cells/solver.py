@@ -42,7 +42,7 @@ WAVELENGTHS_OF_A_PASS = 32
 
 SET_UP_S = (0.19, 2.15e-4)
 """Processor seconds of a wavelength: of any, and times the product of its angles and density; as all figures here of
-`draft` and `standard`, eight wavelengths (`benchmarks/compare.csv`)."""
+`draft` and `standard`, eight wavelengths (`benchmarks/results/compare.csv`)."""
 SET_UP_BYTES = (1.55e7, 2.0e4)
 """Bytes of a wavelength, likewise."""
 DIRECTION_S = 3.9e-7
