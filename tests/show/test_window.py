@@ -33,20 +33,13 @@ def field():
 
 
 @pytest.fixture(scope="module")
-def pages(field, tmp_path_factory):
+def pages(field, page_of_two, tmp_path_factory):
     folder = tmp_path_factory.mktemp("pages")
-    two = view_fields(
-        [field, closed("other", 2.0)],
-        names=["one", "other"],
-        scenes=["one", "other"],
-        altitudes_km=[0.0, 5.0, 60.0],
-        nodes=COARSE,
-    )
     return SimpleNamespace(
         one=view_fields([field], nodes=COARSE, names=["closed"], scenes=["continental-average"]).save(
             folder / "one.html"
         ),
-        two=two.save(folder / "two.html"),
+        two=page_of_two,
         sky=view_sky(as_sky(ClosedSky(field.medium, gone_at_17_deg), -4.0, 5.0)).save(folder / "sky.html"),
     )
 
@@ -134,7 +127,7 @@ def test_the_suns_place_and_the_night_are_those_of_twilight(field, pages):
 
 
 def test_every_control_does_what_it_says(pages):
-    with open_page(pages.two, 420, 600, accept_downloads=True, device_scale_factor=0.35) as (page, errors):
+    with open_page(pages.two, 420, 600, accept_downloads=True, device_scale_factor=0.2) as (page, errors):
         page.click("#toggle")
 
         def state(key):

@@ -339,6 +339,19 @@ class Config(Section):
         return self
 
     @model_validator(mode="after")
+    def _lies_on_the_map(self) -> Config:
+        if self.climate.ground.albedo_map is None:
+            return self
+        if isinstance(self.sun, SunElevation | SunElevations):
+            raise ValueError(
+                "ground.albedo_map: needs to know which ground is seen: give the sun a time and a place (sun.at, "
+                "sun.latitude_deg, sun.longitude_deg)"
+            )
+        if self.terrain is not None and "albedo" in self.terrain.model_fields_set:
+            raise ValueError("terrain.albedo: ground.albedo_map says what the terrain reflects; leave one of them out")
+        return self
+
+    @model_validator(mode="after")
     def _is_near_the_lamps(self) -> Config:
         if self.night is not None and self.night.light_pollution is not None:
             above_km = self.observer.altitude_km - self.climate.ground.altitude_km
