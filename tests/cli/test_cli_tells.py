@@ -196,14 +196,6 @@ def test_what_is_missing_is_said_in_short(tmp_path, monkeypatch):
     assert len(call("render", "urbann").stderr) < 100
 
 
-def test_a_sweep_that_varies_nothing_is_refused_at_once(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "one.yaml").write_text("version: 1\nclimate: pure-air\nsun: {elevation_deg: 3}\n")
-    refused = call("sweep", "one.yaml")
-    assert refused.exit_code == 2 and "varies nothing: a sweep needs a section vary" in refused.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["one.yaml"]
-
-
 def test_an_altitude_in_metres_is_said_before_anything_is_computed(monkeypatch):
     from twilight.api import light
 
