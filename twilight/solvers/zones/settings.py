@@ -42,9 +42,9 @@ class ZonesSettings:
     bent_paths: bend the paths of light between two scatterings too
     target_error: take the cheapest quality that is within this fraction at 95 % of the directions in air of this kind,
         for the lowest of the suns; 0 takes the quality asked for
-    spectral_interpolation: auto: where there are more than 24 wavelengths, or terms of bands of gases, light scattered
-        more than once is solved at some and interpolated to the others; light scattered once and the sun's own are
-        computed at each.  off: all is solved at each
+    spectral_interpolation: auto: where that saves a quarter of the blocks of eight wavelengths, or terms of bands of
+        gases, light scattered more than once is solved at some and interpolated to the others; light scattered once and
+        the sun's own are computed at each.  off: all is solved at each
     field_file: HDF5 file that the field is read from where it holds this very field, and written to otherwise
     """
 
