@@ -1,6 +1,6 @@
 """Light interpolated over the spectrum by `zones` beside light that is solved at every wavelength: error and time.
 
-    python benchmarks/hyperspectral.py                    errors in three climates, benchmarks/hyperspectral.csv
+    python benchmarks/hyperspectral.py                    errors in three climates, results/hyperspectral.csv
     python benchmarks/hyperspectral.py continental-average   one climate's rows anew
     python benchmarks/hyperspectral.py --quality standard ...   at another quality, into hyperspectral_standard.csv
 
@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -116,7 +115,7 @@ def main(arguments: list[str]) -> None:
     name = "hyperspectral.csv" if quality == "draft" else f"hyperspectral_{quality}.csv"
     wanted = [a for a in arguments if a in CLIMATES] or list(CLIMATES)
     cases = [a for a in arguments if a in CASES] or list(CASES)
-    path = Path(__file__).with_name(name)
+    path = results.FOLDER / name
     stored = results.read_rows(path) if path.exists() and len(arguments) else []
     rows = [list(row.values()) for row in stored if row["climate"] not in wanted or row["case"] not in cases]
     for climate in wanted:

@@ -30,8 +30,7 @@ from twilight.sky.ephemeris import sun_position
 from twilight.studies.camera import CameraModel
 from twilight.studies.camera.exif import FULL_FRAME_MM, LENS_TRANSMISSION, MIDDLE_GREY
 
-HERE = Path(__file__).parent
-TABLE = HERE / "phone_pictures.csv"
+TABLE = results.FOLDER / "phone_pictures.csv"
 WIDTH, HEIGHT = 640, 480
 TYPES = ("continental_average", "maritime_clean", "desert", "urban")
 COLUMNS = (

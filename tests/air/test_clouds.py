@@ -187,7 +187,7 @@ def test_near_the_sun_cirrus_is_as_small_angles_say():
 
 def test_decks_are_near_doubling_and_adding():
     """The table that docs quote would say otherwise (`python benchmarks/clouds.py`)."""
-    lines = (Path(__file__).parents[2] / "benchmarks" / "clouds_plane.csv").read_text().splitlines()
+    lines = (Path(__file__).parents[2] / "benchmarks" / "results" / "clouds_plane.csv").read_text().splitlines()
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     assert {float(row["optical_depth"]) for row in rows} == {0.1, 1.0, 10.0, 100.0}
     for quality, most in (("draft", 4.5), ("standard", 3.0)):

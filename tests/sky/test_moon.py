@@ -261,7 +261,7 @@ def test_zenith_of_moonlit_nights():
     """A dark site's zenith under the moon within 0.2 mag.
 
     Seven years at Cosmic Campground, 1634 m, the clear quarter (Dark Sky Network, soazcomms.github.io), its moonless
-    21.92 added; benchmarks/moonlight.csv has all of them.
+    21.92 added; benchmarks/results/moonlight.csv has all of them.
     """
     settings = {"ground.altitude_km": 1.634, "gases.ozone.column_du": 285.0, "solver.quality": "draft"}
     solved = solve(resolve(load("continental-average", settings)), cached=False)

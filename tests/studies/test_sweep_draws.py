@@ -117,7 +117,7 @@ def test_the_turbidity_is_that_of_the_air(client, tmp_path):
     swept(sweep, client, tmp_path / "a.zarr")
     with xr.open_zarr(tmp_path / "a.zarr") as data:
         for i, found in enumerate(data.turbidity.values):
-            config = sweep.series.config(sweep.drawn.axis.points[i])
+            config = sweep.series.config(sweep.drawn.points[i])
             assert found == pytest.approx(turbidity_of(climate_medium(config.climate, sweep.wavelength_nm)), rel=1e-4)
         assert np.all(np.diff(data.turbidity.values[np.argsort(data.aerosol_optical_depth_550nm.values)]) > 0.0)
 

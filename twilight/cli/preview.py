@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 PREVIEW = "sky.preview.png"
 COMPILING_S = 30.0
-"""Processor seconds that compiling takes, about (benchmarks/cold_start.csv)."""
+"""Processor seconds that compiling takes, about (benchmarks/results/cold_start.csv)."""
 LONG_S = 8.0
 """Processor seconds of a sky from which on it has a preview though nothing is compiled."""
 

@@ -48,8 +48,8 @@ def sweep(
     with progress_bar() as bar:
         made = Sweep(series, bar)
     warn_of_slips(*made.ends())
-    if (drawn := made.drawn) is not None and drawn.axis is not None:
-        held = len(drawn.axis.held_out)
+    if (drawn := made.drawn) is not None:
+        held = len(drawn.held_out)
         print(f"{drawn.size - held:,} draws to train with, {held:,} for validation", file=sys.stderr if plan else None)
     name = options.file_stem(made.first.name or Path(scene).stem, "sweep")
     path = output or Path("out") / f"{name}.zarr"
@@ -64,7 +64,7 @@ def resources_of(
     scheduler: str | None, batch_system: str | None, workers: int | None, threads: int | None, output: Path | None
 ) -> Any:
     """Where to compute, as `Resources`.  Errors: TwilightError for options that do not go together, or no .zarr."""
-    from twilight.config.validate import unknown
+    from twilight.base.sections import unknown
     from twilight.studies.sweep.resources import BATCH_SYSTEMS, Resources, check_installed
 
     options.check_range(workers, "--workers", 1, options.MAX_WORKERS)

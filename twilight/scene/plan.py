@@ -36,7 +36,7 @@ LONGEST_MASS = 40.0
 WITHOUT_DATA_NM = (627.0, 632.0)
 """The band of oxygen at 629 nm, which the source of the others leaves out."""
 SCALAR_ERROR = "scalar theory: 1 to 5 % at 440 nm, up to 17 % in single directions (docs/notes/polarisation.md)"
-"""Lowest and highest median, and largest error, of benchmarks/polarisation.csv (docs/notes/polarisation.md)."""
+"""Lowest and highest median, and largest error, of benchmarks/results/polarisation.csv (docs/notes/polarisation.md)."""
 
 
 @dataclass(frozen=True)
