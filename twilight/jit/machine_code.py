@@ -297,7 +297,7 @@ def _add_code(found: Any, code: CodeType, names: dict[str, Any]) -> None:
 def _described(value: Any) -> str:
     """A value that a kernel reads, as text that changes with it."""
     if hasattr(value, "py_func"):
-        return digest_of(getattr(value, "_dispatcher", value))
+        return digest_of(value)
     if isinstance(value, np.ndarray):
         return f"{value.dtype} {value.shape} {hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}"
     if isinstance(value, tuple):
