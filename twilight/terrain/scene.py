@@ -240,8 +240,10 @@ class _SkyIrradiance:
         grid = np.meshgrid(np.degrees(np.arcsin(sine)), azimuth, indexing="ij")
         self.logs = []
         for level in self.levels:
-            seen = [field.radiance(float(s), *grid, observer_altitude_km=float(level)).mean(axis=1) for s in self.suns]
-            self.logs.append(np.log(np.maximum(np.pi * (0.5 * weight) @ np.array(seen), 1e-30)))
+            radiances = [
+                field.radiance(float(s), *grid, observer_altitude_km=float(level)).mean(axis=1) for s in self.suns
+            ]
+            self.logs.append(np.log(np.maximum(np.pi * (0.5 * weight) @ np.array(radiances), 1e-30)))
 
     def at(self, sunward_km: np.ndarray, altitude_km: np.ndarray) -> np.ndarray:
         """(D, W)."""
