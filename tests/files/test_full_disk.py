@@ -17,8 +17,6 @@ from PIL import Image
 from rendering import call
 
 import twilight
-from twilight.animation.encode import encode, write_exr
-from twilight.animation.film import Animation
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.extras import is_installed
 from twilight.base.progress import silent
@@ -26,6 +24,8 @@ from twilight.base.whole_files import refusal, write_csv, write_json
 from twilight.io.exr import write_channels
 from twilight.io.netcdf import write_netcdf
 from twilight.jit import kernels
+from twilight.show.encode import encode, write_exr
+from twilight.show.film import Animation
 from twilight.solvers.montecarlo.checkpoint import Checkpoint, RunState
 from twilight.studies.camera.response import ResponseCurve, write_response
 from twilight.studies.export.prague import write_folder

@@ -13,8 +13,8 @@ from twilight.api.arguments import SceneLike, config_of
 from twilight.api.representation import Sky
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.progress import Progress, silent
+from twilight.base.sections import unknown
 from twilight.config.aerosol import AerosolType
-from twilight.config.validate import unknown
 from twilight.io.netcdf import read_sky as read_stored
 from twilight.studies.camera import CameraModel, read_camera
 from twilight.studies.camera.image import SUFFIXES

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from twilight.viewer import Page
+    from twilight.show.page import Page
 
 __all__ = ["Sky", "SkySeries", "facts", "html", "open_dataset", "plot", "read_sky"]
 
@@ -247,10 +247,10 @@ def view(self: Sky) -> Page:
 
     Returns
     -------
-    twilight.viewer.Page
+    twilight.show.Page
         A page that a notebook shows and whose `save(path)` writes it as HTML.
     """
-    from twilight.viewer import view_sky  # start-up
+    from twilight.show.skies import view_sky  # start-up
 
     return view_sky(self)
 

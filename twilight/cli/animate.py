@@ -63,7 +63,7 @@ def animate(
     chosen |= _usual_view(scene, chosen)
     config = options.load_one_scene(scene, chosen, names, "animate")
 
-    from twilight.animation.film import SPEED, Animation
+    from twilight.show.film import SPEED, Animation
 
     film = Animation(
         config,
@@ -98,8 +98,8 @@ def animate(
 
 def _usual_view(scene: str, chosen: dict[str, Any]) -> dict[str, Any]:
     """What completes a view of which only some keys are chosen, where the configuration has none."""
-    from twilight.animation.film import USUAL_VIEW
     from twilight.config import load_series
+    from twilight.show.film import USUAL_VIEW
 
     some = {key for key in chosen if key.startswith("observer.view.")}
     rest = {key: value for key, value in chosen.items() if key not in some}

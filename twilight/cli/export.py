@@ -115,9 +115,9 @@ def shader(
     from twilight.cli.options import announce_compiling
     from twilight.engine import solve
     from twilight.scene import resolve
+    from twilight.show.shader import shader_sky
+    from twilight.show.skies import check_altitudes
     from twilight.studies.export.prague import check_new, write_folder
-    from twilight.viewer import check_altitudes
-    from twilight.viewer.shader import shader_sky
 
     chosen, names = options.settings_of(settings)
     options.put_options(chosen, names, {"solver.quality": (quality, "--quality")})

@@ -173,8 +173,8 @@ def load_one_scene(scene: str, chosen: dict[str, Any], names: dict[str, str], co
 
 def sun_at(at: str | None, latitude: float | None, longitude: float | None, time_zone: str | None) -> SunAt:
     """The section `sun` of a place and time; errors name the options."""
+    from twilight.base.sections import Origins, validate
     from twilight.config.sun import SunAt
-    from twilight.config.validate import Origins, validate
 
     section = {"at": at, "latitude_deg": latitude, "longitude_deg": longitude, "time_zone": time_zone}
     names = {"latitude_deg": "--latitude", "longitude_deg": "--longitude", "at": "--at", "time_zone": "--time-zone"}

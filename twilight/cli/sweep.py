@@ -64,7 +64,7 @@ def resources_of(
     scheduler: str | None, batch_system: str | None, workers: int | None, threads: int | None, output: Path | None
 ) -> Any:
     """Where to compute, as `Resources`.  Errors: TwilightError for options that do not go together, or no .zarr."""
-    from twilight.config.validate import unknown
+    from twilight.base.sections import unknown
     from twilight.studies.sweep.resources import BATCH_SYSTEMS, Resources, check_installed
 
     options.check_range(workers, "--workers", 1, options.MAX_WORKERS)

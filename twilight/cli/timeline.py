@@ -51,9 +51,9 @@ def timeline(
     import datetime as dt
 
     from twilight.base.progress import part_of
+    from twilight.base.sections import unknown
     from twilight.base.whole_files import check_file
     from twilight.config.load import load
-    from twilight.config.validate import unknown
     from twilight.engine.light import field_for
     from twilight.sky.ephemeris import parse_time
     from twilight.sky.twilight_times import time_of, today_at, twilight_times

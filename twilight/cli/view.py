@@ -51,7 +51,7 @@ def view(
 
     from twilight.base.whole_files import check_file
     from twilight.engine import solve
-    from twilight.viewer import check_altitudes, ground_to_orbit, view_fields
+    from twilight.show.skies import check_altitudes, ground_to_orbit, view_fields
 
     first = airs[0][0]
     if altitudes is None and first.capabilities.every_observer:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from twilight.config.base import FilePath, Flag, Number, Section, increase, key
+from twilight.base.sections import FilePath, Flag, Number, Section, increase, key
 
 AerosolType = Literal[
     "continental_clean", "continental_average", "continental_polluted", "urban", "desert",

@@ -12,9 +12,9 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from twilight.atmosphere.profiles import AirProfile, load_profile, profile_of_levels
 from twilight.base.conventions import LOWEST_GROUND_KM
 from twilight.base.errors import TwilightError
+from twilight.base.sections import FilePath, Flag, Integer, Number, Section, increase, key
 from twilight.config.aerosol import Aerosol, Stratosphere
 from twilight.config.air import Air, air_files
-from twilight.config.base import FilePath, Flag, Integer, Number, Section, increase, key
 
 THINNEST_KM = 0.01
 """Least thickness of a cloud [km]."""
@@ -78,6 +78,7 @@ CLIMATE_FILES: tuple[tuple[tuple[str, ...], str, str | None], ...] = (
     (("medium",), "phase_function", "phase_function_sha256"),
     (("aerosol", "table"), "file", "sha256"),
     (("aerosol", "table"), "phase_function", "phase_function_sha256"),
+    (("ground",), "albedo_map", "albedo_map_sha256"),
 )
 """Keys of a climate that name files, by section, and the keys of their SHA-256."""
 
@@ -304,8 +305,19 @@ class Ground(Section):
         Discriminator(_albedo_kind),
     ] = key(
         0.0,
-        "fraction of light reflected, a number or {wavelength_nm: [...], albedo: [...]}",
+        "fraction of light reflected, a number or {wavelength_nm: [...], albedo: [...]}; with albedo_map: where that "
+        "has none",
         unit="1",
+    )
+    albedo_map: FilePath | None = key(
+        None,
+        "albedo by latitude and longitude: netCDF (over lat, lon and, if it likes, wavelength), or a picture of the "
+        "whole Earth (PNG, JPEG, EXR; north up, 180 deg W at the left); views see it, terrain has it, its mean over "
+        "the ground in sight or within 100 km lights the air; relative to the folder of the climate's file",
+        min_length=1,
+    )
+    albedo_map_sha256: str | None = key(
+        None, "the map's SHA-256; if given, another is an error", pattern="^[0-9a-f]{64}$"
     )
     altitude_km: Number = key(
         0.0,

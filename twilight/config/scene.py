@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from twilight.base.conventions import LOWEST_GROUND_KM
-from twilight.config.base import Flag, Integer, Number, Section, increase, key
+from twilight.base.sections import Flag, Integer, Number, Section, increase, key
 from twilight.config.climate import Climate
 from twilight.config.pictures import Output, Terrain, View
 from twilight.config.solver import ChosenSolver, SolverOptions, choose_solver
@@ -336,6 +336,19 @@ class Config(Section):
                 f"observer.altitude_km is {self.observer.altitude_km:g}, below the ground (ground.altitude_km, "
                 f"{ground_km:g} km); both count from sea level; set both where land lies below it"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _lies_on_the_map(self) -> Config:
+        if self.climate.ground.albedo_map is None:
+            return self
+        if isinstance(self.sun, SunElevation | SunElevations):
+            raise ValueError(
+                "ground.albedo_map: needs to know which ground is seen: give the sun a time and a place (sun.at, "
+                "sun.latitude_deg, sun.longitude_deg)"
+            )
+        if self.terrain is not None and "albedo" in self.terrain.model_fields_set:
+            raise ValueError("terrain.albedo: ground.albedo_map says what the terrain reflects; leave one of them out")
         return self
 
     @model_validator(mode="after")

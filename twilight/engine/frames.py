@@ -14,6 +14,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import PhasedProgress, Progress, silent
 from twilight.config.sun import SunAt
 from twilight.engine.field import Field, parts
+from twilight.engine.mapped_ground import land_of
 from twilight.engine.night import (
     check_stars,
     moon_light,
@@ -90,11 +91,12 @@ def frames(
     moons = [moon_of(config, sun) for sun in suns]
     if len(moons) == 1 and moons[0] is not None:
         warn_of_the_moon(config, moons[0])
-    known = None if config.terrain is not None else tuple(sun.elevation_deg for sun in suns)
+    mapped = scene.observer.view is not None and config.climate.ground.albedo_map is not None
+    known = None if config.terrain is not None or mapped else tuple(sun.elevation_deg for sun in suns)
     if known is not None:
         known += tuple(moon.elevation_deg for moon in moons if moon is not None and moon.shines)
     if scene.observer.view is not None:
-        check_view(scene.observer.view, scene.capabilities, scene.title)
+        check_view(scene.observer.view, scene.capabilities, scene.title, mapped)
         if config.terrain is not None:
             check_terrain(scene.capabilities, config.terrain, scene.altitude_km, _standpoint(suns[0]))
     todo = parts(plan(scene, known, cached=cached, numpy_only_sun=numpy_only_sun))
@@ -177,12 +179,13 @@ class _SunResult:
         self.light = solved.gather(sun.elevation_deg, grid=grid, before=self.light)
         if scene.observer.view is not None:
             like = self.view[-1] if self.view else None
-            pixels = view_radiance(solved, scene.observer.view, sun.elevation_deg, away_deg, like)
+            land = land_of(scene, _standpoint(sun))
+            pixels = view_radiance(solved, scene.observer.view, sun.elevation_deg, away_deg, like, land)
             if config.terrain is None:
                 self.view.append(pixels)
             else:
                 where = config.terrain, sun.elevation_deg, standpoint or _standpoint(sun), away_deg
-                self.landscape.append(landscape(solved, pixels.whole(), *where))
+                self.landscape.append(landscape(solved, pixels.whole(), *where, land))
         self.direct.append(solved.direct(sun.elevation_deg))
 
 

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.config.pictures import Terrain, View
 from twilight.engine.field import Field
+from twilight.engine.mapped_ground import Land, MappedGround, join_grounds
 from twilight.engine.night import MoonLight, NightLight, with_moon
 from twilight.engine.sunbeam import Direct
 from twilight.engine.table import CLOSEST_ROWS_DEG, first_columns, first_rows, row_breaks
@@ -63,7 +65,7 @@ class ViewRadiance:
     table: sun-normalised radiance [sr^-1] of the directions in the view; pitch_deg: angle between pixels; direct: the
     sun's light at the observer, None: no disc; night: in the same unit, None: there is none; light_azimuth_deg: from
     which the table's azimuths count, from the sun; moon: the same view under the moon alone, and its light, None: there
-    is none.
+    is none; ground: what an albedo map adds to the table, None: there is none.
     """
 
     view: View
@@ -74,6 +76,7 @@ class ViewRadiance:
     night: NightLight | None = None
     light_azimuth_deg: float = 0.0
     moon: tuple[ViewRadiance, MoonLight] | None = None
+    ground: MappedGround | None = None
 
     @property
     def kind(self) -> str:
@@ -91,7 +94,10 @@ class ViewRadiance:
         azimuth, elevation = azimuth_elevation(rays)
         inside = np.isfinite(elevation)
         picture = np.full((*elevation.shape, self.table.smooth.shape[-1]), np.nan, np.float32)
-        picture[inside] = self.table.light(elevation[inside], azimuth[inside] - self.light_azimuth_deg)
+        directions = elevation[inside], azimuth[inside] - self.light_azimuth_deg
+        picture[inside] = self.table.light(*directions)
+        if self.ground is not None:
+            picture[inside] = np.maximum(picture[inside] + self.ground.light(*directions), 0.0)
         pixels = ViewPixels(self.kind, rays.astype(np.float32), picture, self.pitch_deg)
         if self.night is not None:
             pixels = with_night(pixels, self.night)
@@ -105,13 +111,16 @@ class ViewRadiance:
         return self.rows(0, self.shape[0])
 
 
-def check_view(view: View, able: Capabilities, title: str) -> None:
-    """TwilightError for a view that goes below the horizontal, where the solver cannot look."""
+def check_view(view: View, able: Capabilities, title: str, mapped: bool = False) -> None:
+    """TwilightError for a view that goes below the horizontal, where the solver cannot look, or not at ground of a map
+    (mapped)."""
     if not able.looks_down and _extent(view)[0][0] < 0.0:
         raise TwilightError(
             f"{title}: a view {view.kind} goes below the horizon, where its solver cannot look; take zones, tables, "
             "cells or montecarlo (--solver), or a panorama"
         )
+    if mapped and not (able.every_sun and able.every_observer) and _extent(view)[0][0] < 0.0:
+        raise TwilightError(f"{title}: ground.albedo_map is seen with zones or tables (--solver)")
 
 
 def view_radiance(
@@ -120,11 +129,13 @@ def view_radiance(
     sun_elevation_deg: float,
     light_azimuth_deg: float = 0.0,
     like: ViewRadiance | None = None,
+    land: Land | None = None,
 ) -> ViewRadiance:
     """What a field shows in a view, without the sun's disc.
 
     light_azimuth_deg: from the sun, of a second light that stands at `sun_elevation_deg` in its place; like: the same
-    at other wavelengths, whose rows and columns are taken to begin with.
+    at other wavelengths, whose rows and columns are taken to begin with; land: the map of the ground about the observer
+    and that light, None: there is none.
     """
     pitch = pixel_pitch_deg(view)
     rows, columns = _first_nodes(solved, view, light_azimuth_deg, pitch)
@@ -138,7 +149,9 @@ def view_radiance(
         closest_rows_deg=min(CLOSEST_ROWS_DEG, 0.5 * pitch),
         most=MOST_NODES,
     )
-    return ViewRadiance(view, table, pitch, sun_elevation_deg, light_azimuth_deg=light_azimuth_deg)
+    seen_ground = land is not None and table.elevation_deg[0] < 0.0
+    ground = MappedGround.of(solved, sun_elevation_deg, land) if land is not None and seen_ground else None
+    return ViewRadiance(view, table, pitch, sun_elevation_deg, light_azimuth_deg=light_azimuth_deg, ground=ground)
 
 
 def _first_nodes(
@@ -168,7 +181,9 @@ def _between(nodes: np.ndarray, low: float, high: float) -> np.ndarray:
 
 def join_views(views: Sequence[ViewRadiance], direct: Direct | None) -> ViewRadiance:
     """The same view at the wavelengths of all blocks, and the sun's disc in it."""
-    return replace(views[0], table=join_tables([one.table for one in views]), direct=direct)
+    grounds = [one.ground for one in views if one.ground is not None]
+    ground = join_grounds(grounds) if grounds else None
+    return replace(views[0], table=join_tables([one.table for one in views]), direct=direct, ground=ground)
 
 
 def _extent(view: View) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -201,11 +216,12 @@ def landscape(
     sun_elevation_deg: float,
     standpoint: Standpoint | None = None,
     light_azimuth_deg: float = 0.0,
+    land: Land | None = None,
 ) -> ViewPixels:
     """What a field shows of a view with terrain in it.
 
     standpoint: of an observer whose place and sun are known, by which terrain with coordinates is laid.
-    light_azimuth_deg: as in `view_radiance`.
+    light_azimuth_deg, land: as in `view_radiance`.
     """
     altitude = solved.scene.altitude_km
     heights = heights_of(terrain, standpoint=standpoint).facing(light_azimuth_deg)
@@ -220,10 +236,17 @@ def landscape(
         sky = seen.radiance[..., w : w + medium.n_wavelengths]
         w += medium.n_wavelengths
         field = FormulaField(block.field) if solved.scene.capabilities.kind == "formula" else block.field
-        with_terrain = add_terrain(sky, rays, heights, field, medium, beam, place, terrain.albedo, terrain.shadows)
+        mapped = None if land is None else partial(_albedo, land, medium.wavelength_nm)
+        with_terrain = add_terrain(
+            sky, rays, heights, field, medium, beam, place, terrain.albedo, terrain.shadows, mapped
+        )
         radiance.append(with_terrain.radiance)
     shown = np.concatenate(radiance, axis=-1)
     return ViewPixels(seen.kind, seen.rays, shown, seen.pitch_deg, hidden=np.isfinite(with_terrain.distance_km))
+
+
+def _albedo(land: Land, wavelength_nm: np.ndarray, azimuth: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    return land.albedo(np.degrees(azimuth), turn, wavelength_nm)
 
 
 def with_night(pixels: ViewPixels, night: NightLight) -> ViewPixels:

@@ -19,6 +19,7 @@ from typing import Any
 
 from twilight.base.errors import TwilightError
 from twilight.base.formats import FORMATS, WHERE_DISC, WHERE_MOON, WHERE_POLARISED, WITH_VIEW, check_names, file_names
+from twilight.base.whole_files import writing
 from twilight.io.environment import environment_directions
 from twilight.io.netcdf import read_sky
 from twilight.io.picture import DEFAULT_VIEW, DEFAULT_WIDTH, check_options, view_directions
@@ -85,7 +86,7 @@ def open_folder(
     Errors: TwilightError where the folder holds anything that would be lost or would be mistaken for a part of this
     render, or where another process writes it.
     """
-    try:
+    with writing(root):
         finished = {} if overwrite else check_folder_content(root, wanted, code)
         root.mkdir(parents=True, exist_ok=True)
         try:
@@ -95,8 +96,6 @@ def open_folder(
                 yield RenderFolder(root, code, finished, journal)
         finally:
             _remove_if_no_sky(root)
-    except OSError as error:
-        raise TwilightError(f"{error.filename or root}: cannot be written ({error.strerror or error})") from error
 
 
 def check_folder_content(root: Path, wanted: Mapping[str, RequestedSky], code: str) -> dict[str, dict[str, Any]]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.reading import MEMORY_FRACTION, memory_bytes
-from twilight.base.whole_files import link_or_copy, write_csv
+from twilight.base.whole_files import link_or_copy, write_csv, writing
 from twilight.io.folder import NUMBERED, numbered_files
 from twilight.io.labels import attributes
 from twilight.io.netcdf import read_sky, sky_to_dataset, write_netcdf
@@ -228,7 +228,7 @@ def number_files(folders: Sequence[Path], target: Path, names: Sequence[str] = N
     Links to the same data where the file system has them, else copies.  Returns how many; errors: TwilightError.
     """
     count = 0
-    try:
+    with writing(target):
         for old in numbered_files(target):
             old.unlink()
         for i, folder in enumerate(folders, start=1):
@@ -238,6 +238,4 @@ def number_files(folders: Sequence[Path], target: Path, names: Sequence[str] = N
                     stem, _, suffix = name.rpartition(".")
                     link_or_copy(folder / name, target / f"{stem}.{i:04d}.{suffix}")
                     count += 1
-    except OSError as error:
-        raise TwilightError(f"{target}: cannot be written ({error.strerror or error})") from error
     return count

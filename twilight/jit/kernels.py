@@ -15,9 +15,6 @@ A small kernel becomes a part of those that call it by LLVM (`inline=True`).  nu
 and types its Python code anew for each call: `beam_at` took 7.4 processor seconds to compile in place of 3.4, to the
 same bits.
 
-Machine code is cached beside the modules, in files that name the types of arguments.  Files that an earlier version of
-the program left behind may name types that have moved: numba would end in an ImportError, here they count as none.
-
 These options, and the vectors of :mod:`twilight.jit.simd`, are parts of numba that change from one minor version to
 the next: versions that were never tested are refused with one sentence.
 
@@ -28,15 +25,14 @@ times slower, for debuggers.
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Callable
 from typing import Any
 
 import numba
 from numba.core import types
-from numba.core.caching import IndexDataCacheFile
 
-from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.errors import TwilightError
+from twilight.jit.machine_code import InnerCompiler, KernelCache, no_garbage_collection
 
 OLDEST_NUMBA = (0, 60)
 """First minor version of numba with which the tests passed; as in `pyproject.toml`."""
@@ -56,20 +52,6 @@ def check_numba(version: str) -> None:
             f"numba {version} is installed, and twilight is tested with {oldest} to below {untested}; this installs "
             f'one that works: python -m pip install "numba>={oldest},<{untested}"'
         )
-
-
-_load_index = IndexDataCacheFile._load_index
-
-
-def _load_known_index(file: Any) -> dict[Any, Any]:
-    """The machine code that a cache file of numba's knows of; none where it is of types that are no longer there."""
-    try:
-        return _load_index(file)
-    except (ImportError, AttributeError):
-        return {}
-
-
-IndexDataCacheFile._load_index = _load_known_index  # type: ignore[method-assign]
 
 
 class InnerKernel:
@@ -119,6 +101,9 @@ def njit(
     made |= {"forceinline": True} if inline is True else {"inline": inline or "never"}
     if not makes_arrays:
         made["_nrt"] = False
+    if inner:
+        made["pipeline_class"] = InnerCompiler
+    cached = options.pop("cache", False)
     compiled: Callable[..., Any] = numba.njit(**made | options)
 
     def kernel(function: Any) -> Any:
@@ -126,48 +111,13 @@ def njit(
             function.py_func = function
             return function
         made = compiled(function)
-        _go_on_without_cache(made)
+        compile_now = made._compiler.compile
+        made._compiler.compile = no_garbage_collection()(compile_now)
+        if cached:
+            made._cache = KernelCache(made)
         return InnerKernel(made) if inner else made
 
     return kernel
-
-
-def _go_on_without_cache(dispatcher: Any) -> None:
-    """Let a kernel run whose machine code cannot be kept, on a disk that is full, or not be read, for another version
-    kept it, whose modules had other names: numba would raise the error where the kernel is called first."""
-    kept = dispatcher._cache
-    load, save = kept.load_overload, kept.save_overload
-
-    def load_or_compile(signature: Any, target: Any) -> Any:
-        try:
-            return load(signature, target)
-        except Exception:  # what unpickling raises depends on what is not there any more
-            return None
-
-    def save_or_warn(signature: Any, data: Any) -> None:
-        try:
-            try:
-                save(signature, data)
-            except Exception as error:
-                if isinstance(error, OSError):
-                    raise
-                kept.flush()  # what is there is of another version
-                save(signature, data)
-        except OSError as error:
-            if not _warned:
-                _warned.append(True)
-                warnings.warn(
-                    f"compiled kernels cannot be kept in {kept.cache_path} ({error.strerror or error}): they are "
-                    "compiled again the next time; NUMBA_CACHE_DIR names another folder",
-                    TwilightWarning,
-                    stacklevel=2,
-                )
-
-    kept.load_overload, kept.save_overload = load_or_compile, save_or_warn
-
-
-_warned: list[bool] = []
-"""Holds something once this process has said that kernels cannot be kept."""
 
 
 check_numba(numba.__version__)

@@ -78,11 +78,12 @@ def sun_position(
     altitude_km: float = 0.0,
     *,
     time_zone: str | None = None,
+    highest_km: float = 100.0,
 ) -> SunPosition:
     """Topocentric position of the sun for an observer at a place and a time (or a sequence of times).
 
     time: see :func:`parse_time`.  latitude_deg: geodetic, -90..90, north positive.  longitude_deg: -180..360, east
-    positive.  altitude_km: above the ellipsoid, -1..100 (parallax only).  Elevation is without refraction.
+    positive.  altitude_km: above the ellipsoid, -1..highest_km (parallax only).  Elevation is without refraction.
 
     By ERFA, for the years 1000 to 3000: within 0.7 arcsec of NREL's SPA (Reda & Andreas, Solar Energy
     76 (2004) 577) from 1900 to 2200; UT1 is taken as UTC (0.004 deg at most).
@@ -90,7 +91,7 @@ def sun_position(
     for name, value, low, high in (
         ("latitude_deg", latitude_deg, -90.0, 90.0),
         ("longitude_deg", longitude_deg, -180.0, 360.0),
-        ("altitude_km", altitude_km, -1.0, 100.0),
+        ("altitude_km", altitude_km, -1.0, highest_km),
     ):
         if not (isinstance(value, int | float | np.number) and low <= float(value) <= high):
             raise TwilightError(f"{name}: {value} must be a number between {low:g} and {high:g}")

@@ -35,8 +35,9 @@ from twilight.atmosphere.measured.parts import (
 from twilight.atmosphere.profiles import MOLECULES_PER_CM2_PER_DU
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
+from twilight.base.reading import reading
 from twilight.io.air.grid_points import between, by_valid_time, dimension, weighted
-from twilight.io.air.lines import PlaceAndTime, reason, spoken
+from twilight.io.air.lines import PlaceAndTime, spoken
 
 COORDINATES = {
     "latitude": ("latitude", "lat"),
@@ -112,19 +113,16 @@ def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
     said: set[str] = set()
     name = ""
     try:
-        for data in datasets:
-            name = name or _name(data)
-            found, levels, where, single, there = _at_the_place(path, data, wanted)
-            said.add(where)
-            warned |= set(wanted.warnings(f"{name or 'map'} {path.name}: {where}", single, *there))
-            on_levels = {key: value for key, value in found.items() if np.ndim(value)}
-            columns |= {key: value for key, value in found.items() if key not in on_levels}
-            if levels is not None:
-                profiles.append((levels, on_levels))
-    except TwilightError:
-        raise
-    except Exception as error:  # values are read only now, and what a damaged file raises depends on the library
-        raise TwilightError(f"{path}: is damaged, or not the map that its names promise: {reason(error)}") from None
+        with reading(path, "the map that its names promise"):  # values are read only now
+            for data in datasets:
+                name = name or _name(data)
+                found, levels, where, single, there = _at_the_place(path, data, wanted)
+                said.add(where)
+                warned |= set(wanted.warnings(f"{name or 'map'} {path.name}: {where}", single, *there))
+                on_levels = {key: value for key, value in found.items() if np.ndim(value)}
+                columns |= {key: value for key, value in found.items() if key not in on_levels}
+                if levels is not None:
+                    profiles.append((levels, on_levels))
     finally:
         for data in datasets:
             data.close()
@@ -161,7 +159,7 @@ def _open(path: Path, content: str) -> list[Any]:
     """The datasets of a file: GRIB may hold several that share no coordinates."""
     import xarray  # start-up: half a second, and most climates name no such file
 
-    try:
+    with reading(path, f"a complete {'GRIB' if content == 'grib' else 'netCDF'} file"):
         if content == "grib":
             try:
                 import cfgrib  # optional
@@ -179,11 +177,6 @@ def _open(path: Path, content: str) -> list[Any]:
         engine = "h5netcdf" if content == "netcdf" else "scipy"
         options = {"phony_dims": "sort"} if content == "netcdf" else {}
         return [xarray.open_dataset(path, engine=engine, backend_kwargs=options)]
-    except TwilightError:
-        raise
-    except Exception as error:  # what a damaged file raises depends on the library that reads it
-        name = "GRIB" if content == "grib" else "netCDF"
-        raise TwilightError(f"{path}: is damaged, or no {name}: {reason(error)}") from None
 
 
 def _name(data: Any) -> str:

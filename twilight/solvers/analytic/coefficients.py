@@ -23,13 +23,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
-from os.path import isfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from twilight.base.errors import TwilightError
+from twilight.base.reading import read_text
 
 LOWEST_COSINE = 1e-3
 """exp(B / cos zenith) is held below this cosine (0.06 deg above the horizon), where B < 0 has made it 0."""
@@ -211,18 +211,7 @@ def load_coefficients(name: str) -> SkyCoefficients:
             f"solver.coefficients is {name}; allowed are {', '.join(shipped_sets())} and the path of a .yaml or "
             ".json file"
         )
-    try:
-        if not isfile(path):  # a pipe or a device could go on for ever
-            raise TwilightError(f"solver.coefficients: {path}: there is no such file")
-        if path.stat().st_size > MAX_BYTES:
-            raise TwilightError(
-                f"solver.coefficients: {path}: is larger than {MAX_BYTES // 1000} kB, which no set of coefficients is"
-            )
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "is not text"
-        raise TwilightError(f"solver.coefficients: {path}: cannot be read: {reason}") from None
-    return parse_coefficients(text, str(path))
+    return parse_coefficients(read_text(path, MAX_BYTES), str(path))
 
 
 def file_sha256(name: str) -> str:

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from twilight.base.errors import TwilightError
+from twilight.base.reading import reading
 from twilight.base.whole_files import whole_file
 
 
@@ -131,10 +132,8 @@ def read_prague(path: str | Path) -> PragueFile:
     Errors: TwilightError where there is none, and for one that ends early or goes on behind its end.
     """
     path = Path(path)
-    try:
+    with reading(path, "a file that can be read"):
         content = memoryview(path.read_bytes())
-    except OSError as error:
-        raise TwilightError(f"{path}: cannot be read ({error.strerror or error})") from None
     take = _Reader(path, content)
     visibility, albedo, altitude, elevation = (take.counted() for _ in range(4))
     channels, start, width, rank = take.numbers("<iddi")

@@ -15,14 +15,14 @@ from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG as LOWEST_TABLE_DEG
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene import Scene
+from twilight.show import moonlight, space, tables, tones
+from twilight.show.moonlight import MoonColours, page_header
+from twilight.show.page import Page
+from twilight.show.tables import Pack
+from twilight.show.tones import Channels, padded_columns
 from twilight.sky.night.points import bright_stars
 from twilight.sky.sky import Sky
 from twilight.sky.table import DARKEST, SkyTable
-from twilight.viewer import moonlight, space, tables, tones
-from twilight.viewer.moonlight import MoonColours, page_header
-from twilight.viewer.page import Page
-from twilight.viewer.tables import Pack
-from twilight.viewer.tones import Channels, padded_columns
 
 MOST_FIELDS = 2
 """Skies that a page shows beside each other."""

@@ -14,10 +14,6 @@ from typing import Any
 import numpy as np
 
 from twilight import solvers
-from twilight.animation.draw import DiscPainter, MoonDiscPainter, Painter, horizon_of, moons_of
-from twilight.animation.encode import check_output, encode, write_exr
-from twilight.animation.night import NightPainter, Nights, nights_of
-from twilight.animation.timeline import FilmTimeline, meter, smoothed, timeline
 from twilight.base.digest import code_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
@@ -34,12 +30,17 @@ from twilight.io.provenance import configuration_hash, locked
 from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import Scene, resolve
+from twilight.show import moonlight
+from twilight.show.draw import DiscPainter, MoonDiscPainter, Painter, horizon_of, moons_of
+from twilight.show.encode import check_output, encode, write_exr
+from twilight.show.moonlight import MoonColours
+from twilight.show.night import NightPainter, Nights, nights_of
+from twilight.show.skies import check_altitudes
+from twilight.show.timeline import FilmTimeline, meter, smoothed, timeline
+from twilight.show.tones import Channels
 from twilight.sky.moon import Moon
 from twilight.sky.table import SkyTable
 from twilight.sky.tone import Shot, Tone, adapt, tone_of
-from twilight.viewer import check_altitudes, moonlight
-from twilight.viewer.moonlight import MoonColours
-from twilight.viewer.tones import Channels
 
 METERED_PIXELS = 96
 """Width at which pictures are metered before any is drawn."""
@@ -228,7 +229,7 @@ class Animation:
             content.update(np.ascontiguousarray(phase(cosine)).tobytes())
         return configuration_hash(
             {
-                "code": code_digest("twilight.animation.film", solvers.SOLVERS[name]),
+                "code": code_digest("twilight.show.film", solvers.SOLVERS[name]),
                 "medium": content.hexdigest(),
                 "settings": repr(settings),
                 "altitude_km": self.scene.altitude_km,

@@ -15,7 +15,6 @@ from datetime import timedelta
 
 import numpy as np
 
-from twilight.animation.timeline import FilmTimeline
 from twilight.base.threads import in_slices
 from twilight.config.scene import Config
 from twilight.config.sun import SunInterval
@@ -23,11 +22,12 @@ from twilight.jit.kernels import njit
 from twilight.jit.simd import LANES, broadcast, exp, load, store
 from twilight.numerics.directions import PHASE_COUNT
 from twilight.scene.scene import placed_moon
+from twilight.show.moonlight import MoonColours, sky_elevations
+from twilight.show.timeline import FilmTimeline
+from twilight.show.tones import CHANNELS, NO_LIGHT, padded_columns
 from twilight.sky.disc import SOLAR_RADIUS_DEG, limb_darkening, mean_limb_darkening
 from twilight.sky.moon import Moon, disc_integral, moon_over, surface, towards_sun
 from twilight.sky.table import DARKEST, SkyTable
-from twilight.viewer.moonlight import MoonColours, sky_elevations
-from twilight.viewer.tones import CHANNELS, NO_LIGHT, padded_columns
 
 NONE = np.float32(0.0)
 """0 in the single precision of the tables, which a literal is not."""
@@ -164,7 +164,7 @@ DARKENED_AT_NM = np.array([550.0])
 
 @dataclass(frozen=True)
 class RefractedBeam:
-    """refraction_deg (N,), beam (N, 4): of the sun's disc at 1 au, as `viewer.lines.sunbeam`; horizon_deg: apparent."""
+    """refraction_deg (N,), beam (N, 4): of the sun's disc at 1 au, as `show.space.sunbeam`; horizon_deg: apparent."""
 
     refraction_deg: np.ndarray
     beam: np.ndarray

@@ -1,21 +1,122 @@
-"""From plain data to models, and from pydantic's findings to one sentence that names file, key and what is allowed."""
+"""What a user may set: sections of documents and settings of solvers, as pydantic's models, and the one sentence that
+pydantic's findings become, which names file, key and what is allowed.
+
+A key says its default, its help, its unit and its limits in one place; validation, ranges, `twilight show` and the JSON
+schema read them there.
+"""
 
 from __future__ import annotations
 
+import functools
+import itertools
 import types
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from difflib import get_close_matches
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, Union, dataclass_transform, get_args, get_origin
 
-from pydantic import BaseModel, Tag, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, Tag, ValidationError
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 from pydantic.fields import FieldInfo
 
 from twilight.base.errors import TwilightError
-from twilight.config.document import dotted
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
+SettingsT = TypeVar("SettingsT")
+Number = Annotated[float, Strict()]
+"""A number, not text that looks like one and not true or false."""
+Integer = Annotated[int, Strict()]
+Flag = Annotated[bool, Strict()]
+
+
+def one_line(path: str) -> str:
+    """The path of a file; ValueError for what cannot be one."""
+    if "\0" in path or "\n" in path:
+        raise ValueError("must be the path of a file")
+    return path
+
+
+FilePath = Annotated[str, AfterValidator(one_line)]
+
+
+def increase(values: Iterable[Any]) -> bool:
+    """Whether each of the values is larger than the one before."""
+    return all(a < b for a, b in itertools.pairwise(values))
+
+
+class Section(BaseModel):
+    """One mapping of a document: frozen, without unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True)
+
+
+def key(default: Any, help: str, *, unit: str = "", **limits: Any) -> Any:
+    """A key of a section: its default, its unit, one line of help, and limits such as `ge`, `le`, `min_length`.
+
+    Without a unit (text, switches, choices, sections) pass none; a pure number has the unit "1".
+    """
+    made = {"default_factory": default} if callable(default) else {"default": default}
+    return Field(**made, description=help, json_schema_extra={"unit": unit} if unit else None, **limits)
+
+
+def option(help: str, *, default: Any, expert: bool = False, **limits: Any) -> Any:
+    """An option of a solver: what it is for, its default, and limits such as `ge`, `le`.
+
+    expert: it stands under `solver.expert`, not right under `solver`.
+    """
+    return Field(default=default, description=help, json_schema_extra={"expert": True} if expert else None, **limits)
+
+
+def option_fields(settings: Any) -> Mapping[str, FieldInfo]:
+    """The options of a solver's settings, or of their class, in their order."""
+    return settings.__pydantic_fields__
+
+
+def option_name(settings: Any, name: str) -> str:
+    """An option as a configuration has it: `solver.max_orders`, `solver.expert.degree`."""
+    extra = option_fields(settings)[name].json_schema_extra
+    return f"solver.expert.{name}" if isinstance(extra, dict) and extra.get("expert") else f"solver.{name}"
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(option,))
+def settings(cls: type[SettingsT]) -> type[SettingsT]:
+    """The class as a frozen dataclass of options, which refuses a value out of range.
+
+    Errors: TwilightError with one sentence that names the option, `solver.NAME`, and what is allowed; a
+    `__post_init__` raises its own.
+    """
+    made: Any = pydantic_dataclass(
+        cls, frozen=True, config=ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+    )
+    init = made.__init__
+
+    @functools.wraps(init)
+    def checked(self: Any, *args: Any, **options: Any) -> None:
+        try:
+            init(self, *args, **options)
+        except ValidationError as error:
+            raise TwilightError(_of_option(made, error.errors(include_url=False)[0])) from None
+
+    made.__init__ = checked
+    return made
+
+
+def _of_option(made: Any, found: Any) -> str:
+    """The sentence of an option that pydantic refuses."""
+    name = str(found["loc"][0])
+    info = option_fields(made).get(name)
+    if info is None:
+        return f"solver.{name} {unknown(name, option_fields(made))}"
+    return f"{option_name(made, name)} must be {allowed(info.annotation, info.metadata)}, got {short(found['input'])}"
+
+
+def dotted(path: tuple) -> str:
+    """`aerosol.components.waso`, `wavelengths.list_nm[2]`."""
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+    return text
 
 
 @dataclass(frozen=True)
@@ -148,14 +249,14 @@ def _sentence(model: type[BaseModel], error: Any, shown: tuple) -> str:
         return f"{name} must hold {bound} {things}, got {len(error['input'])}"
     sections = [m for m in _members(field_info.annotation) if _is_section(m)] if field_info else []
     if help_text and len(sections) > 1:
-        return f"{name} must be a mapping{help_text}, got {_short(error['input'])}"
+        return f"{name} must be a mapping{help_text}, got {short(error['input'])}"
     if field_info is None:
-        return f"{name}: {error['msg'][0].lower()}{error['msg'][1:]}, got {_short(error['input'])}"
+        return f"{name}: {error['msg'][0].lower()}{error['msg'][1:]}, got {short(error['input'])}"
     extra = field_info.json_schema_extra
     unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
     value_type = _entry(field_info.annotation) if name.endswith("]") or _is_entry(error["loc"], field_info) else None
     text = allowed(value_type or field_info.annotation, field_info.metadata if value_type is None else (), unit)
-    return f"{name} must be {text}, got {_short(error['input'])}"
+    return f"{name} must be {text}, got {short(error['input'])}"
 
 
 def _is_section(annotation: Any) -> bool:
@@ -181,7 +282,7 @@ def _entry(annotation: Any) -> Any:
     return None
 
 
-def _short(value: Any) -> str:
+def short(value: Any) -> str:
     text = "null" if value is None else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 

@@ -31,11 +31,11 @@ from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG, SunTables, suns_between
 from twilight.engine.table import first_columns
 from twilight.numerics.spectrum import hermite_weights
+from twilight.show.moonlight import NODES
+from twilight.show.tables import PageNodes, between_edges, haze_top_km
+from twilight.show.tones import Channels, padded_columns
 from twilight.sky.table import SkyTable
 from twilight.transport.rays import horizon_dip_deg
-from twilight.viewer.moonlight import NODES
-from twilight.viewer.tables import PageNodes, between_edges, haze_top_km
-from twilight.viewer.tones import Channels, padded_columns
 
 LINE_POWER = 1.5
 """Power with which nodes of the lines above the air stand closer together at the horizon."""

@@ -8,15 +8,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from twilight.animation.timeline import FilmTimeline
 from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Config
 from twilight.config.sun import SunInterval
 from twilight.engine.night import NightLight, levels_of, night_light, star_sky, without_points
 from twilight.numerics.directions import direction
+from twilight.show.timeline import FilmTimeline
+from twilight.show.tones import Channels
 from twilight.sky.night import Place
 from twilight.sky.night.points import Raster, StarSky
-from twilight.viewer.tones import Channels
 
 STEP_S = 900.0
 """Largest time between two moments: the stars turn by 3.75 deg."""

@@ -19,10 +19,10 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.engine import Field
 from twilight.numerics.spectrum import wavelength_bounds
+from twilight.show.tones import Channels
 from twilight.sky.moon import PHASE_RANGE_DEG, Moon
 from twilight.sky.night import light
 from twilight.sky.night.world import veil
-from twilight.viewer.tones import Channels
 
 NODES = 256
 """Elevations at which a line of the sky is held."""

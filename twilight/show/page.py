@@ -11,8 +11,8 @@ from importlib import resources
 from pathlib import Path
 
 from twilight.base.whole_files import whole_file
-from twilight.viewer import tones
-from twilight.viewer.tables import Pack
+from twilight.show import tones
+from twilight.show.tables import Pack
 
 SCRIPTS = "state vector sun moon tables space night projection gpu exposure overlay probe command controls main".split()
 """In the order in which they are read; all of them have one scope."""
@@ -21,7 +21,7 @@ SHADERS = ("whole.vert", "sky.frag", "stars.vert", "stars.frag", "linear.frag", 
 
 @lru_cache(maxsize=1)
 def _program() -> dict[str, str]:
-    folder = resources.files("twilight").joinpath("viewer/web")
+    folder = resources.files("twilight").joinpath("show/web")
 
     def text(name: str) -> str:
         return folder.joinpath(name).read_text(encoding="utf-8")

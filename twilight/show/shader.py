@@ -17,9 +17,9 @@ from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG, ROW_COUNT, SunTables
 from twilight.engine.table import first_rows, with_ground
 from twilight.numerics import spectrum
+from twilight.show.skies import check_altitudes
+from twilight.show.tones import Channels, layers, node_lines
 from twilight.sky.table import SkyTable
-from twilight.viewer.scene import check_altitudes
-from twilight.viewer.tones import Channels, layers, node_lines
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class ShaderSky:
 
 
 def _web(name: str) -> str:
-    return resources.files("twilight").joinpath("viewer", "web", *name.split("/")).read_text(encoding="utf-8")
+    return resources.files("twilight").joinpath("show", "web", *name.split("/")).read_text(encoding="utf-8")
 
 
 def shader_sky(
