@@ -43,6 +43,7 @@ ELSEWHERE = {
     "io/provenance.py": "its journal grows line by line: a line that was cut is not read",
     "io/folder.py": "empties that journal",
     "studies/compare/worker.py": "a pipe",
+    "studies/sweep/store.py": "chunks, which zarr writes whole, before the line of the journal that counts them",
     "studies/camera/image.py": "copies in a temporary folder",
     "io/air/read.py": "copies in a temporary folder",
 }

@@ -86,8 +86,8 @@ def suns_of(config: Config) -> Iterator[SceneSun]:
         yield SceneSun(_elevation_name(sun.elevation_deg), sun, sun.elevation_deg, distance_au=sun.distance_au)
     elif isinstance(sun, SunElevations):
         for elevation in sun.elevations_deg:
-            one = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au, disc=sun.disc)
-            yield SceneSun(_elevation_name(elevation), one, elevation, distance_au=sun.distance_au)
+            section = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au, disc=sun.disc)
+            yield SceneSun(_elevation_name(elevation), section, elevation, distance_au=sun.distance_au)
     else:
         for moment in _moments(sun):
             place = {key: getattr(sun, key) for key in ("latitude_deg", "longitude_deg", "time_zone", "disc")}

@@ -327,7 +327,9 @@ def described(fit: Fit, best: Fit) -> AirEstimate:
                 bounds=(float(p.nodes[0]), float(p.nodes[-1])),
                 relative_width=relative_width,
                 # at a bound the best value may lie beyond it
-                constrained=made.fits and relative_width <= UNCONSTRAINED and bool(one[0] > NEAR_BOUND and one[1] < 1.0 - NEAR_BOUND),
+                constrained=made.fits
+                and relative_width <= UNCONSTRAINED
+                and bool(one[0] > NEAR_BOUND and one[1] < 1.0 - NEAR_BOUND),
             )
         )
     return replace(
