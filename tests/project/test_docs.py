@@ -115,9 +115,6 @@ def test_figures_of_pages_are_those_of_their_tables(monkeypatch):
     """A table was renewed and the page was not: `python benchmarks/pages.py`."""
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
     import pages
-    import reliability
 
     for name in pages.PARTS:
         assert pages.filled(name) == (ROOT / name).read_text(encoding="utf-8"), name
-    page = (DOCS / "reliability.md").read_text(encoding="utf-8")
-    assert reliability.tried() in page and reliability.long_tests() in page

@@ -91,7 +91,7 @@ def frames(
     moons = [moon_of(config, sun) for sun in suns]
     if len(moons) == 1 and moons[0] is not None:
         warn_of_the_moon(config, moons[0])
-    mapped = config.climate.ground.albedo_map is not None
+    mapped = scene.observer.view is not None and config.climate.ground.albedo_map is not None
     known = None if config.terrain is not None or mapped else tuple(sun.elevation_deg for sun in suns)
     if known is not None:
         known += tuple(moon.elevation_deg for moon in moons if moon is not None and moon.shines)

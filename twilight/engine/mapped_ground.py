@@ -90,11 +90,13 @@ class MappedGround:
         def passed(part: Medium) -> np.ndarray:
             return trace_rays(_lines_of(part), start, sine, 1.0).passed
 
-        turn = trace_rays(_lines_of(medium), start, sine, 1.0).ground_angle_rad
+        lines = trace_rays(_lines_of(medium), start, sine, 1.0)
+        meets = int(np.argmax(lines.ground_weight.any(axis=1)))  # a step may take the first ones past the horizon
+        turn = lines.ground_angle_rad
+        turn[:meets] = turn[meets]
         reach = float(np.degrees(turn[0]))
         low, high = max(sun_elevation_deg - reach, DARK_DEG), sun_elevation_deg + reach
-        suns = np.minimum(np.arange(np.floor(low), max(high, low) + SUNS_DEG, SUNS_DEG), 90.0)
-        suns = np.unique(suns)
+        suns = np.unique(np.minimum(np.arange(np.floor(low), max(high, low) + SUNS_DEG, SUNS_DEG), 90.0))
         light = [
             sky_irradiance(solved, float(sun), medium.bottom_km) + solved.disc_irradiance(float(sun), medium.bottom_km)
             for sun in suns

@@ -134,17 +134,11 @@ class Problem:
 
     @cached_property
     def interpolations(self) -> list[Interpolation | None]:
-        """What interpolates light over the spectral group of each wavelength; None where all of a group are solved."""
-        scene, able = self.scene, self.scene.capabilities
-        found: list[Interpolation | None] = [None] * scene.medium.n_wavelengths
-        if able.spectral_interpolation is None:
-            return found
-        for key in dict.fromkeys(self._groups):
-            members = np.array([w for w, other in enumerate(self._groups) if other == key])
-            one = able.spectral_interpolation(scene.medium, scene.bands, members, scene.settings)
-            for w in members:
-                found[w] = one
-        return found
+        """What interpolates the light of each wavelength over the spectrum; None where it is solved."""
+        scene, interpolated = self.scene, self.scene.capabilities.spectral_interpolation
+        if interpolated is None:
+            return [None] * scene.medium.n_wavelengths
+        return interpolated(scene.medium, scene.bands, self._groups, scene.settings)
 
     @cached_property
     def slices(self) -> list[slice]:

@@ -1,8 +1,5 @@
-"""What formulae for the sky above the ground refuse, in one sentence.
-
-From the air of a medium to the turbidity of the analytic skies.
-
-The Lambertian ground below an observer who stands on it, for skies that are formulae.
+"""What skies that are formulae share: which suns, observers and turbidities they refuse, the turbidity of a medium, and
+the Lambertian ground below an observer who stands on it.
 """
 
 from __future__ import annotations

@@ -12,14 +12,14 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.solvers.base import BareField, Cost
 from twilight.solvers.cells.exact import ExactCells
-from twilight.solvers.cells.exchange import make_active_shells
-from twilight.solvers.cells.first_event import (
+from twilight.solvers.cells.exact_view import (
     MultipleView,
     coarse_elevations,
     horizon_deg,
     make_straight_lines,
     single_scattering,
 )
+from twilight.solvers.cells.exchange import make_active_shells
 from twilight.solvers.cells.grid import make_grid
 from twilight.solvers.cells.haber import HaberField
 from twilight.solvers.cells.settings import QUALITIES, CellsSettings, check_sun

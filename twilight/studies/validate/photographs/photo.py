@@ -76,7 +76,7 @@ class Cells:
     """Cells of a photograph that stand for equal parts of its clear sky; what is compared of them is as of `PhotoSky`.
 
     elevation_deg, azimuth_deg (n,): middle of the clear part of each, azimuth from the sun.
-    xyz (n, 3), solid_angle_sr (n,).
+    xyz (n, 3), solid_angle_sr (n,).  spread_deg (2, n): standard deviations of elevation and azimuth over it.
     """
 
     elevation_deg: np.ndarray
@@ -84,6 +84,7 @@ class Cells:
     xyz: np.ndarray
     solid_angle_sr: np.ndarray
     colour_known: bool = True
+    spread_deg: np.ndarray | float = 0.0
 
     @property
     def counts(self) -> np.ndarray:
@@ -97,15 +98,17 @@ class Cells:
         shape = photo.fine_valid.shape
         middle = np.stack([np.broadcast_to(rows[:, None], shape), np.broadcast_to(columns, shape)], axis=-1)
         k = rows.size // photo.elevation_deg.size
-        where, _ = _average(middle, photo.fine_valid, rows, k, 90.0 / rows.size)
+        both = np.concatenate([middle, middle**2], axis=-1)
+        where, _ = _average(both, photo.fine_valid, rows, k, 90.0 / rows.size)
         weight = photo.solid_angle_sr[photo.counts]
         chosen = np.arange(weight.size)
         if weight.size > most:
             passed = np.cumsum(weight)
             chosen = np.unique(np.searchsorted(passed, (np.arange(most) + 0.5) / most * passed[-1]))
             weight = np.full(weight.size, passed[-1] / chosen.size)
-        e, a = where[photo.counts][chosen].T
-        return cls(e, a, photo.xyz[photo.counts][chosen], weight[chosen], photo.colour_known)
+        e, a, *squares = where[photo.counts][chosen].T
+        spread = np.sqrt(np.maximum(np.array(squares) - np.array([e, a]) ** 2, 0.0))
+        return cls(e, a, photo.xyz[photo.counts][chosen], weight[chosen], photo.colour_known, spread)
 
 
 def photo_sky(panorama: Panorama, valid: np.ndarray, cell_deg: float) -> PhotoSky:
