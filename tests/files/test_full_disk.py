@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import errno
 import resource
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ from numba.core.caching import FunctionCache
 from PIL import Image
 from rendering import call
 
+import twilight
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.extras import is_installed
 from twilight.base.progress import silent
