@@ -220,11 +220,13 @@ def must_compile(package: str) -> bool:
 
 
 def announce_compiling(solver: str) -> None:
-    """One sentence on stderr where a solver has to be compiled."""
+    """One sentence on stderr where a solver has to be compiled, which begins then."""
     from twilight import solvers
     from twilight.cli import terminal
+    from twilight.jit.ahead import compile_ahead
 
     solvers.load(solver)
     if must_compile(solvers.SOLVERS[solver]):
         terminal.compiling = True
-        print(f"twilight: {SENTENCE}", file=sys.stderr)
+        print(f"twilight: {SENTENCE}", file=sys.stderr, flush=True)
+        compile_ahead(solver)
