@@ -32,7 +32,9 @@ def called(solver: str) -> list[list[object]]:
 
     Dispatcher.add_overload = noted
     command = ["render", "continental-average", "--sun-elevation", "-4", "--solver", solver, "--quality", "draft"]
-    assert not app([*command, "--output", f"out/ship_kernels-{solver}", "--overwrite", "--no-preview"], standalone_mode=False)
+    assert not app(
+        [*command, "--output", f"out/ship_kernels-{solver}", "--overwrite", "--no-preview"], standalone_mode=False
+    )
     found = []
     for kernel in dict.fromkeys(order):
         function = kernel.py_func

@@ -71,36 +71,7 @@ def test_an_interrupt_leaves_with_130_and_no_half_files(plain, table, tmp_path, 
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_signals_end_a_render_cleanly(table, tmp_path, number, code):
-    program = (
-        "import os, signal, sys\n"
-        "import types\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell's background job ignores\n"
-        "from twilight import engine, solvers\n"
-        "from twilight.solvers.base import Capabilities\n"
-        "from twilight.cli.app import app\n"
-        "from twilight.base.sections import settings\n"
-        "qualities = {'standard': settings(type('Settings', (), {}))()}\n"
-        "plain = types.SimpleNamespace(__name__='plain', CAPABILITIES=Capabilities(), QUALITIES=qualities)\n"
-        "solvers.load = lambda name: plain\n"
-        "def frames(config, progress=None, wanted=None):\n"
-        f"    os.kill(os.getpid(), {int(number)})\n"
-        "    for _ in range(10**9): pass\n"
-        "    yield\n"
-        "engine.frames = frames\n"
-        "app(['render', *sys.argv[1:]])\n"
-    )
-    command = [sys.executable, "-c", program, str(table), "--output", str(tmp_path / "sky")]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert result.returncode == code
-    assert "Traceback" not in result.stderr
-    assert not (tmp_path / "sky").exists()
-
-
-@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-@pytest.mark.parametrize("where", ["main", "pool"])
+@pytest.mark.parametrize(("number", "code", "where"), [(signal.SIGINT, 130, "main"), (signal.SIGTERM, 143, "pool")])
 def test_signals_end_a_command_inside_a_kernel(tmp_path, number, code, where):
     """Compiled code that would run for a month, in the main thread or in slices: the command ends, no file is left."""
     program = (

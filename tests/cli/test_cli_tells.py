@@ -39,14 +39,6 @@ def test_an_option_counts_within_a_section_that_set_replaces():
     assert chosen["texture.resolution_deg"] == 5 and names["sun.disc"] == "--disc"
 
 
-def test_time_left_is_at_the_mean_speed():
-    from twilight.cli.terminal import time_left
-
-    assert time_left(0.25, 1200.0) == "1:00:00 left"
-    assert time_left(0.5, 65.0) == "0:01:05 left"
-    assert time_left(0.09, 5.0) == "-:--:-- left"
-
-
 def test_the_plan_says_how_large_a_scene_is():
     words = ("--sun-elevation=-4,-5", "--set", "wavelengths={count: 1000}", "--projection", "latlong")
     words += ("--quality", "standard", "--set", "texture.resolution_deg=3", "--size", "2048x1024")

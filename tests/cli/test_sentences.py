@@ -1,7 +1,7 @@
 """What a user reads of bad input: one sentence, exit code 2, before anything is computed or written.
 
 `tests/data/sentences.txt` has the words of a command behind `$`, and below them the sentence to the letter; CLIMATES/
-is where the climates are that come with the program.
+and CONFIGS/ is where those are that come with the program.
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ from twilight.solvers import zones
 
 GOLDEN = Path(__file__).resolve().parents[1] / "data" / "sentences.txt"
 FOUND = re.findall(r"^\$ (.*)\n(.*)$", GOLDEN.read_text(encoding="utf-8"), re.MULTILINE)
-CLIMATES = shipped("climates")["urban"].parent
+SHIPPED = {kind.upper(): f"{next(iter(shipped(kind).values())).parent}{os.sep}" for kind in ("climates", "configs")}
 CLIMATE = "version: 1\nname: x\n"
 TABLE = (
     "altitude_km,wavelength_nm,air_scattering_per_km,aerosol_extinction_per_km,aerosol_single_scattering_albedo,"
     "aerosol_asymmetry,absorption_per_km,refractivity\n"
 )
+LEVELS = "altitude_km,pressure_hpa,temperature_k,water_vapour_ppm,ozone_ppm\n"
 FILES = {
     "latin.yaml": b"name: \xff\xfe",
     "long.yaml": b"a: " + b"x" * 2_000_000,
@@ -45,6 +46,8 @@ FILES = {
     "series.yaml": "version: 1\nclimate: pure-air\nvary: {ground.albedo: [0, 1]}",
     "T1.yaml": "version: 1\nname: T1\nmedium: {table: t1.csv}\nground: {albedo: 0.0}",
     "t1.csv": TABLE + "".join(f"{z},{nm},0.01,0.05,0.9,0.7,0,0\n" for z in (0, 60) for nm in (420, 645)),
+    "celsius.csv": LEVELS + "0,1013,17,9000,0.03\n100,0.0003,195,1,0.5\n",
+    "metres.csv": LEVELS + "0,1013,290,9000,0.03\n100000,0.0003,195,1,0.5\n",
 }
 
 
@@ -67,6 +70,8 @@ def test_bad_input_is_one_sentence(folder, monkeypatch, words, sentence):
     monkeypatch.setattr(zones, "prepare", lambda *_, **__: pytest.fail("computes"))
     before = {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
     result = CliRunner().invoke(app, shlex.split(words))
-    said = result.stderr.replace(f"{CLIMATES}{os.sep}", "CLIMATES/")
+    said = result.stderr
+    for name, place in SHIPPED.items():
+        said = said.replace(place, f"{name}/")
     assert (result.exit_code, said) == (2, f"twilight: {sentence}\n"), result.exception
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()} == before

@@ -239,7 +239,7 @@ def _sentence(model: type[BaseModel], error: Any, shown: tuple) -> str:
     if kind == "value_error":
         text = str(error["ctx"]["error"])
         owner = _section(model, error["loc"])
-        begins_with_a_key = owner is not None and text.split()[0].split(".")[0].rstrip(":") in owner.model_fields
+        begins_with_a_key = owner is not None and text.split()[0].split(".")[0].rstrip(":,") in owner.model_fields
         return f"{name}{'.' if begins_with_a_key else ' '}{text}" if shown else text
     if kind.endswith(("too_short", "too_long")):
         limits = {k: v for k, v in error["ctx"].items() if k in ("min_length", "max_length")}
