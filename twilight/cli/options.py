@@ -223,10 +223,11 @@ def announce_compiling(solver: str) -> None:
     """One sentence on stderr where a solver has to be compiled, which begins then."""
     from twilight import solvers
     from twilight.cli import terminal
-    from twilight.jit.ahead import compile_ahead
 
     solvers.load(solver)
     if must_compile(solvers.SOLVERS[solver]):
         terminal.compiling = True
         print(f"twilight: {SENTENCE}", file=sys.stderr, flush=True)
+        from twilight.jit.ahead import compile_ahead  # start-up
+
         compile_ahead(solver)
