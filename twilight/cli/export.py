@@ -1,8 +1,6 @@
 """`twilight export`: the sky of a climate for other programs.
 
-`twilight export prague`: a climate's skies as a file of the Prague Sky Model.
-
-`twilight export shader`: the sky of one air for shaders.
+`prague`: a file of the Prague Sky Model; `shader`: GLSL and WGSL with their textures.
 """
 
 from __future__ import annotations

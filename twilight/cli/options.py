@@ -1,7 +1,4 @@
-"""Options that several commands have.
-
-The first run of a solver says that it compiles, and for how long.
-"""
+"""Options that several commands have, and the notice that the first run of a solver compiles."""
 
 from __future__ import annotations
 

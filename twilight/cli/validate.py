@@ -1,10 +1,7 @@
 """`twilight validate`: computed skies against photographs, and cameras calibrated for it.
 
-`twilight validate estimate`: the air from a photograph.
-
-`twilight validate photometry`: illuminance and zenith luminance against measurements.
-
-`twilight validate spectra`: what lay beyond the horizon, from spectra of level ground.
+`estimate`: the air from a photograph; `photometry`: illuminance and zenith luminance against measurements; `spectra`: a
+screen beyond the horizon, from spectra of level ground.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""`twilight validate photo` and `twilight validate response`.
-
-The photograph of `twilight validate photo` and `estimate`: its options, and how they become one.
-"""
+"""`twilight validate photo` and `response`, and the options that describe a photograph."""
 
 from __future__ import annotations
 
