@@ -10,7 +10,6 @@ from __future__ import annotations
 import sys
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import results
@@ -20,10 +19,9 @@ from twilight.base.errors import TwilightWarning
 from twilight.numerics.directions import hemisphere
 from twilight.solvers import zones
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "tests"))
-from montecarlo_media import slab  # noqa: E402
-from plane_parallel import Slabs  # noqa: E402
+sys.path.insert(0, str(results.ROOT / "tests"))
+from montecarlo_media import slab
+from plane_parallel import Slabs
 
 QUALITIES = ("draft", "standard")
 DEPTHS = (0.1, 1.0, 10.0, 100.0)

@@ -16,12 +16,10 @@ import os
 import subprocess
 import sys
 import tempfile
-from pathlib import Path
 
 import results
+from results import ROOT
 
-HERE = Path(__file__).parent
-ROOT = HERE.parent
 THOUSAND = "wavelengths={min_nm: 380, max_nm: 740, count: 1000}"
 EIGHTY_ONE = "wavelengths={min_nm: 380, max_nm: 780, count: 81}"
 THIRTY_THREE = "wavelengths={min_nm: 400, max_nm: 720, count: 33}"

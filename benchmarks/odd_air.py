@@ -20,14 +20,13 @@ from typing import NamedTuple
 import numpy as np
 import results
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "tests"))
+sys.path.insert(0, str(results.ROOT / "tests"))
 
-from layered_sky import layered  # noqa: E402
-from stability_media import LEVELS_KM, Air, medium_of  # noqa: E402
+from layered_sky import layered
+from stability_media import LEVELS_KM, Air, medium_of
 
-from twilight.atmosphere.medium import Medium  # noqa: E402
-from twilight.solvers import montecarlo, zones  # noqa: E402
+from twilight.atmosphere.medium import Medium
+from twilight.solvers import montecarlo, zones
 
 SUNS_DEG = (30.0, -6.0)
 ELEVATION_DEG = np.array([1.0, 1.0, 5.0, 20.0, 90.0])

@@ -18,17 +18,16 @@ import numpy as np
 import results
 from PIL import Image
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "tests"))
+sys.path.insert(0, str(results.ROOT / "tests"))
 
-from star_pictures import render_stars  # noqa: E402
+from star_pictures import render_stars
 
-from twilight.studies.camera import CameraModel  # noqa: E402
-from twilight.studies.camera.image import read_image  # noqa: E402
-from twilight.studies.validate.stars.calibrate import calibrate  # noqa: E402
-from twilight.studies.validate.stars.coordinates import StarSite, horizontal  # noqa: E402
-from twilight.studies.validate.stars.picture import draw  # noqa: E402
-from twilight.studies.validate.stars.planets import date_by_planets  # noqa: E402
+from twilight.studies.camera import CameraModel
+from twilight.studies.camera.image import read_image
+from twilight.studies.validate.stars.calibrate import calibrate
+from twilight.studies.validate.stars.coordinates import StarSite, horizontal
+from twilight.studies.validate.stars.picture import draw
+from twilight.studies.validate.stars.planets import date_by_planets
 
 PLACE = StarSite(48.2, 16.4, 0.2)
 """Vienna: latitude and longitude [deg], altitude [km]."""

@@ -31,11 +31,10 @@ from twilight.io import write_outputs
 from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky.table import SkyTable
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "engine"))
+sys.path.insert(0, str(results.ROOT / "tests"))
+sys.path.insert(0, str(results.ROOT / "tests" / "engine"))
 from test_files_beside_field import BESIDE_DEG, DISC_DEG, directions
 
-ROOT = Path(__file__).resolve().parents[1]
 AIRS = ("pure-air", "continental-average", "urban", "desert", "maritime-clean")
 SUNS_DEG = (60.0, 30.0, 10.0, 2.0, -1.0, -2.3, -4.0, -8.0, -14.0)
 AUREOLE_SUNS_DEG = (10.0, 28.0, 30.0, 33.0)

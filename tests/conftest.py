@@ -54,7 +54,7 @@ others are done; the first two compile different solvers, so that two processes 
 
 PARTS = 3
 COSTS = Path(__file__).parents[1] / "benchmarks" / "results" / "slow_tests.csv"
-"""Processor time [s] of each file's long tests, written by `python benchmarks/reliability.py tests`."""
+"""Processor time [s] of each file's long tests, written by `python benchmarks/reliability.py`."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

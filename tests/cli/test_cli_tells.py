@@ -39,14 +39,6 @@ def test_an_option_counts_within_a_section_that_set_replaces():
     assert chosen["texture.resolution_deg"] == 5 and names["sun.disc"] == "--disc"
 
 
-def test_time_left_is_at_the_mean_speed():
-    from twilight.cli.terminal import time_left
-
-    assert time_left(0.25, 1200.0) == "1:00:00 left"
-    assert time_left(0.5, 65.0) == "0:01:05 left"
-    assert time_left(0.09, 5.0) == "-:--:-- left"
-
-
 def test_the_plan_says_how_large_a_scene_is():
     words = ("--sun-elevation=-4,-5", "--set", "wavelengths={count: 1000}", "--projection", "latlong")
     words += ("--quality", "standard", "--set", "texture.resolution_deg=3", "--size", "2048x1024")
@@ -194,14 +186,6 @@ def test_what_is_missing_is_said_in_short(tmp_path, monkeypatch):
     assert len(call("render", "nothing-like-it.yaml").stderr) < 160
     assert "did you mean urban" in call("render", "urbann.yaml").stderr
     assert len(call("render", "urbann").stderr) < 100
-
-
-def test_a_sweep_that_varies_nothing_is_refused_at_once(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "one.yaml").write_text("version: 1\nclimate: pure-air\nsun: {elevation_deg: 3}\n")
-    refused = call("sweep", "one.yaml")
-    assert refused.exit_code == 2 and "varies nothing: a sweep needs a section vary" in refused.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["one.yaml"]
 
 
 def test_an_altitude_in_metres_is_said_before_anything_is_computed(monkeypatch):

@@ -76,9 +76,6 @@ def test_a_film_has_as_many_pictures_as_asked_for(tmp_path):
     for count in (2, 7):
         line = film(tmp_path / "a.webp", frames=count).line
         assert len(line) == count and line.elevation_deg[[0, -1]] == pytest.approx([0.0, -10.0])
-    words = ["pure-air", "--output", str(tmp_path / "a.webp"), "--frames", "5", "--speed", "60"]
-    result = CliRunner().invoke(app, ["animate", *words])
-    assert result.exit_code == 2 and "--frames: is not allowed with --speed" in result.stderr
 
 
 @pytest.mark.parametrize("suffix", [".webp", ".gif"])
@@ -293,40 +290,11 @@ def test_a_sequence_is_a_path(tmp_path):
     assert line.elevation_deg[-1] == pytest.approx(-5.0) and len(line) == 13
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--frames", "48", "--speed", "2"], "--frames: is not allowed with --speed"),
-        (["--frames", "1"], "--frames: 1 is not allowed"),
-        (["--speed", "0"], "--speed: 0 is not allowed"),
-        (["--speed", "1e6"], "a film has 2 to 100000"),
-        (["--frames-per-second", "-1"], "--frames-per-second: -1 is not allowed"),
-        (["--width", "1"], "--width"),
-        (["--width", "63", "--height", "64"], "MP4 needs even numbers of pixels; got 63 x 64"),
-        (["--projection", "fish"], "--projection"),
-        (["--exposure", "bright"], "--exposure: bright is not known"),
-        (["--from", "-30"], "-18 to 90 deg is what can be drawn without"),
-        (["--from", "3", "--to", "3"], "a film needs a sun that moves"),
-        (["--tone", "eye", "--exposure", "9"], "--exposure: 9 is not allowed with the tone eye"),
-        (["--tone", "camera", "--exposure", "9", "--set", "output.camera.seconds=1"], "--exposure: 9 is not allowed"),
-        (["--set", "solver.name=cie"], "zones has"),
-    ],
-)
-def test_what_makes_no_film_is_one_sentence(tmp_path, options, words):
-    pytest.importorskip("imageio_ffmpeg")
-    result = CliRunner().invoke(app, ["animate", "pure-air", "--output", str(tmp_path / "a.mp4"), *options])
-    assert result.exit_code == 2 and words in result.stderr
-    assert result.stderr.count("\n") == 1 and "Traceback" not in result.stderr
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_missing_encoder_and_an_unknown_suffix_are_one_sentence(tmp_path, monkeypatch):
+def test_a_missing_encoder_is_one_sentence(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     result = CliRunner().invoke(app, ["animate", "pure-air", "--output", str(tmp_path / "a.mp4")])
     assert result.exit_code == 2 and "writing MP4 needs the package imageio-ffmpeg: " in result.stderr
     assert "install 'imageio-ffmpeg>=" in result.stderr and result.stderr.count("\n") == 1
-    result = CliRunner().invoke(app, ["animate", "pure-air", "--output", str(tmp_path / "a.avi")])
-    assert result.exit_code == 2 and "must end in .mp4, .webp or .gif" in result.stderr
 
 
 def test_as_many_pictures_as_asked_for():

@@ -12,12 +12,10 @@ from airs import as_sky
 from browser import light_of, open_page, until
 from closed_sky import ALL_SKY, COARSE, ClosedSky, closed, gone_at_17_deg
 from closed_sky import EIGHT_NM as NM
-from typer.testing import CliRunner
 
 import twilight
 from twilight.api import calls  # noqa: F401 - attaches `view` to skies and fields
 from twilight.base.errors import TwilightError
-from twilight.cli.app import app
 from twilight.numerics.projections import view_directions
 from twilight.show.skies import view_fields, view_sky
 from twilight.show.tones import Channels
@@ -281,18 +279,8 @@ def test_the_file_needs_no_network(pages):
     assert pages.two.stat().st_size < 25e6
 
 
-def test_what_view_refuses(field, tmp_path):
-    run = CliRunner().invoke
-    cases = {
-        ("pure-air", "--output", "x.png"): "--output: x.png must end in .html",
-        ("pure-air", "--altitudes-km", "0,50000"): "50000 is not allowed",
-        ("pure-air", "--altitudes-km", "3,1"): "must increase",
-        ("pure-air", "--set", "solver.name=montecarlo"): "has no sky for every sun and direction",
-        (str(tmp_path / "none.h5"),): "no such file",
-    }
-    for words, sentence in cases.items():
-        result = run(app, ["view", *words])
-        assert result.exit_code == 2 and sentence in result.stderr, words
+def test_a_page_of_three_fields_is_refused(field):
+    """The third would not be shown."""
     with pytest.raises(TwilightError, match="shows 1 or 2 fields"):
         view_fields([field] * 3)
 

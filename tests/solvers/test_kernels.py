@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import ast
-import functools
 import os
 import pickle
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -23,54 +20,6 @@ from twilight.jit.kernels import OLDEST_NUMBA, UNTESTED_NUMBA, check_numba, njit
 PACKAGE = Path(twilight.__file__).parent
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(PACKAGE.parent)}
-SHARED = re.compile(r"Arguments\s+that\s+kernels\s+share:\s+`(\w+)`")
-"""A file's head refers with these words to the module beside it that explains what kernels share."""
-
-
-def decorator(function: ast.FunctionDef) -> str:
-    """The `njit(...)` of a kernel, empty for other functions."""
-    found = [ast.unparse(d) for d in function.decorator_list]
-    return next((text for text in found if re.match(r"(numba\.)?njit\b", text)), "")
-
-
-def trees(*folders: Path):
-    for folder in folders:
-        for path in sorted(folder.rglob("*.py")):
-            yield path, ast.parse(path.read_text(encoding="utf-8"))
-
-
-def head(path: Path) -> str:
-    return ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-
-
-EXPLAINED = re.compile(r"(?<![\w.])(\w+)(?=`|\)|,|:|=|\[|\.\.|\s\(|\s\[)|(?<=\w\.\.)(\w+)\b")
-
-
-@functools.cache
-def explained(text: str) -> set[str]:
-    """Names that stand in a list of arguments (`name:`, `name, other (3,) [km]:`), a tuple, a range or code marks.
-
-    A mere word of a sentence does not count: first, out and end are words.
-    """
-    return {one or other for one, other in EXPLAINED.findall(text)}
-
-
-def test_every_argument_of_a_kernel_is_explained():
-    """In its own text, in the head of its file, or where that head sends the reader."""
-    counted, missing = 0, []
-    for path, tree in trees(PACKAGE):
-        heads = [head(path)]
-        heads += [head(path.parent / f"{module}.py") for module in SHARED.findall(heads[0])]
-        for node in ast.walk(tree):
-            if isinstance(node, ast.FunctionDef) and decorator(node):
-                names = [a.arg for a in node.args.posonlyargs + node.args.args + node.args.kwonlyargs]
-                texts = [ast.get_docstring(node) or "", *heads]
-                left = set(names).difference(*map(explained, texts))
-                counted += len(names)
-                if left:
-                    missing.append(f"{path.relative_to(PACKAGE)}: {node.name}: {', '.join(sorted(left))}")
-    assert counted > 1000, "kernels are not found any more"
-    assert not missing, "not explained:\n" + "\n".join(missing)
 
 
 def test_a_kernel_that_is_said_to_make_no_arrays_makes_none():
@@ -79,13 +28,6 @@ def test_a_kernel_that_is_said_to_make_no_arrays_makes_none():
     with pytest.raises(numba.TypingError):
         made(3)
     assert njit()(lambda n: np.empty(n).size)(3) == 3
-
-
-def test_a_word_of_a_sentence_explains_nothing():
-    """The check of explained arguments would be met by any sentence."""
-    assert not explained("the first thing that is seen")
-    assert explained("nodes first, end") == {"first"} and explained("z, end [km]: altitudes") == {"z", "end"}
-    assert explained("nodes first..last of all") == {"first", "last"}
 
 
 INNER = """

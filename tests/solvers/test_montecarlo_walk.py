@@ -241,27 +241,6 @@ def test_empty_air_is_black():
     assert np.all(r.radiance == 0) and np.all(r.standard_error == 0)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (dict(target_stderr=2.0), r"solver\.target_stderr must be a number from 1e-06 to 1 or null, got 2"),
-        (dict(samples=1), r"solver\.samples must be a whole number from 2 to"),
-        (
-            dict(approximation="isotropic"),
-            r"expert\.approximation must be one of none, isotropic_after_first",
-        ),
-        (
-            dict(importance_direction_fraction=1.0),
-            r"expert\.importance_direction_fraction must be a number from 0 to 0.99",
-        ),
-    ],
-)
-def test_bad_settings_are_refused(change, message):
-    """A setting out of range is refused by its name."""
-    with pytest.raises(TwilightError, match=message):
-        MonteCarloSettings(**change)
-
-
 def test_bad_questions_are_refused(field):
     """Angles, distances and altitudes out of range are refused by their name."""
     with pytest.raises(TwilightError, match="elevation_deg must be between"):

@@ -48,55 +48,6 @@ def test_a_list_is_rendered_as_it_stands(toy):
     assert [(c.config.climate.name, c.config.climate.ground.albedo) for c in cases] == [("urban", 0.1), ("desert", 0.3)]
 
 
-@pytest.mark.parametrize(
-    "vary, says",
-    (
-        ({"sun.elevation_deg": {"from": 1, "to": 2}}, "count must be a whole number from 2"),
-        ({"sun.elevation_deg": {"from": 1, "to": 2, "cont": 3}}, "cont is not a key; did you mean count"),
-        ({"sun.elevation_deg": {"from": -1, "to": 2, "count": 3, "scale": "log"}}, "above 0"),
-        ({"sun.elevation_deg": {"from": "x", "to": 2, "count": 3}}, "from must be a number, got 'x'"),
-        ({"sun.elevation_deg": 5}, "lists and ranges"),
-        ({"sun.elevation_deg": [5, 95]}, "from -90 to 90"),
-        ({"sun.elevation_deg": [5, 5]}, "same value twice"),
-        ({"sun.elevaton_deg": [5]}, "did you mean"),
-        ({"list": [{"ground.albedo": 0}, {"sun.elevation_deg": 3}]}, "same keys"),
-        ({"list": {"ground.albedo": [0]}}, "list of mappings"),
-        ({"list": [{"ground.albedo": 0}], "ground.albedo": [1]}, "sets ground.albedo twice"),
-        ({"texture.resolution_deg": [3, 5]}, "changes the shape of the dataset"),
-        ({"wavelengths.count": [3, 5]}, "changes the shape of the dataset"),
-        ({"output.width": [8, 16]}, "changes nothing in the dataset"),
-        ({"sun.elevations_deg": [[3, 5]]}, "vary sun.elevation_deg"),
-        ({"solver.quality": ["standard", "fine"]}, "fine is not a quality of toy"),
-({key: {"from": 0, "to": 1, "count": 1000} for key in ("ground.albedo", "gases.ozone.column_du",
-          "observer.altitude_km")}, "1,000,000,000 scenes; one sweep takes 10,000,000"),
-        ({"ground.albedo": {"from": 0, "to": 1, "count": 1000},
-          "gases.ozone.column_du": {"from": 1, "to": 900, "count": 1000}}, "1,000,000 fields; one sweep takes 200,000"),
-        ({"ground.albedo": {"from": 0, "to": 1, "count": 1000000000}}, "count must be a whole number from 2 to 100000"),
-    ),
-)  # fmt: skip
-def test_a_wrong_sweep_is_one_sentence_before_anything_is_computed(toy, tmp_path, vary, says):
-    path = tmp_path / "scenes.yaml"
-    path.write_text(json.dumps({**BASE, "vary": vary}))
-    result = call("sweep", str(path), "--output", str(tmp_path / "out.zarr"))
-    assert result.exit_code == 2 and says in result.output, result.output
-    assert len(result.output.splitlines()) == 1 and "scenes.yaml" in result.output
-    assert not (tmp_path / "out.zarr").exists()
-
-
-@pytest.mark.parametrize(
-    "arguments, says",
-    (
-        (["--workers", "0"], "--workers: 0 is not allowed"),
-        (["--output", "x.h5"], "must end in .zarr"),
-        (["--batch-system", "slum"], "did you mean slurm"),
-        (["--scheduler", "tcp://127.0.0.1:1", "--workers", "2"], "has its own workers"),
-    ),
-)
-def test_wrong_options_are_one_sentence(toy, arguments, says):
-    result = call("sweep", "humidity", *arguments)
-    assert result.exit_code == 2 and says in result.output and "Traceback" not in result.output
-
-
 # Grouping -------------------------------------------------------------------------------------------------------
 
 

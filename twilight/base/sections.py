@@ -108,7 +108,7 @@ def _of_option(made: Any, found: Any) -> str:
     info = option_fields(made).get(name)
     if info is None:
         return f"solver.{name} {unknown(name, option_fields(made))}"
-    return f"{option_name(made, name)} must be {allowed(info.annotation, info.metadata)}, got {_short(found['input'])}"
+    return f"{option_name(made, name)} must be {allowed(info.annotation, info.metadata)}, got {short(found['input'])}"
 
 
 def dotted(path: tuple) -> str:
@@ -239,7 +239,7 @@ def _sentence(model: type[BaseModel], error: Any, shown: tuple) -> str:
     if kind == "value_error":
         text = str(error["ctx"]["error"])
         owner = _section(model, error["loc"])
-        begins_with_a_key = owner is not None and text.split()[0].split(".")[0].rstrip(":") in owner.model_fields
+        begins_with_a_key = owner is not None and text.split()[0].split(".")[0].rstrip(":,") in owner.model_fields
         return f"{name}{'.' if begins_with_a_key else ' '}{text}" if shown else text
     if kind.endswith(("too_short", "too_long")):
         limits = {k: v for k, v in error["ctx"].items() if k in ("min_length", "max_length")}
@@ -249,14 +249,14 @@ def _sentence(model: type[BaseModel], error: Any, shown: tuple) -> str:
         return f"{name} must hold {bound} {things}, got {len(error['input'])}"
     sections = [m for m in _members(field_info.annotation) if _is_section(m)] if field_info else []
     if help_text and len(sections) > 1:
-        return f"{name} must be a mapping{help_text}, got {_short(error['input'])}"
+        return f"{name} must be a mapping{help_text}, got {short(error['input'])}"
     if field_info is None:
-        return f"{name}: {error['msg'][0].lower()}{error['msg'][1:]}, got {_short(error['input'])}"
+        return f"{name}: {error['msg'][0].lower()}{error['msg'][1:]}, got {short(error['input'])}"
     extra = field_info.json_schema_extra
     unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
     value_type = _entry(field_info.annotation) if name.endswith("]") or _is_entry(error["loc"], field_info) else None
     text = allowed(value_type or field_info.annotation, field_info.metadata if value_type is None else (), unit)
-    return f"{name} must be {text}, got {_short(error['input'])}"
+    return f"{name} must be {text}, got {short(error['input'])}"
 
 
 def _is_section(annotation: Any) -> bool:
@@ -282,7 +282,7 @@ def _entry(annotation: Any) -> Any:
     return None
 
 
-def _short(value: Any) -> str:
+def short(value: Any) -> str:
     text = "null" if value is None else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 

@@ -165,7 +165,7 @@ class Levels(Section):
         if not isinstance(value, dict) or not isinstance(value.get("file"), str):
             return value
         if not isfile(value["file"]):
-            raise ValueError(f"there is no file {value['file']}")
+            raise ValueError(f"file: there is no file {value['file']}")
         if len(value) > 1:
             raise ValueError("takes either file or the columns themselves, not both")
         from twilight.atmosphere.csv_columns import read_columns  # start-up: numpy
@@ -173,7 +173,7 @@ class Levels(Section):
         try:
             names, rows, _ = read_columns(Path(value["file"]), LEVEL_COLUMNS)
         except TwilightError as error:
-            raise ValueError(str(error)) from None
+            raise ValueError(f"file: {error}") from None
         return {name: column.tolist() for name, column in zip(names, rows.T, strict=True)}
 
     @model_validator(mode="after")

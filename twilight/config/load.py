@@ -80,7 +80,11 @@ def find(
 def _files_beside(path: Path) -> dict[str, str]:
     """Names of the documents in the folder of a path by their stems; none where it cannot be read."""
     try:
-        return {one.stem: one.name for one in path.parent.iterdir() if one.suffix in (".yaml", ".yml", ".json")}
+        return {
+            one.stem: one.name
+            for one in path.parent.iterdir()
+            if one.suffix in (".yaml", ".yml", ".json") and one.name != path.name
+        }
     except OSError:
         return {}
 

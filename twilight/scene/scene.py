@@ -86,13 +86,14 @@ def suns_of(config: Config) -> Iterator[SceneSun]:
         yield SceneSun(_elevation_name(sun.elevation_deg), sun, sun.elevation_deg, distance_au=sun.distance_au)
     elif isinstance(sun, SunElevations):
         for elevation in sun.elevations_deg:
-            one = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au, disc=sun.disc)
-            yield SceneSun(_elevation_name(elevation), one, elevation, distance_au=sun.distance_au)
+            section = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au, disc=sun.disc)
+            yield SceneSun(_elevation_name(elevation), section, elevation, distance_au=sun.distance_au)
     else:
         for moment in _moments(sun):
             place = {key: getattr(sun, key) for key in ("latitude_deg", "longitude_deg", "time_zone", "disc")}
             one_at = SunAt(at=moment, **place)
-            at = sun_position(moment, sun.latitude_deg, sun.longitude_deg, config.observer.altitude_km)
+            above = config.observer.altitude_km  # within what views have
+            at = sun_position(moment, sun.latitude_deg, sun.longitude_deg, above, highest_km=max(above, 100.0))
             finest = "%H%M%S.%f" if moment.microsecond else "%H%M%S" if moment.second else "%H%M"
             name = moment.strftime(f"%Y-%m-%dT{finest}")
             yield SceneSun(name, one_at, float(at.elevation_deg), float(at.azimuth_deg), float(at.distance_au), moment)

@@ -73,7 +73,7 @@ class Cost:
 
 
 class Interpolation(Protocol):
-    """What interpolates light over the wavelengths, or terms, of a spectral group."""
+    """What interpolates light over some wavelengths, or terms of their exponential sums."""
 
     @property
     def n_nodes(self) -> int:
@@ -81,7 +81,7 @@ class Interpolation(Protocol):
 
     @property
     def in_band(self) -> bool:
-        """Whether they are terms of exponential sums."""
+        """Whether some of them are terms of exponential sums."""
 
 
 @dataclass(frozen=True)
@@ -102,9 +102,9 @@ class Capabilities:
     wavelengths_at_once: most wavelengths of one `prepare`; the engine divides more into blocks of so many
     spectral_groups: a key for each wavelength of a medium under settings; wavelengths of different keys must not be
         solved in one block, where each would move the other's radiance; None: no wavelength moves another
-    spectral_interpolation: what interpolates light over the spectrum, from (medium, exponential sums of its bands or
-        None, indices of wavelengths that share a spectral group, settings), for `prepare` to take as `interpolation`;
-        None: each of these wavelengths is solved
+    spectral_interpolation: what interpolates light over the spectrum at each wavelength, from (medium, exponential sums
+        of its bands or None, a key for each wavelength, settings), for `prepare` to take as `interpolation`; None: that
+        wavelength is solved, in blocks of the wavelengths of its key
     cost: cost of a field from (medium, settings, sun elevations or None for any, altitude of the observer); None, or
         where that gives None: not known
     package: name of a Python package that it needs beside those of twilight, which the extra `peers` installs
@@ -120,7 +120,9 @@ class Capabilities:
     finite_segments: bool = False
     wavelengths_at_once: int = 32
     spectral_groups: Callable[[Medium, Any], Sequence[Hashable]] | None = None
-    spectral_interpolation: Callable[[Medium, GasBands | None, np.ndarray, Any], Interpolation | None] | None = None
+    spectral_interpolation: (
+        Callable[[Medium, GasBands | None, Sequence[Hashable], Any], list[Interpolation | None]] | None
+    ) = None
     cost: Callable[[Medium, Any, Sequence[float] | None, float], Cost | None] | None = None
     package: str = ""
 

@@ -143,9 +143,9 @@ class ZonesSettings:
     )
     bent_paths: bool = option("bend the paths of light between two scatterings too", default=True, expert=True)
     spectral_interpolation: Literal["auto", "off"] = option(
-        "auto: where there are more than 24 wavelengths, or terms of bands of gases, light scattered more than once"
-        " is solved at some and interpolated to the others; light scattered once and the sun's own are computed at "
-        "each. off: all is solved at each",
+        "auto: where that saves a quarter of the blocks of eight wavelengths, or terms of bands of gases, light "
+        "scattered more than once is solved at some and interpolated to the others; light scattered once and the sun's "
+        "own are computed at each. off: all is solved at each",
         default="auto",
         expert=True,
     )

@@ -26,7 +26,7 @@ from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.air_needs import degree_needed, thin_layers
 from twilight.solvers.zones.angles import Truncation, zenith_nodes
 from twilight.solvers.zones.field import Field
-from twilight.solvers.zones.grids import FieldGrids, has_terms, lay_out, settings_for, spectral_groups, zenith_range
+from twilight.solvers.zones.grids import FieldGrids, lay_out, settings_for, spectral_groups, zenith_range
 from twilight.solvers.zones.orders import reduced_depth, solve
 from twilight.solvers.zones.ray_points import LANES
 from twilight.solvers.zones.scattering import Solution
@@ -269,7 +269,7 @@ def prepare(
     _warn_of_neighbours(medium, settings)
     chosen, expected = settings_to_solve(medium, settings, sun_elevations_deg)
     observer_at(medium, observer_altitude_km)
-    grids = FieldGrids.of(medium, chosen, needed, interpolation is not None and interpolation.in_band)
+    grids = FieldGrids.of(medium, chosen, needed, interpolation is not None)
     progress = progress or silent
     progress("sunbeam", 0.0)
     beam = grids.sunbeam()
@@ -381,8 +381,7 @@ def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
     """
     stored = read(path)
     interpolated = stored.convergence is not None and stored.convergence.spectral_nodes is not None
-    of_terms = interpolated and has_terms(stored.medium)
-    grids = FieldGrids.of(stored.medium, stored.settings, stored.zenith_range_deg, of_terms)
+    grids = FieldGrids.of(stored.medium, stored.settings, stored.zenith_range_deg, interpolated)
     field = Field(grids, stored.beam, stored.solutions, stored.convergence, observer_altitude_km)
     field.requested_settings = stored.requested_settings
     return field

@@ -13,6 +13,7 @@ import yaml
 
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
+from twilight.base.threads import one_blas_thread
 from twilight.config.scene import Config
 from twilight.config.sun import SunAt, SunElevation, SunElevations
 from twilight.engine import run
@@ -76,6 +77,7 @@ WORDS = {
     "heading": "the sun's azimuth in the picture, beyond what was told",
     "pitch": "the camera's angle above the horizontal, beyond what was told",
     "roll": "its tilt, beyond what was told",
+    "zoom": "the width of its view, beyond what was told",
 }
 """Parameters in words."""
 
@@ -385,6 +387,7 @@ class Given:
     refine: bool = False
 
 
+@one_blas_thread()
 def estimate_air(
     names: Sequence[str],
     photographs: Sequence[Photograph],
@@ -406,15 +409,17 @@ def estimate_air(
     order = [name for name in says.types if name == own] + [name for name in says.types if name != own]
     airs = Airs(given, design, part_of(progress, 0.05, 0.75))
     developed = any(one.photograph.developed for one in shown)
+    unknown = not all(one.photograph.balanced for one in shown)
     heading = max(one[2] for one in placed)
     free = Freedom(
-        white_balance=developed if says.white_balance is None else says.white_balance,
+        white_balance=developed or unknown if says.white_balance is None else says.white_balance,
         curve=developed if says.tone_curve is None else says.tone_curve,
         brightness=says.brightness,
         with_colour=says.with_colour,
-        heading_deg=heading if heading > FIXED_HEADING_DEG else 0.0,
-        pitch_deg=shown[0].photograph.errors_deg[1],
-        roll_deg=shown[0].photograph.errors_deg[2],
+        heading=np.hypot(heading, LEAST_HEADING_DEG) if heading > 0.0 else 0.0,
+        pitch=shown[0].photograph.errors_deg[1],
+        roll=shown[0].photograph.errors_deg[2],
+        zoom=shown[0].photograph.zoom_error,
     )
     refined: Refine | None = None
     if says.refine:
@@ -428,12 +433,13 @@ def estimate_air(
     most = max(MOST_CELLS // len(shown), LEAST_CELLS)
     options, known = Options(order, own, low, high, free), low == high
     frames = [_frame(one, most, known) for one in shown]
-    if not known or max(free.pitch_deg, free.roll_deg) > 0.0:
+    if not known or max(free.pitch, free.roll) > 0.0:
         # a sun and a camera that were not known: cut the pictures into cells again
         look = first_look(airs, frames, options).values()
         lit = not known and look.get(SUN, 0.0) >= LIT_ABOVE_DEG
         if lit or np.hypot(look.get("pitch", 0.0), look.get("roll", 0.0)) > RETURNED_DEG:
-            cut = [_found(one, look) for one in shown]
+            turned = {name: value for name, value in look.items() if name != "zoom"}
+            cut = [_found(one, turned) for one in shown]
             frames = [_frame(one, most, known, told) for one, told in zip(cut, frames, strict=True)]
     made = find_air(airs, frames, options, refined, progress)
     best = next(one for one in made if one.parameters)
@@ -441,8 +447,8 @@ def estimate_air(
     return Estimate(tuple(shown), given, made, best, free, None if says.refine else "compact", tuple(remarks))
 
 
-FIXED_HEADING_DEG = 0.6
-"""Standard error of the sun's azimuth up to which it is taken as it is [deg]."""
+LEAST_HEADING_DEG = 0.3
+"""Least standard error of a sun's azimuth that was found in the picture [deg]."""
 
 
 def _suns(photographs: Sequence[Photograph], says: Given) -> list[float | None]:
@@ -501,7 +507,8 @@ def _frame(shown: Shown, most: int, known: bool, told: Frame | None = None) -> F
         own = direction(cells.azimuth_deg, cells.elevation_deg) @ camera_axes(*camera).T
         azimuth, elevation = azimuth_elevation(own @ camera_axes(*told.camera_deg))
         cells, camera = replace(cells, elevation_deg=elevation, azimuth_deg=azimuth), told.camera_deg
-    frame = Frame(cells, camera, sun if known else None, None, photograph.log_exposure)
+    eight = photograph.developed and photograph.picture.bits == 8
+    frame = Frame(cells, camera, sun if known else None, None, photograph.log_exposure, eight)
     if photograph.camera.projection == "latlong":
         return frame
     corner = float(photograph.camera.angle_off_axis(np.array([0.0, 0.0])))
@@ -512,10 +519,10 @@ def _frame(shown: Shown, most: int, known: bool, told: Frame | None = None) -> F
 
 def _found(shown: Shown, values: Mapping[str, float]) -> Shown:
     """A photograph with its camera and sun as they were found."""
-    heading, pitch, roll = (values.get(name, 0.0) for name in ANGLES)
+    heading, pitch, roll, zoom = (values.get(name, 0.0) for name in ANGLES)
     photograph = shown.photograph
-    if pitch or roll:
-        photograph = photograph.turned(pitch, roll, photograph.errors_deg)
+    if pitch or roll or zoom:
+        photograph = photograph.turned(pitch, roll, photograph.errors_deg, zoom)
     sun = values.get(SUN, shown.sun_elevation_deg)
     return Shown(shown.name, photograph, float(sun), float((shown.sun_azimuth_deg - heading) % 360.0))
 
