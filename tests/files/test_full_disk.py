@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import errno
 import resource
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ from numba.core.caching import FunctionCache
 from PIL import Image
 from rendering import call
 
+import twilight
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.extras import is_installed
 from twilight.base.progress import silent
@@ -28,6 +30,53 @@ from twilight.solvers.montecarlo.checkpoint import Checkpoint, RunState
 from twilight.studies.camera.response import ResponseCurve, write_response
 from twilight.studies.export.prague import write_folder
 from twilight.transport.steps import distance_to_sphere
+
+PACKAGE = Path(twilight.__file__).parent
+WHOLE = {"whole_file", "whole_content", "whole_folder", "unfinished"}
+WRITERS = {"write_text", "write_bytes", "savez", "savez_compressed", "savefig", "to_netcdf", "to_zarr", "copyfile",
+           "tofile", "imwrite", "imsave", "writelines"}  # fmt: skip
+ELSEWHERE = {
+    "engine/sun_tables.py": "handed to the cache, which writes it whole",
+    "engine/surfaces.py": "handed to the cache, which writes it whole",
+    "base/cache.py": "handed to store(), which writes it whole",
+    "base/peak_memory.py": "/proc",
+    "cli/__init__.py": "/dev/null",
+    "jit/ahead.py": "/dev/null",
+    "jit/machine_code.py": "empty files, to be locked",
+    "io/provenance.py": "its journal grows line by line: a line that was cut is not read",
+    "io/folder.py": "empties that journal",
+    "studies/compare/worker.py": "a pipe",
+    "studies/sweep/store.py": "chunks, which zarr writes whole, before the line of the journal that counts them",
+    "studies/camera/image.py": "copies in a temporary folder",
+    "io/air/read.py": "copies in a temporary folder",
+}
+
+
+def writes(call: ast.Call) -> bool:
+    """Whether a call opens a file to write, or writes one."""
+    name = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+    modes = [a.value for a in call.args + [k.value for k in call.keywords if k.arg == "mode"]
+             if isinstance(a, ast.Constant) and isinstance(a.value, str)]  # fmt: skip
+    if name in ("open", "fdopen", "File"):
+        return any(set(mode) & set("wax+") and len(mode) <= 3 for mode in modes)
+    return name in WRITERS
+
+
+def test_every_writer_of_the_package_writes_whole_files():
+    """A writer that opens its own file would leave half of it behind."""
+    seen = set()
+    for path in sorted(PACKAGE.rglob("*.py")):
+        place = path.relative_to(PACKAGE).as_posix()
+        for scope in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(scope, ast.FunctionDef) or place == "base/whole_files.py":
+                continue
+            calls = [node for node in ast.walk(scope) if isinstance(node, ast.Call)]
+            if not any(writes(one) for one in calls):
+                continue
+            names = {getattr(one.func, "id", getattr(one.func, "attr", "")) for one in calls}
+            seen.add(place)
+            assert names & WHOLE or place in ELSEWHERE, f"{place}: {scope.name} writes a file by itself"
+    assert set(ELSEWHERE) <= seen
 
 
 @contextmanager

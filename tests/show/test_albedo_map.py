@@ -9,7 +9,7 @@ from airs import turbid
 from hazy_zones import QUICK
 from PIL import Image
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import load
 from twilight.config.pictures import Terrain, View
 from twilight.config.scene import Observer
@@ -165,6 +165,9 @@ def test_the_air_is_lit_by_the_map_s_mean(tmp_path):
     path = str(netcdf(tmp_path / "a.nc"))
     asked = {**PLACED, "ground.albedo_map": path, "wavelengths": {"list_nm": [500.0]}}
     assert resolve(load("pure-air", asked)).medium.ground_albedo == pytest.approx(0.5)
+    with pytest.warns(TwilightWarning, match="the sun has no place"):
+        without = resolve(load("pure-air", {**asked, "sun": {"elevation_deg": 5.0}}))
+    assert without.medium.ground_albedo == pytest.approx(0.15)
     high = resolve(load("pure-air", {**asked, "observer.altitude_km": 35786.0})).medium.ground_albedo
     assert 0.3 < high[0] < 0.5
     part = str(netcdf(tmp_path / "b.nc", lat=np.arange(-10.0, 11.0), lon=np.arange(0.0, 11.0)))
@@ -175,7 +178,7 @@ def test_the_air_is_lit_by_the_map_s_mean(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"sun": {"elevation_deg": 20.0}}, "ground.albedo_map: needs to know which ground is seen"),
+        ({"sun": {"elevation_deg": 20.0}, "observer.view.kind": "latlong"}, "ground.albedo_map: needs to know"),
         ({"ground.albedo_map": "nowhere.nc"}, "there is no file"),
         ({"ground.albedo_map_sha256": "0" * 64}, "is not the table of this climate"),
         ({"terrain.albedo": 0.2, "observer.view.kind": "perspective"}, "leave one of them out"),

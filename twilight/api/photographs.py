@@ -147,10 +147,10 @@ def estimate(
         colour,
         refine,
     )
-    found = estimate_air(names, photographs, config, says, progress)
-    if not found.fits:
-        warnings.warn(f"{found.picture}: {found.sentences()[0]}", TwilightWarning, stacklevel=2)
-    return found
+    estimated = estimate_air(names, photographs, config, says, progress)
+    if not estimated.fits:
+        warnings.warn(f"{estimated.picture}: {estimated.sentences()[0]}", TwilightWarning, stacklevel=2)
+    return estimated
 
 
 def read_sky(

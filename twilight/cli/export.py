@@ -95,8 +95,8 @@ def prague(
 
     begin = time.process_time()
     with progress_bar() as bar:
-        made = PragueMaker(axes, asked, rank, polarisation).make(field_of, bar)
-    size = write_prague(output, made)
+        data = PragueMaker(axes, asked, rank, polarisation).make(field_of, bar)
+    size = write_prague(output, data)
     for air in airs:
         depth = "its own aerosol" if air.depth is None else f"aerosol optical depth {air.depth:.3g}"
         print(f"visibility {air.visibility_km:.4g} km: {air.series.config({}).title}, {depth}")

@@ -211,8 +211,8 @@ def must_compile(package: str) -> bool:
     kernels = []
     for name, module in list(sys.modules.items()):
         if name == package or name.startswith(f"{package}."):
-            found = [value for value in vars(module).values() if isinstance(value, Dispatcher)]
-            kernels += [one for one in found if one.py_func.__module__ == name and one.stats.cache_path]
+            dispatchers = [value for value in vars(module).values() if isinstance(value, Dispatcher)]
+            kernels += [one for one in dispatchers if one.py_func.__module__ == name and one.stats.cache_path]
     for kernel in kernels:
         if any(Path(str(kernel.stats.cache_path)).glob(f"*.{kernel.py_func.__name__}-*.nbi")):
             return False
@@ -220,11 +220,13 @@ def must_compile(package: str) -> bool:
 
 
 def announce_compiling(solver: str) -> None:
-    """One sentence on stderr where a solver has to be compiled."""
+    """One sentence on stderr where a solver has to be compiled, which begins then."""
     from twilight import solvers
     from twilight.cli import terminal
+    from twilight.jit.ahead import compile_ahead
 
     solvers.load(solver)
     if must_compile(solvers.SOLVERS[solver]):
         terminal.compiling = True
-        print(f"twilight: {SENTENCE}", file=sys.stderr)
+        print(f"twilight: {SENTENCE}", file=sys.stderr, flush=True)
+        compile_ahead(solver)

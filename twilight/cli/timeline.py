@@ -94,31 +94,31 @@ def timeline(
     for path in paths:
         check_file(path)
     stem.parent.mkdir(parents=True, exist_ok=True)
-    needs = [one.needs for one in (*columns, *(c.column for c in wanted))]
+    needs = [item.needs for item in (*columns, *(c.column for c in wanted))]
     with progress_bar() as progress:
         chosen = field_for(config, needs, part_of(progress, 0.0, 0.5))
         if chosen.solver:
             print(f"twilight: {chosen.solver}", file=sys.stderr, flush=True)
         rest = part_of(progress, 0.5, 0.5)
-        made = work.timeline(chosen.field, latitude, longitude, times, columns, wanted, time_zone, rest)
+        result = work.timeline(chosen.field, latitude, longitude, times, columns, wanted, time_zone, rest)
     about = f"{config.climate.name}, {latitude:g} {longitude:g}, {day.isoformat()}"
     for path in paths:
-        WRITERS[path.suffix.lower()](made, path, about)
-    _print(made)
+        WRITERS[path.suffix.lower()](result, path, about)
+    _print(result)
     if preset is not None:
         print(preset.about)
     for path in paths:
         print(f"wrote {path}")
 
 
-def _print(made: Any) -> None:
+def _print(result: Any) -> None:
     rows = []
-    for mark in made.marks:
+    for mark in result.marks:
         if mark.time is None:
             rows.append([mark.event, "the sun does not get there", f"{mark.elevation_deg:.2f}"])
         else:
             rows.append([mark.event, _clock(mark.time), f"{mark.elevation_deg:.2f}"])
-    for outcome in made.outcomes:
+    for outcome in result.outcomes:
         text = outcome.condition.text
         if outcome.sentence:
             rows.append([text, outcome.sentence, ""])

@@ -342,7 +342,7 @@ class Config(Section):
     def _lies_on_the_map(self) -> Config:
         if self.climate.ground.albedo_map is None:
             return self
-        if isinstance(self.sun, SunElevation | SunElevations):
+        if self.observer.view is not None and isinstance(self.sun, SunElevation | SunElevations):
             raise ValueError(
                 "ground.albedo_map: needs to know which ground is seen: give the sun a time and a place (sun.at, "
                 "sun.latitude_deg, sun.longitude_deg)"

@@ -98,13 +98,13 @@ class ViewRadiance:
         picture[inside] = self.table.light(*directions)
         if self.ground is not None:
             picture[inside] = np.maximum(picture[inside] + self.ground.light(*directions), 0.0)
-        seen = ViewPixels(self.kind, rays.astype(np.float32), picture, self.pitch_deg)
+        pixels = ViewPixels(self.kind, rays.astype(np.float32), picture, self.pitch_deg)
         if self.night is not None:
-            seen = with_night(seen, self.night)
+            pixels = with_night(pixels, self.night)
         if self.moon is not None:
             by_moon, light = self.moon
-            seen = with_moon(seen, by_moon.rows(first, stop).radiance, light)
-        return seen if self.direct is None else with_sun(seen, self.direct, self.sun_elevation_deg)
+            pixels = with_moon(pixels, by_moon.rows(first, stop).radiance, light)
+        return pixels if self.direct is None else with_sun(pixels, self.direct, self.sun_elevation_deg)
 
     def whole(self) -> ViewPixels:
         """The picture."""
@@ -190,14 +190,14 @@ def _extent(view: View) -> tuple[tuple[float, float], tuple[float, float]]:
     """The least and the largest elevation, and azimuth from the sun within 0..180, of all pixels [deg]."""
     height, width = view.shape
     step = max(1, PIXELS_AT_ONCE // width)
-    found = []
+    extents = []
     for first in range(0, height, step):
         azimuth, elevation = azimuth_elevation(view.rays((first, min(first + step, height))))
         inside = np.isfinite(elevation)
         if inside.any():
             e, a = elevation[inside], np.minimum(azimuth, 360.0 - azimuth)[inside]
-            found.append((e.min(), e.max(), a.min(), a.max()))
-    low, high, left, right = np.array(found).T
+            extents.append((e.min(), e.max(), a.min(), a.max()))
+    low, high, left, right = np.array(extents).T
     return (float(low.min()), float(high.max())), (float(left.min()), float(right.max()))
 
 
@@ -237,36 +237,38 @@ def landscape(
         w += medium.n_wavelengths
         field = FormulaField(block.field) if solved.scene.capabilities.kind == "formula" else block.field
         mapped = None if land is None else partial(_albedo, land, medium.wavelength_nm)
-        made = add_terrain(sky, rays, heights, field, medium, beam, place, terrain.albedo, terrain.shadows, mapped)
-        radiance.append(made.radiance)
+        with_terrain = add_terrain(
+            sky, rays, heights, field, medium, beam, place, terrain.albedo, terrain.shadows, mapped
+        )
+        radiance.append(with_terrain.radiance)
     shown = np.concatenate(radiance, axis=-1)
-    return ViewPixels(seen.kind, seen.rays, shown, seen.pitch_deg, hidden=np.isfinite(made.distance_km))
+    return ViewPixels(seen.kind, seen.rays, shown, seen.pitch_deg, hidden=np.isfinite(with_terrain.distance_km))
 
 
 def _albedo(land: Land, wavelength_nm: np.ndarray, azimuth: np.ndarray, turn: np.ndarray) -> np.ndarray:
     return land.albedo(np.degrees(azimuth), turn, wavelength_nm)
 
 
-def with_night(seen: ViewPixels, night: NightLight) -> ViewPixels:
+def with_night(pixels: ViewPixels, night: NightLight) -> ViewPixels:
     """The view with the night's light behind and in the air; terrain in it is lit as the ground is."""
-    lit = night.seen_by(seen.rays.astype(float), seen.pitch_deg, seen.hidden)
-    return replace(seen, radiance=(seen.radiance + lit).astype(np.float32))
+    lit = night.seen_by(pixels.rays.astype(float), pixels.pitch_deg, pixels.hidden)
+    return replace(pixels, radiance=(pixels.radiance + lit).astype(np.float32))
 
 
-def with_sun(seen: ViewPixels, direct: Direct, sun_elevation_deg: float) -> ViewPixels:
+def with_sun(pixels: ViewPixels, direct: Direct, sun_elevation_deg: float) -> ViewPixels:
     """The view with the sun's disc where its light arrives: everywhere as bright as its mean, its edge one pixel wide.
 
     direct: at the observer; the disc stands where refraction lifts its centre to, and is round.
     """
     if not direct.irradiance.any():
-        return seen
+        return pixels
     sun = direction(0.0, sun_elevation_deg + direct.bending_deg)
-    off_axis = np.degrees(2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(seen.rays - sun, axis=-1))))
-    fraction = np.clip((SOLAR_RADIUS_DEG - off_axis) / seen.pitch_deg + 0.5, 0.0, 1.0)
-    if seen.hidden is not None:
-        fraction = np.where(seen.hidden, 0.0, fraction)
+    off_axis = np.degrees(2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(pixels.rays - sun, axis=-1))))
+    fraction = np.clip((SOLAR_RADIUS_DEG - off_axis) / pixels.pitch_deg + 0.5, 0.0, 1.0)
+    if pixels.hidden is not None:
+        fraction = np.where(pixels.hidden, 0.0, fraction)
     solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(SOLAR_RADIUS_DEG)))
     covered = np.nan_to_num(fraction)
     disc = covered[..., None] * (direct.irradiance / solid_angle)
-    covered = covered if seen.sun is None else np.maximum(seen.sun, covered)
-    return replace(seen, radiance=(seen.radiance + disc).astype(np.float32), sun=covered)
+    covered = covered if pixels.sun is None else np.maximum(pixels.sun, covered)
+    return replace(pixels, radiance=(pixels.radiance + disc).astype(np.float32), sun=covered)

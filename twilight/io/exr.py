@@ -325,9 +325,9 @@ def read_spectral_exr(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[st
     """
     header, channels = _read(path)
     planes = {
-        float(found.group(1).replace(",", ".")): pixels
+        float(match.group(1).replace(",", ".")): pixels
         for name, pixels in channels.items()
-        if (found := _SPECTRAL_CHANNEL.match(name))
+        if (match := _SPECTRAL_CHANNEL.match(name))
     }
     if not planes:
         raise TwilightError(f"{path}: has no channel like S0.550,0nm (Fichet et al. 2021)")

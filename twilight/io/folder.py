@@ -112,12 +112,12 @@ def check_folder_content(root: Path, wanted: Mapping[str, RequestedSky], code: s
         _refuse(root, name, wanted)
     listed = {root / file for line in lines.values() for file in line["files"]}
     begun = {name for name, line in lines.items() if not line["files"]}
-    found = [file for name in wanted if name not in begun for file in files_of_a_sky(root / name) if file not in listed]
+    files = [file for name in wanted if name not in begun for file in files_of_a_sky(root / name) if file not in listed]
     if len(wanted) > 1 and not _has_series_files(root):
-        found += _series_files(root)
-    if found:
+        files += _series_files(root)
+    if files:
         raise TwilightError(
-            f"{found[0]}: is there already, and {JOURNAL} does not say of which sky; "
+            f"{files[0]}: is there already, and {JOURNAL} does not say of which sky; "
             "give --overwrite or another --output"
         )
     return {
@@ -134,8 +134,8 @@ def files_of_a_sky(folder: Path) -> list[Path]:
 
 def numbered_files(folder: Path) -> list[Path]:
     """The files in a folder that have the names of a series' by number, sorted."""
-    found = (name.rpartition(".") for name in NUMBERED)
-    return sorted(file for stem, _, suffix in found for file in folder.glob(f"{stem}.[0-9][0-9][0-9][0-9]*.{suffix}"))
+    names = (name.rpartition(".") for name in NUMBERED)
+    return sorted(file for stem, _, suffix in names for file in folder.glob(f"{stem}.[0-9][0-9][0-9][0-9]*.{suffix}"))
 
 
 def _series_files(root: Path) -> list[Path]:
@@ -160,15 +160,15 @@ def _refuse(root: Path, name: str, wanted: Mapping[str, RequestedSky]) -> None:
 
 def _last_entries(root: Path) -> dict[str, dict[str, Any]]:
     """What the journal says of each sky, the last time that it was written."""
-    found = {}
+    entries = {}
     for line in read_journal(root / JOURNAL):
         with suppress(KeyError, TypeError, AttributeError):
             name, files = str(line["sky"]), {str(k): int(v) for k, v in line["files"].items()}
             line["figures"] = dict(line["figures"])
             if all(_inside(file) for file in (name, *files)):
                 texts = {key: str(line[key]) for key in ("hash", "code")}
-                found[name] = {**line, **texts, "files": files, "before": [str(f) for f in line.get("before", [])]}
-    return found
+                entries[name] = {**line, **texts, "files": files, "before": [str(f) for f in line.get("before", [])]}
+    return entries
 
 
 def _inside(name: str) -> bool:

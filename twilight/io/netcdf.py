@@ -59,14 +59,14 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
     """The sky with the variables and attributes of ``sky.h5``; its time, where it has one, as datetime64 in UTC."""
     import xarray  # start-up
 
-    made = xarray.Dataset(*_contents(sky))
+    dataset = xarray.Dataset(*_contents(sky))
     if sky.time is not None:
-        about = dict(made["time"].attrs)
+        about = dict(dataset["time"].attrs)
         encoding = {name: about.pop(name) for name in ("units", "calendar")} | {"dtype": "float64"}
         time = xarray.Variable((), np.datetime64(sky.time.astimezone(UTC).replace(tzinfo=None), "us"), about)
-        made = made.assign_coords(time=time)
-        made["time"].encoding = encoding
-    return made
+        dataset = dataset.assign_coords(time=time)
+        dataset["time"].encoding = encoding
+    return dataset
 
 
 @cache

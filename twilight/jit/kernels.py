@@ -4,8 +4,8 @@ Python's rule, an exception for a division by 0, puts a test and an exit into ev
 to compile, which does nothing here, for kernels keep their divisors off 0.
 
 Beside each kernel numba makes two more functions: one for C, which nothing here calls, and one for Python, which takes
-every field out of every named tuple of arrays.  For a kernel that only kernels call, the one for Python is most of the
-work; `inner` leaves it out, and Python holds an `InnerKernel` in its place, which refuses to be called.
+every field out of every named tuple of arrays.  `inner` leaves both out for a kernel that kernels call, and machine
+code of its own too.
 
 numba counts who holds an array, and does so again for every row of one that is handed on and in every kernel that is
 called: a third of the time of a short kernel.  A kernel that makes no arrays needs none of it (`makes_arrays=False`);
@@ -24,6 +24,7 @@ times slower, for debuggers.
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Callable
 from typing import Any
@@ -55,8 +56,8 @@ def check_numba(version: str) -> None:
 
 
 class InnerKernel:
-    """What Python holds of a kernel that compiled functions alone may call: without a function for Python a call would
-    end the process.
+    """What Python holds of a kernel that compiled functions call: a call from Python, of a test or a debugger, compiles
+    one that hands it on.
 
     py_func: the Python function that was compiled
     """
@@ -72,12 +73,19 @@ class InnerKernel:
         """What numba takes it for in the kernels that call it."""
         return types.Dispatcher(self._dispatcher)
 
-    def __call__(self, *arguments: Any, **named: Any) -> Any:
-        """TypeError: Python cannot call it."""
-        raise TypeError(
-            f"{self.__name__} is an inner kernel, which compiled functions alone can call; {self.__name__}.py_func is "
-            "its Python function"
-        )
+    @functools.cached_property
+    def _for_python(self) -> Callable[..., Any]:
+        kernel = self
+
+        def hand_on(*arguments: Any) -> Any:
+            return kernel(*arguments)
+
+        handed_on: Callable[..., Any] = njit()(hand_on)
+        return handed_on
+
+    def __call__(self, *arguments: Any) -> Any:
+        """What the kernel returns."""
+        return self._for_python(*arguments)
 
 
 def njit(
@@ -87,7 +95,7 @@ def njit(
 
     No kernel holds Python's lock: signals are heard, and progress is shown, while one runs.
 
-    inner: kernels alone call it; Python gets an `InnerKernel`.  inline: it becomes a part of the machine code of those
+    inner: kernels call it; Python gets an `InnerKernel`.  inline: it becomes a part of the machine code of those
     that call it; "always": by numba, of its Python code.  makes_arrays: whether it makes any; those that it is handed
     are then not counted.
     """

@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Any
+from typing import IO, Any
 
 import llvmlite.binding as llvm
 import numpy as np
@@ -33,18 +33,30 @@ from numba.core.runtime import rtsys
 
 from twilight.base.errors import TwilightWarning
 
+try:
+    import fcntl
+except ImportError:  # Windows, where no processes are forked
+    fcntl = None  # type: ignore[assignment]
+
 _PACKAGE = __name__.partition(".")[0]
 _LINKED = "linked"
 """Kind of a library that holds LLVM's code alone, in the files that numba keeps."""
 
 
 class _LinkedLibrary(JITCodeLibrary):
-    """The code of an inner kernel: optimised, linked into those that call it, never made machine code of."""
+    """The code of an inner kernel: linked into those that call it, never made machine code of."""
 
     @property
     def codegen(self) -> Any:
         """What sets the environment of a function that Python calls: there is none."""
         return _NoEnvironment
+
+    def _optimize_final_module(self) -> None:
+        """Take in what it calls, at the least cost: all of it is optimised as a part of each kernel that Python calls."""
+        manager, builder = self._codegen._module_pass_manager(
+            loop_vectorize=False, slp_vectorize=False, opt=0, cost="cheap"
+        )
+        manager.run(self._final_module, builder)
 
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
@@ -125,6 +137,7 @@ class KernelCache(FunctionCache):
         super().__init__(dispatcher.py_func)
         self._dispatcher = dispatcher
         self._is_stamped = False
+        self._compiling: dict[str, IO[str]] = {}
 
     def _stamp(self) -> None:
         """Say what the kernel is made of: at the first call, when all modules are imported."""
@@ -136,10 +149,35 @@ class KernelCache(FunctionCache):
         """The kernel for types of arguments; None where it must be compiled."""
         self._stamp()
         rtsys.initialize(target_context)
+        found = self._read(sig, target_context)
+        if found is None and locks:
+            file = self._lock_file(sig).open("w")
+            fcntl.flock(file, fcntl.LOCK_EX)
+            found = self._read(sig, target_context)
+            if found is None:
+                self._compiling[str(sig)] = file
+            else:
+                file.close()
+        return found
+
+    def _read(self, sig: Any, target_context: Any) -> Any:
         try:
             return self._load_overload(sig, target_context)
         except Exception:  # what unpickling raises depends on what is not there any more
             return None
+
+    def _lock_file(self, sig: Any) -> Path:
+        name = f"{self.cache_path} {self._impl.filename_base} {sig}"
+        return locks[0] / hashlib.sha256(name.encode()).hexdigest()
+
+    def is_taken(self, sig: Any) -> bool:
+        """Whether another process is compiling it for these types of arguments."""
+        with self._lock_file(sig).open("w") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                return True
+        return False
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a kernel that was compiled."""
@@ -160,8 +198,14 @@ class KernelCache(FunctionCache):
                     TwilightWarning,
                     stacklevel=2,
                 )
+        finally:
+            if str(sig) in self._compiling:
+                self._compiling.pop(str(sig)).close()
 
 
+locks: list[Path] = []
+"""The folder of a file for each kernel that is being compiled, locked by the process that does, where there are several
+(`twilight.jit.ahead`)."""
 _warned: list[bool] = []
 """Holds something once this process has said that kernels cannot be kept."""
 

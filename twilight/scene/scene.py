@@ -11,6 +11,7 @@ A configuration as it is written into files: every default said, and rendering i
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
@@ -22,7 +23,7 @@ import numpy as np
 from twilight import solvers
 from twilight.atmosphere.screen import Screen
 from twilight.base.conventions import EARTH_RADIUS_KM
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.climate import Spectrum, climate_files
 from twilight.config.scene import Config, Horizon, Observer
 from twilight.config.solver import complete_solver
@@ -85,8 +86,8 @@ def suns_of(config: Config) -> Iterator[SceneSun]:
         yield SceneSun(_elevation_name(sun.elevation_deg), sun, sun.elevation_deg, distance_au=sun.distance_au)
     elif isinstance(sun, SunElevations):
         for elevation in sun.elevations_deg:
-            one = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au, disc=sun.disc)
-            yield SceneSun(_elevation_name(elevation), one, elevation, distance_au=sun.distance_au)
+            section = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au, disc=sun.disc)
+            yield SceneSun(_elevation_name(elevation), section, elevation, distance_au=sun.distance_au)
     else:
         for moment in _moments(sun):
             place = {key: getattr(sun, key) for key in ("latitude_deg", "longitude_deg", "time_zone", "disc")}
@@ -179,14 +180,19 @@ def placed_moon(section: MoonSection, sun_elevation_deg: float, sun_distance_au:
 
 def _with_mean_of_map(config: Config) -> Config:
     """The configuration with the mean of `ground.albedo_map` for its albedo: over the ground in sight, or within
-    MAP_MEAN_KM.
+    MAP_MEAN_KM; as it is, with a warning, where it has no place.
 
     Errors: TwilightError for a file that is no map.
     """
     ground, sun = config.climate.ground, config.sun
     if ground.albedo_map is None:
         return config
-    assert not isinstance(sun, SunElevation | SunElevations)  # `Config` sees to that
+    if isinstance(sun, SunElevation | SunElevations):  # without a view, or `Config` refuses it
+        warnings.warn(
+            "ground.albedo_map: the sun has no place, so that the ground has ground.albedo everywhere",
+            TwilightWarning, stacklevel=2,
+        )  # fmt: skip
+        return config
     check_sha256(ground.albedo_map, ground.albedo_map_sha256, "ground.albedo_map_sha256")
     mapped = read_albedo_map(ground.albedo_map)
     above_km = max(config.observer.altitude_km - ground.altitude_km, 0.0)

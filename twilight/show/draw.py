@@ -77,7 +77,7 @@ def _draw(table, phase, rows, columns, darkest, directions, azimuth, above, hori
     """
     at, weight = np.empty(4, np.int64), np.empty(4)
     across, beside = np.empty(4, np.int64), np.empty(4)
-    seen = np.empty((1, LANES), np.float32)
+    channels = np.empty((1, LANES), np.float32)
     n_angles, level = phase.shape[0], math.cos(math.radians(sun))
     for p in range(i, j):
         a = abs((azimuth[p] - sun_azimuth + 180.0) % 360.0 - 180.0)
@@ -101,9 +101,9 @@ def _draw(table, phase, rows, columns, darkest, directions, azimuth, above, hori
                     for n in range(4):
                         value += np.float32(weight[m] * beside[n]) * load(table, (at[m], across[n]))
             value += (ONE - f) * load(phase, k) + f * load(phase, k + 1)
-            store(seen, 0, exp(value))
+            store(channels, 0, exp(value))
             for c in range(CHANNELS):
-                light = seen[0, c] + seen[0, CHANNELS + c]
+                light = channels[0, c] + channels[0, CHANNELS + c]
                 if light > darkest[c]:
                     out[p, c] += near * fraction * light
 
@@ -135,17 +135,17 @@ class Painter:
 
     def light(self, sun_elevation_deg: float, sun_azimuth_deg: float = 0.0, distance_au: float = 1.0) -> np.ndarray:
         """The channels [cd m^-2], (H, W, 4), without the sun's disc; 0 outside the picture."""
-        one = self.table.under(sun_elevation_deg)
-        smooth = one.smooth[0][:, self._column]
+        sky = self.table.under(sun_elevation_deg)
+        smooth = sky.smooth[0][:, self._column]
         layers = np.full((*smooth.shape[:2], LANES), NO_LIGHT, np.float32)
         layers[..., :CHANNELS] = smooth
-        if one.aureole is not None:
-            layers[..., CHANNELS:] = one.aureole[0][:, self._column]
+        if sky.aureole is not None:
+            layers[..., CHANNELS:] = sky.aureole[0][:, self._column]
         darkest = 2.0 * DARKEST * np.exp(smooth.max(axis=(0, 1)).astype(float))
         out = np.empty((self._azimuth.size, CHANNELS))
         nodes = layers, self._phase, self.table.elevation_deg, self._columns, darkest
         about = self._directions, self._azimuth, self._above, self.horizon_deg
-        sun = float(one.apparent_sun_deg[0]), sun_azimuth_deg, 1.0 / distance_au**2
+        sun = float(sky.apparent_sun_deg[0]), sun_azimuth_deg, 1.0 / distance_au**2
         in_slices(lambda i, j: _draw(*nodes, *about, *sun, out, i, j), self._azimuth.size)
         out = out.reshape(*self.elevation_deg.shape, CHANNELS)
         out[self.outside] = 0.0

@@ -269,12 +269,12 @@ class Animation:
         if isinstance(self.exposure, float) and output.tone_mapping != "eye":
             return [FrameExposure(self.exposure, None)] * n
         painter = SkyPainter(parts, self._directions(_smaller(self.view)))
-        found = np.empty((n, 2))
+        exposures = np.empty((n, 2))
         for i in range(n):
             light = painter.light(float(self.line.time_s[i]), self._sun(i), self._moon(i))
-            found[i] = meter(light, self._measures.highlights_over_mean)
+            exposures[i] = meter(light, self._measures.highlights_over_mean)
             progress(f"metering {i + 1} of {n}", (i + 1) / n)
-        metered, mean = found.T
+        metered, mean = exposures.T
         if self.exposure == "constant":
             return [FrameExposure(float(np.median(metered)), None)] * n
         ev = smoothed(metered, self.frames_per_second)

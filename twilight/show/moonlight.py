@@ -46,10 +46,10 @@ def sunbeam(
     horizon_deg = float(nodes_deg[0])
     steps = np.arange(horizon_deg - 1.5, horizon_deg + 2.0, 0.01), np.arange(horizon_deg + 2.0, 90.0, 0.1)
     suns = [(e, solved.direct(float(e), altitude_km)) for e in (*steps[0], *steps[1], 90.0)]
-    seen = [(e, one) for e, one in suns if one.irradiance.any()]
-    true = np.array([e for e, _ in seen])
-    apparent = true + np.array([one.bending_deg for _, one in seen])
-    factor = np.stack([one.irradiance for _, one in seen])
+    visible = [(e, one) for e, one in suns if one.irradiance.any()]
+    true = np.array([e for e, _ in visible])
+    apparent = true + np.array([one.bending_deg for _, one in visible])
+    factor = np.stack([one.irradiance for _, one in visible])
     refraction_deg = np.interp(nodes_deg, apparent, apparent - true)
     logs = np.log(np.maximum(channels.of(factor), 1e-30))
     light = np.stack([np.interp(nodes_deg, apparent, column) for column in logs.T], axis=-1)
@@ -126,15 +126,15 @@ class MoonColours:
         """From spectra (..., W) of an air over the sun's irradiance [sr^-1]: least squares of relative residuals."""
         spectra = spectra.reshape(-1, spectra.shape[-1])
         spectra = spectra[spectra.min(axis=-1) > DARK]
-        sunlit, found = channels.of(spectra), []
+        sunlit, skies = channels.of(spectra), []
         for phase in PHASES_DEG:
             moonlit = channels.of(spectra * reddening(channels.wavelength_nm, float(phase)))
             rows = [
                 np.linalg.lstsq(sunlit / moonlit[:, c : c + 1], np.ones(len(sunlit)), rcond=None)[0]
                 for c in range(moonlit.shape[-1])
             ]
-            found.append(np.stack(rows))
-        return cls(np.stack(found))
+            skies.append(np.stack(rows))
+        return cls(np.stack(skies))
 
     def page_header(self, wavelength_nm: np.ndarray) -> dict[str, Any]:
         """What `web/moon.js` needs of a field: matrices by columns, and f / f(550 nm) at its wavelengths."""

@@ -106,7 +106,7 @@ def nights_of(config: Config, medium: Medium, channels: Channels, line: FilmTime
             stars = MovingStars(sky, channels.of(np.diag(1.0 / channels.solar_irradiance)), site)
     for t, e, a in zip(times, elevation, azimuth, strict=True):
         place = None if site is None else replace(site, time=site.time + timedelta(seconds=float(t)))
-        made = night_light(
+        night = night_light(
             medium,
             levels,
             config.observer.altitude_km,
@@ -114,8 +114,8 @@ def nights_of(config: Config, medium: Medium, channels: Channels, line: FilmTime
             sun_azimuth_deg=None if place is None else float(a),
             place=place,
         )
-        radiance, ground = (channels.of(v / channels.solar_irradiance) for v in (made.radiance, made.ground))
-        lights.append(NightLight(made.elevation_deg, made.azimuth_deg, radiance, ground))
+        radiance, ground = (channels.of(v / channels.solar_irradiance) for v in (night.radiance, night.ground))
+        lights.append(NightLight(night.elevation_deg, night.azimuth_deg, radiance, ground))
     return Nights(times, azimuth, tuple(lights), stars)
 
 

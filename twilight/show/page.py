@@ -55,16 +55,16 @@ class Page:
     @property
     def html(self) -> str:
         """The whole file; it needs WebGL 2 and no network."""
-        made = _program()
+        program = _program()
         head, data = self.pack.text()
         parts = {
             "TITLE": escape(self.title),
-            "STYLE": made["style"],
+            "STYLE": program["style"],
             "HEAD": head,
             "DATA": data,
-            "SCRIPT": f'"use strict";\n(() => {{\n{made["script"]}\n}})();',
+            "SCRIPT": f'"use strict";\n(() => {{\n{program["script"]}\n}})();',
         }
-        return re.sub(r"{{(.*?)}}", lambda found: parts[found[1]], made["page"])
+        return re.sub(r"{{(.*?)}}", lambda found: parts[found[1]], program["page"])
 
     def save(self, path: str | Path) -> Path:
         """Write the file, whole or not at all.

@@ -31,8 +31,8 @@ class ShaderSky:
 
     def files(self) -> dict[str, bytes]:
         """Name and content of every file."""
-        made, lines = layers(self.table), node_lines(self.table)
-        count = {"columns": made.shape[2], "rows": made.shape[1], "suns": made.shape[0] // 2}
+        table, lines = layers(self.table), node_lines(self.table)
+        count = {"columns": table.shape[2], "rows": table.shape[1], "suns": table.shape[0] // 2}
         header = self.header | {
             "texels": count,
             "sun_elevation_deg": self.table.sun_elevation_deg.tolist(),
@@ -46,7 +46,7 @@ class ShaderSky:
         page = _web("export/shader.html").replace("{{TITLE}}", str(self.header["name"]).replace("<", "&lt;"))
         page = page.replace("{{HEAD}}", json.dumps(header).replace("<", "\\u003c"))
         page = page.replace("{{GLSL}}", json.dumps(sources["sky.glsl"]))
-        contents = {"TABLE": made.astype("<f4").tobytes(), "LINES": lines.astype("<f4").tobytes()}
+        contents = {"TABLE": table.astype("<f4").tobytes(), "LINES": lines.astype("<f4").tobytes()}
         for name, content in contents.items():
             page = page.replace(f"{{{{{name}}}}}", base64.b64encode(content).decode())
         return {

@@ -187,10 +187,10 @@ def _add_field(
     )
 
 
-def _add_tables(pack: Pack, smooth: str, aureole: str, made: list[SkyTable]) -> None:
+def _add_tables(pack: Pack, smooth: str, aureole: str, tables: list[SkyTable]) -> None:
     """S and A of tables at several altitudes, columns as `padded_columns` has them: (4, altitude, sun, row, column)."""
-    _, column = padded_columns(made[0].azimuth_deg)
-    for name, layers in ((smooth, [t.smooth for t in made]), (aureole, [t.aureole for t in made])):
+    _, column = padded_columns(tables[0].azimuth_deg)
+    for name, layers in ((smooth, [t.smooth for t in tables]), (aureole, [t.aureole for t in tables])):
         held = [layer[:, :, column] for layer in layers if layer is not None]
         if held:
             pack.logarithm(name, np.moveaxis(np.stack(held), -1, 0))
@@ -259,8 +259,8 @@ def view_sky(sky: Sky, *, name: str = "", start: dict[str, Any] | None = None) -
         "sun_azimuth_deg": sky.sun_azimuth_deg,
         "distance_au": sky.distance_au,
     }
-    one = {"sun_node_deg": [sky.sun_elevation_deg], "spectrum_sun_deg": [sky.sun_elevation_deg], "lift_deg": [[0.0]]}
-    pack.header["fields"].append(_facts(channels) | one | {"horizon_deg": [0.0], "haze_deg": [0.0]})
+    single = {"sun_node_deg": [sky.sun_elevation_deg], "spectrum_sun_deg": [sky.sun_elevation_deg], "lift_deg": [[0.0]]}
+    pack.header["fields"].append(_facts(channels) | single | {"horizon_deg": [0.0], "haze_deg": [0.0]})
     pack.logarithm("sky0", np.moveaxis(light, -1, 0)[:, None, None])
     pack.logarithm("spectrum0", np.moveaxis(np.log(np.maximum(spectra, FAINTEST)), -1, 0)[:, None, None])
     _add_tones(pack)

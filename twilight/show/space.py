@@ -121,7 +121,7 @@ def fill_space(
     entering = entry.between(ENTRY_LOWEST_SUN_DEG, 90.0, part_of(progress, 0.0, 0.9, "above the air"))
     edge = geometry.edge(elevation)
     edge[: nodes.ground] = 1.0
-    made = _at_feet(entering.seen(channels.of), nodes.columns_deg, edge, central_angle_deg)
+    filled = _at_feet(entering.seen(channels.of), nodes.columns_deg, edge, central_angle_deg)
     rows = nodes.every_second_row(space=True)
     light = np.log(np.maximum(entering.light_at_nodes(), 1e-37))
     whole = replace(entering, smooth=light, aureole=None, log_phase=None)
@@ -133,7 +133,7 @@ def fill_space(
         elevation_deg=place[rows],
         smooth=spectra.smooth[suns][:, rows],
     )
-    return replace(made, elevation_deg=place), coarse, geometry
+    return replace(filled, elevation_deg=place), coarse, geometry
 
 
 def every_second(count: int) -> np.ndarray:

@@ -123,5 +123,5 @@ def horizon_and_haze_deg(solved: Field, altitude_km: float) -> tuple[float, floa
 def spectra_at(solved: Field, altitude_km: float, nodes: PageNodes, progress: Progress) -> SkyTable:
     """The table of all suns of the page for an observer in the air, at the field's wavelengths."""
     rows = between_edges(nodes.rises(), [-90.0, *horizon_and_haze_deg(solved, altitude_km), 90.0])
-    made = SunTables(solved, altitude_km, rows_deg=rows, columns_deg=nodes.columns_deg)
-    return made.between(LOWEST_SUN_DEG, 90.0, part_of(progress, 0.0, 1.0, f"{altitude_km:g} km"))
+    tables = SunTables(solved, altitude_km, rows_deg=rows, columns_deg=nodes.columns_deg)
+    return tables.between(LOWEST_SUN_DEG, 90.0, part_of(progress, 0.0, 1.0, f"{altitude_km:g} km"))

@@ -102,11 +102,11 @@ def _over_a_place(config: Config, sun: SunInterval, step: _Step) -> FilmTimeline
     start, stop = sun.aware(sun.start), sun.aware(sun.stop)
     time = step.times(stop.timestamp() - start.timestamp())
     altitude_km = config.observer.altitude_km
-    found = [
+    positions = [
         sun_position(start + timedelta(seconds=float(t)), sun.latitude_deg, sun.longitude_deg, altitude_km)
         for t in time
     ]
-    columns = np.array([(float(p.elevation_deg), float(p.azimuth_deg), float(p.distance_au)) for p in found]).T
+    columns = np.array([(float(p.elevation_deg), float(p.azimuth_deg), float(p.distance_au)) for p in positions]).T
     return _checked(config, FilmTimeline(time, columns[0], np.degrees(np.unwrap(np.radians(columns[1]))), columns[2]))
 
 
@@ -127,11 +127,11 @@ CAMERA_S = 1.0
 def meter(light: np.ndarray, highlights_over_mean: float = HIGHLIGHTS_OVER_MEAN) -> tuple[float, float]:
     """(exposure value at ISO 100 as `io.view` meters it, log-mean luminance [cd m^-2]) of a picture (H, W, 4) without
     the sun's disc; 0 is left out."""
-    seen = light[..., 1][light[..., 1] > 0.0]
-    if not seen.size:
-        return auto_exposure_ev100(seen), 1e-6
-    lit = seen[seen >= DARKEST_FRACTION * np.quantile(seen, 0.995)]
-    return auto_exposure_ev100(lit, None, highlights_over_mean), float(np.exp(np.log(seen).mean()))
+    lit_pixels = light[..., 1][light[..., 1] > 0.0]
+    if not lit_pixels.size:
+        return auto_exposure_ev100(lit_pixels), 1e-6
+    lit = lit_pixels[lit_pixels >= DARKEST_FRACTION * np.quantile(lit_pixels, 0.995)]
+    return auto_exposure_ev100(lit, None, highlights_over_mean), float(np.exp(np.log(lit_pixels).mean()))
 
 
 def smoothed(metered: np.ndarray, frames_per_second: float) -> np.ndarray:

@@ -177,8 +177,8 @@ class Sites:
         self._tt = (ut1[0], day + delta_t_s(utc) / 86400.0)
         turn = erfa.c2t00b(*self._tt, *ut1, 0.0, 0.0)
         latitude, longitude = np.radians([latitude_deg, longitude_deg])
-        here = erfa.gd2gc(1, longitude, latitude, 1000.0 * altitude_km) / 1000.0 / AU_KM
-        self._observer = np.einsum("tji,j->ti", turn, here)  # from the Earth's centre [au]
+        site_au = erfa.gd2gc(1, longitude, latitude, 1000.0 * altitude_km) / 1000.0 / AU_KM
+        self._observer = np.einsum("tji,j->ti", turn, site_au)  # from the Earth's centre [au]
         east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
         up = np.array([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)])
         self._axes = np.stack([east, np.cross(up, east), up]) @ turn
@@ -199,8 +199,8 @@ class Sites:
     def sun(self) -> BodyPlace:
         """The sun's centre."""
         vector = -self.earth - self._observer
-        seen = vector / np.linalg.norm(vector, axis=-1, keepdims=True) + self._velocity * LIGHT_DAYS_PER_AU
-        return self._place(vector, np.full(vector.shape, np.nan), seen)
+        apparent = vector / np.linalg.norm(vector, axis=-1, keepdims=True) + self._velocity * LIGHT_DAYS_PER_AU
+        return self._place(vector, np.full(vector.shape, np.nan), apparent)
 
     def _place(self, vector: np.ndarray, sun: np.ndarray, apparent: np.ndarray) -> BodyPlace:
         distance, from_sun = np.linalg.norm(vector, axis=-1), np.linalg.norm(sun, axis=-1)
@@ -215,8 +215,8 @@ def delta_t_s(moments: Sequence[dt.datetime]) -> np.ndarray:
     """TT - UT1 of moments in UTC [s], by `DELTA_T_S`, constant through a month."""
     year = np.array([m.year + (m.month - 0.5) / 12.0 for m in moments])
     row = np.searchsorted([first for first, *_ in DELTA_T_S], [m.year for m in moments], side="right") - 1
-    found = np.empty(year.size)
+    delta_t = np.empty(year.size)
     for k in np.unique(row):
         _, origin, unit, powers = DELTA_T_S[k]
-        found[row == k] = np.polynomial.polynomial.polyval((year[row == k] - origin) / unit, powers)
-    return found
+        delta_t[row == k] = np.polynomial.polynomial.polyval((year[row == k] - origin) / unit, powers)
+    return delta_t

@@ -77,18 +77,18 @@ def time_of(
     that of the place's mean solar time.
     Raises TwilightError for a text of another form, and where the sun does not get there.
     """
-    found = _EVENT.fullmatch(text.strip())
-    if found is None or not (found["event"] or found["side"]):
+    match = _EVENT.fullmatch(text.strip())
+    if match is None or not (match["event"] or match["side"]):
         raise TwilightError(f"at: '{text}' is not {GRAMMAR}")
     try:
-        date = dt.date.fromisoformat(found["date"]) if found["date"] else today or today_at(longitude_deg, time_zone)
+        date = dt.date.fromisoformat(match["date"]) if match["date"] else today or today_at(longitude_deg, time_zone)
     except ValueError:
-        raise TwilightError(f"at: '{found['date']}' is not a date") from None
-    if found["event"]:
-        name = found["event"].lower()
+        raise TwilightError(f"at: '{match['date']}' is not a date") from None
+    if match["event"]:
+        name = match["event"].lower()
         side, elevation = EVENTS[name]
     else:
-        side, elevation = found["side"].lower(), float(found["deg"].replace("−", "-"))
+        side, elevation = match["side"].lower(), float(match["deg"].replace("−", "-"))
         name = f"{side} at {elevation:g} deg"
     day = _Day(date, latitude_deg, longitude_deg, time_zone, altitude_km)
     elevation = day.on_horizon(elevation)

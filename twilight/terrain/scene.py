@@ -253,8 +253,8 @@ class _SkyIrradiance:
         self.levels = np.linspace(low, high, 3) if high - low > 1e-3 else np.array([high])
         self.logs = []
         for level in self.levels:
-            shining = [sky_irradiance(field, float(s), float(level)) for s in self.suns]
-            self.logs.append(np.log(np.maximum(shining, 1e-30)))
+            irradiances = [sky_irradiance(field, float(s), float(level)) for s in self.suns]
+            self.logs.append(np.log(np.maximum(irradiances, 1e-30)))
 
     def at(self, sunward_km: np.ndarray, altitude_km: np.ndarray) -> np.ndarray:
         """(D, W)."""

@@ -248,7 +248,7 @@ def _at_the_place(
         if unit.lower() not in HPA:
             raise TwilightError(f"{path}: {pressure} is in {unit!r}; allowed are hPa, Pa, kPa, mbar")
         levels = levels * HPA[unit.lower()]
-    found: dict[str, Any] = {}
+    variables: dict[str, Any] = {}
     for name in data.data_vars:
         variable = data[name]
         if not np.issubdtype(variable.dtype, np.number):
@@ -256,12 +256,12 @@ def _at_the_place(
         value = weighted(variable, weights).squeeze()
         on_levels = value.ndim == 1 and pressure is not None and value.dims == data[pressure].dims
         if value.ndim == 0:
-            found[str(name)] = float(value)
+            variables[str(name)] = float(value)
         elif on_levels:
-            found[str(name)] = np.asarray(value.values, dtype=float)
+            variables[str(name)] = np.asarray(value.values, dtype=float)
         elif str(name) in USED:
             raise TwilightError(f"{path}: {name} {_too_many(value, data, pressure)}")
-    return found, levels, " ".join(words), single, on_map
+    return variables, levels, " ".join(words), single, on_map
 
 
 def _too_many(value: Any, data: Any, pressure: str | None) -> str:
@@ -336,11 +336,11 @@ def _check_hydrostatic(path: Path, pressure_hpa: np.ndarray, temperature_k: np.n
     """TwilightError for pressures and heights that are not of one air, as where one of them is in another unit."""
     metres = -np.diff(np.log(pressure_hpa)) * 0.5 * (temperature_k[1:] + temperature_k[:-1])
     expected = float(metres.sum()) * parts.GAS_CONSTANT / (parts.MOLAR_MASS_DRY * parts.STANDARD_GRAVITY)
-    found = float(height_m[-1] - height_m[0])
-    if expected > 0.0 and not 0.8 <= found / expected <= 1.25:
+    thickness_m = float(height_m[-1] - height_m[0])
+    if expected > 0.0 and not 0.8 <= thickness_m / expected <= 1.25:
         raise TwilightError(
-            f"{path}: has {1e-3 * found:.3g} km of air between {pressure_hpa[0]:g} and {pressure_hpa[-1]:g} hPa, which "
-            f"its temperatures make {1e-3 * expected:.3g} km: z (geopotential) must be in m2 s-2, H and gh in m"
+            f"{path}: has {1e-3 * thickness_m:.3g} km of air between {pressure_hpa[0]:g} and {pressure_hpa[-1]:g} hPa, "
+            f"which its temperatures make {1e-3 * expected:.3g} km: z (geopotential) must be in m2 s-2, H and gh in m"
         )
 
 

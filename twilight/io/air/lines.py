@@ -170,9 +170,9 @@ class PlaceAndTime:
                 )
         if self.time is None:
             if len(index) > 1:
-                here = [times[i] for i in index]
+                moments = [times[i] for i in index]
                 raise TwilightError(
-                    f"{file}: holds {len(here)} {what}, from {spoken(min(here))} to {spoken(max(here))}; say "
+                    f"{file}: holds {len(moments)} {what}, from {spoken(min(moments))} to {spoken(max(moments))}; say "
                     "which by its time (air.at, --at, or the sun's)"
                 )
             return index[0]

@@ -141,6 +141,10 @@ class CameraModel(Section):
                 )
         return self
 
+    def changed(self, **parts: Any) -> CameraModel:
+        """The same camera but for these sections; nothing that was derived of the old ones stays."""
+        return CameraModel(**{name: getattr(self, name) for name in self.model_fields_set} | parts)
+
     # -- derived quantities -------------------------------------------------------------------------------------------
 
     @cached_property
@@ -289,7 +293,7 @@ def read_camera(path: str | Path) -> CameraModel:
             raise TwilightError(
                 f"{path}: response must be linear, srgb, an exponent or the path of a CSV file; there is no {curve}"
             )
-        camera = camera.model_copy(update={"response": str(curve)})
+        camera = camera.changed(response=str(curve))
     return camera
 
 

@@ -102,9 +102,9 @@ def polarisation_record(rank: int, sun: int, zenith: int) -> np.dtype:
     return np.dtype([("term", np.dtype([("sun", "<f4", (sun,)), ("zenith", "<f4", (zenith,))]), (rank,))])
 
 
-def write_prague(path: str | Path, made: PragueFile) -> int:
+def write_prague(path: str | Path, data: PragueFile) -> int:
     """Write a file whole or not at all; its size in bytes.  Errors: TwilightError where the system refuses."""
-    axes, sky, passed = made.axes, made.radiance, made.transmittance
+    axes, sky, passed = data.axes, data.radiance, data.transmittance
     parts = [_counted(axis) for axis in (axes.visibility_km, axes.albedo, axes.altitude_m, axes.elevation_deg)]
     parts += [struct.pack("<iddi", axes.channels, axes.start_nm, axes.width_nm, sky.rank)]
     parts += [_counted(breaks) for breaks in (sky.sun_break_rad, sky.zenith_break_rad, sky.emphasis_break_rad)]
@@ -113,8 +113,8 @@ def write_prague(path: str | Path, made: PragueFile) -> int:
     parts += [struct.pack("<5i", distances, altitudes, len(passed.visibility_km), observers, rank)]
     for array in (passed.altitude_m, passed.visibility_km, passed.factors, passed.weights):
         parts += [np.ascontiguousarray(array, "<f4").tobytes()]
-    if made.polarisation is not None:
-        pol = made.polarisation
+    if data.polarisation is not None:
+        pol = data.polarisation
         parts += [struct.pack("<i", pol.rank), _counted(pol.sun_break_rad), _counted(pol.zenith_break_rad)]
         parts += [pol.records.tobytes()]
     with whole_file(path) as temporary, temporary.open("wb") as stream:

@@ -127,10 +127,10 @@ def key_attributes(key: str) -> dict[str, str]:
     extra = {} if field is None else field.json_schema_extra
     unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
     help_text = (field.description or "") if field is not None else ""
-    made = {"long_name": label_of(key), "units": UNITS.get(unit, unit), "comment": help_text, "key": key}
+    cf = {"long_name": label_of(key), "units": UNITS.get(unit, unit), "comment": help_text, "key": key}
     if variable_name(key) in LABELS:
-        made |= attributes(variable_name(key))
-    return {name: value for name, value in made.items() if value}
+        cf |= attributes(variable_name(key))
+    return {name: value for name, value in cf.items() if value}
 
 
 def _field(annotation: Any, parts: list[str]) -> Any:

@@ -85,13 +85,13 @@ def _room(client: Client) -> int:
 
 def _next(client: Client, store: Store, finished: queue.SimpleQueue[Future]) -> Future:
     """The next future that ends; TwilightError where the scheduler is gone."""
-    seen = time.perf_counter()
+    connected = time.perf_counter()
     while True:
         with suppress(queue.Empty):
             return finished.get(timeout=0.5)
         if client.status == "running":
-            seen = time.perf_counter()
-        elif client.status == "closed" or time.perf_counter() - seen > LOST_AFTER_S:
+            connected = time.perf_counter()
+        elif client.status == "closed" or time.perf_counter() - connected > LOST_AFTER_S:
             raise _lost(store)
 
 

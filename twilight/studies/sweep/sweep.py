@@ -113,15 +113,15 @@ class Sweep:
 
     def payload(self, task: Task) -> dict[str, Any]:
         """The message to the worker of a task; skies: true elevation of the sun [deg] and observer's altitude [km]."""
-        made = self._config(self._outer_point(task.chunks[0]))
-        config = made.model_dump(mode="json", exclude_unset=True)
+        field_config = self._config(self._outer_point(task.chunks[0]))
+        config = field_config.model_dump(mode="json", exclude_unset=True)
         name_by_content(config["climate"])
         for section, _, name, _ in climate_files(config["climate"]):  # a worker may run in another folder
             section[name] = str(Path(section[name]).absolute())
         suns = [self.sun(scene) for scene in task.scenes()]
         return {
             "field_key": task.field_key,
-            "code": code_of(solver_of(made)),
+            "code": code_of(solver_of(field_config)),
             "config": config,
             "wavelength_nm": self.wavelength_nm,
             "elevation_deg": self.elevation_deg,

@@ -76,11 +76,11 @@ SUN = "sun"
 class Design:
     """Which airs are computed: the aerosol first, the others varied about it; nodes: for each air all values.
 
-    beside: at which of the aerosol's nodes the others are varied.
+    beside: at which of the aerosol's nodes the others are varied; None: they are not.
     """
 
     others: tuple[Parameter, ...]
-    beside: int = 1
+    beside: int | None = 1
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -90,7 +90,7 @@ class Design:
     def nodes(self) -> list[dict[str, float]]:
         middle = {p.name: p.nodes[1] for p in self.others}
         rows = [{AEROSOL.name: value, **middle} for value in AEROSOL.nodes]
-        for p in self.others:
+        for p in self.others if self.beside is not None else ():
             for outer in (p.nodes[0], p.nodes[2]):
                 rows.append({AEROSOL.name: AEROSOL.nodes[self.beside], **middle, p.name: outer})
         return rows
@@ -102,7 +102,7 @@ class Design:
         out = np.zeros((*target.shape, len(self.nodes)))
         out[..., :n] = spectrum.hermite_matrix(x, target.ravel()).reshape(*target.shape, n)
         node = n
-        for p in self.others:
+        for p in self.others if self.beside is not None else ():
             a, b, c = p.scaled(np.array(p.nodes))
             q = p.scaled(values[p.name])
             outer = ((q - b) * (q - c) / ((a - b) * (a - c)), (q - a) * (q - b) / ((c - a) * (c - b)))
@@ -221,8 +221,10 @@ class Airs:
 
     def first(self, aerosol_type: str, suns: Sequence[float], depth: float | None = None) -> Skies:
         """The skies of the type that all others are told from; depth: of aerosol near which the rest is varied."""
-        away = np.abs(AEROSOL.scaled(np.array(AEROSOL.nodes)) - AEROSOL.scaled(depth or AEROSOL.nodes[1]))
-        design = Design(self.design.others, int(np.argmin(away)))
+        beside = None
+        if depth is not None:
+            beside = int(np.argmin(np.abs(np.log(AEROSOL.nodes) - np.log(depth))))
+        design = Design(self.design.others, beside)
         splines = [self.splines(aerosol_type, node, suns) for node in design.nodes]
         return Skies(design, aerosol_type, np.array(suns), np.array(splines), self.error)
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from twilight.base.progress import Progress, silent
-from twilight.studies.validate.photographs.airs import AEROSOL, SUN, SUN_DEG, Airs, Parameter, Skies
+from twilight.studies.validate.photographs.airs import AEROSOL, SUN, SUN_DEG, Airs, Design, Parameter, Skies
 from twilight.studies.validate.photographs.fit import REACH, Fit, Frame, Freedom
 from twilight.studies.validate.photographs.photo import Curve
 
@@ -63,8 +63,11 @@ EQUIVALENT = 4.0
 NEAR_ENOUGH = (16.0, EQUIVALENT)
 """chi^2 above the best up to which a type is fitted again with a sky of its own, in each round."""
 
-MOST_STARTS = 3
+MOST_STARTS = 2
 """The best of the starts, from which a first fit is made."""
+
+ALBEDOS = (0.25, 0.7)
+"""Where the next begins, as fractions of the range."""
 
 LARGE_PITCH_DEG = 5.0
 """Error of a camera's pitch beyond which a fit begins at several."""
@@ -191,19 +194,18 @@ def find_air(
 def first_look(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:
     """The fit of the first type, before what is left tells how far the sky differs from any that is computed."""
     made = _with_sun(airs, frames, options)
-    made.skies = airs.first(options.types[0], made.skies.sun_elevations_deg.tolist(), made.values()[AEROSOL.name])
     _again(made, airs)
     return made
 
 
 def starts(fit: Fit) -> list[np.ndarray]:
-    """Where a first fit begins: optical depths, albedos, pitches where that is not known; the rest in the middle."""
+    """Where a first fit begins: optical depths, pitches where that is not known; the rest in the middle."""
     pitches = [0.5]
     if fit.freedom.pitch > LARGE_PITCH_DEG:
         pitches = [0.3, 0.43, 0.57, 0.7]
     made = []
-    for aerosol, albedo, pitch in itertools.product((0.2, 0.5, 0.8), (0.25, 0.7), pitches):
-        chosen = {AEROSOL.name: aerosol, "albedo": albedo, "pitch": pitch}
+    for aerosol, pitch in itertools.product((0.2, 0.5, 0.8), pitches):
+        chosen = {AEROSOL.name: aerosol, "pitch": pitch}
         made.append(np.array([chosen.get(p.name, 0.5) for p in fit.parameters]))
     return made
 
@@ -225,8 +227,12 @@ def _with_sun(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:
     """The fit of the first type, with the sun where it is sought."""
 
     def fitted(suns: Sequence[float]) -> Fit:
-        made = Fit(frames, airs.first(options.types[0], suns), options.freedom)
-        made.find(starts(made), MOST_STARTS)
+        depths = Fit(frames, airs.first(options.types[0], suns), options.freedom)
+        depths.find(starts(depths), MOST_STARTS)
+        skies = airs.first(options.types[0], suns, depths.values()[AEROSOL.name])
+        made = Fit(frames, skies, options.freedom, depths.errors)
+        albedo = [p.name == "albedo" for p in made.parameters]
+        made.find([np.where(albedo, value, depths.x) for value in ALBEDOS], len(ALBEDOS))
         return made
 
     known = sorted({frame.sun_deg for frame in frames if frame.sun_deg is not None})
@@ -269,13 +275,13 @@ def _search(airs: Airs, frames: Sequence[Frame], options: Options, suns: np.ndar
     for depth in SEARCH_DEPTHS:
         node = airs.design.nodes[depth]
         for s, splines in enumerate(airs.splines(options.types[0], node, suns.tolist())):
-            nodes = len(airs.design.nodes)
-            same = np.broadcast_to(splines, (nodes, 1, *splines.shape))
-            skies = Skies(airs.design, options.types[0], suns[s : s + 1], same, airs.error)
+            design = Design(airs.design.others, None)
+            same = np.broadcast_to(splines, (len(design.nodes), 1, *splines.shape))
+            skies = Skies(design, options.types[0], suns[s : s + 1], same, airs.error)
             fixed = [replace(frame, sun_deg=float(suns[s])) for frame in frames]
             fit = Fit(fixed, skies, options.freedom, errors)
             errors = fit.errors
-            for start in starts(fit)[: len(starts(fit)) // 3]:
+            for start in starts(fit)[: len(starts(fit)) // 3]:  # the same sky for all depths
                 r = fit.residuals(start)
                 misfit[s] = min(misfit[s], float(r @ r))
     return misfit
@@ -327,7 +333,9 @@ def described(fit: Fit, best: Fit) -> AirEstimate:
                 bounds=(float(p.nodes[0]), float(p.nodes[-1])),
                 relative_width=relative_width,
                 # at a bound the best value may lie beyond it
-                constrained=made.fits and relative_width <= UNCONSTRAINED and bool(one[0] > NEAR_BOUND and one[1] < 1.0 - NEAR_BOUND),
+                constrained=made.fits
+                and relative_width <= UNCONSTRAINED
+                and bool(one[0] > NEAR_BOUND and one[1] < 1.0 - NEAR_BOUND),
             )
         )
     return replace(

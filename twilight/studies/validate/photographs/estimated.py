@@ -13,6 +13,7 @@ import yaml
 
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
+from twilight.base.threads import one_blas_thread
 from twilight.config.scene import Config
 from twilight.config.sun import SunAt, SunElevation, SunElevations
 from twilight.engine import run
@@ -386,6 +387,7 @@ class Given:
     refine: bool = False
 
 
+@one_blas_thread()
 def estimate_air(
     names: Sequence[str],
     photographs: Sequence[Photograph],
@@ -407,9 +409,10 @@ def estimate_air(
     order = [name for name in says.types if name == own] + [name for name in says.types if name != own]
     airs = Airs(given, design, part_of(progress, 0.05, 0.75))
     developed = any(one.photograph.developed for one in shown)
+    unknown = not all(one.photograph.balanced for one in shown)
     heading = max(one[2] for one in placed)
     free = Freedom(
-        white_balance=developed if says.white_balance is None else says.white_balance,
+        white_balance=developed or unknown if says.white_balance is None else says.white_balance,
         curve=developed if says.tone_curve is None else says.tone_curve,
         brightness=says.brightness,
         with_colour=says.with_colour,

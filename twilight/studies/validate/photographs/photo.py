@@ -16,7 +16,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-import colour as science
 import numpy as np
 
 from twilight.base.errors import TwilightError
@@ -333,6 +332,8 @@ def _ciede2000(one: np.ndarray, other: np.ndarray, weight: np.ndarray) -> tuple[
     """CIEDE2000 of XYZ (..., 3) with and without the difference in luminance, NaN where masked."""
     there = (weight > 0) & np.isfinite(one).all(axis=-1) & (one[..., 1] > 0) & (other[..., 1] > 0)
     a, b, w = one[there], other[there], weight[there]
+    import colour as science  # start-up
+
     white_xy = science.CCS_ILLUMINANTS[spectrum.OBSERVERS[OBSERVER]]["D65"]
     white = 5.0 * np.exp(np.average(np.log(b[:, 1]), weights=w))
     results = []

@@ -72,7 +72,8 @@ class Photograph:
     picture: linear (``camera.image.read_image``).  camera: with its orientation; azimuths count from its own where that
     is unknown.  cell_deg: cells of the comparison.  profile, mask_image (H, W), automatic, min_elevation_deg,
     glare_deg: see ``mask.make_mask``.  errors_deg: standard errors of the camera's azimuth (from north), elevation and
-    roll, 0: as told.  zoom_error: of the width of the view [%].  stated: what the file says.  remarks: sentences on where the camera is from.
+    roll, 0: as told.  zoom_error: of the width of the view [%].  balanced: its colours are of the camera as described,
+    else of who knows what white.  stated: what the file says.  remarks: sentences on where the camera is from.
     """
 
     picture: StoredImage
@@ -85,6 +86,7 @@ class Photograph:
     glare_deg: float = masks.SUN_GLARE_DEG
     errors_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     zoom_error: float = 0.0
+    balanced: bool = True
     stated: Stated = STATES_NOTHING
     remarks: tuple[str, ...] = ()
 
@@ -108,10 +110,10 @@ class Photograph:
         elevation = float(np.clip(old.elevation_deg + pitch_deg, -90.0, 90.0))
         roll = (old.roll_deg + roll_deg + 180.0) % 360.0 - 180.0
         held = Orientation(azimuth_deg=old.azimuth_deg, elevation_deg=elevation, roll_deg=roll)
-        camera = self.camera.model_copy(update={"orientation": held})
+        camera = self.camera.changed(orientation=held)
         if wider_percent:
             lens = Lens(field_of_view_deg=_wider(self.camera.lens.field_of_view_deg or 0.0, wider_percent))
-            camera = camera.model_copy(update={"lens": lens})
+            camera = camera.changed(lens=lens)
         return replace(self, camera=camera, errors_deg=errors_deg)
 
     @property
@@ -255,7 +257,8 @@ def read_photograph(
     skyline = None if profile is None else masks.read_profile(profile)
     shown = None if mask_image is None else masks.read_mask_image(mask_image)
     stated = read_stated(path)
-    by_focal_length = camera is None and field_of_view_deg is None
+    unknown = camera is None
+    by_focal_length = unknown and field_of_view_deg is None
     if camera is None:
         samples = read_samples(path)
         camera = _camera(Path(path), samples, stated, field_of_view_deg)
@@ -271,6 +274,7 @@ def read_photograph(
             stacklevel=2,
         )
     made = Photograph(picture, camera, cell_deg, skyline, shown, automatic, min_elevation_deg, glare_deg, stated=stated)
+    made = replace(made, balanced=not unknown)
     if camera.projection == "latlong":
         return made
     if by_focal_length:
@@ -294,7 +298,7 @@ def _held(photograph: Photograph, compass_deg: float) -> Photograph:
             f"{TILT_ERROR_DEG:g} deg, by the horizon in the picture"
         )
     held = Orientation(azimuth_deg=old.azimuth_deg, elevation_deg=elevation, roll_deg=roll)
-    camera = photograph.camera.model_copy(update={"orientation": held})
+    camera = photograph.camera.changed(orientation=held)
     return replace(photograph, camera=camera, errors_deg=errors, remarks=(note,))
 
 
@@ -302,7 +306,7 @@ def _camera(path: Path, picture: StoredImage, stated: Stated, field_of_view_deg:
     height, width = picture.samples.shape[:2]
     if width != 2 * height or field_of_view_deg is not None:
         made = stated.camera(path, width, height, field_of_view_deg)
-        return made.model_copy(update={"response": "linear"}) if picture.linear else made
+        return made.changed(response="linear") if picture.linear else made
     return CameraModel(
         projection="latlong",
         image=ImageSize(width_px=width, height_px=height),
