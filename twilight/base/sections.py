@@ -146,6 +146,9 @@ def validate(model: type[ModelT], data: Any, origins: Origins) -> ModelT:
         return model.model_validate(data)
     except ValidationError as error:
         found = error.errors(include_url=False)
+    # a list whose only entry is wrong counts as too short as well
+    inside = {e["loc"][:n] for e in found for n in range(len(e["loc"]))}
+    found = [e for e in found if e["type"] != "too_short" or e["loc"] not in inside]
     found.sort(key=lambda e: e["type"] != "extra_forbidden")
     sentences = []
     for e in found:
@@ -226,6 +229,8 @@ def _is_tag(part: Any) -> bool:
 def _sentence(model: type[BaseModel], error: Any, shown: tuple) -> str:
     name = dotted(shown) or "the document"
     kind = error["type"]
+    if kind == "model_type" and not shown:
+        return f"must hold keys and values, got {short(error['input'])}"
     if kind == "extra_forbidden":
         owner = _section(model, error["loc"][:-1])
         return f"{name} {unknown(str(error['loc'][-1]), owner.model_fields if owner else ())}"
