@@ -25,6 +25,9 @@ from twilight.solvers.base import Cost, Interpolation
 
 FIELD_BYTES = 1.0e9
 """Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
+INTERPOLATED_AT_ONCE = 128
+"""Most wavelengths of a block, or terms of their sums, whose light is interpolated over the spectrum: their sunbeams'
+tables are mixed from those of the same twenty or so of them."""
 VALUES_AT_ONCE = 400_000
 """Directions times wavelengths of a texture or a view that a solver is asked for at once, by rows: the memory that each
 of them takes is free before the next rows."""
@@ -144,15 +147,23 @@ class Problem:
     def slices(self) -> list[slice]:
         """The blocks of wavelengths, as ranges of indices into those of the medium.
 
-        A block holds `wavelengths_at_once` terms of exponential sums at most, at least one wavelength.  Wavelengths of
+        A block holds `wavelengths_at_once` terms of exponential sums at most (INTERPOLATED_AT_ONCE where their light is
+        interpolated), at least one wavelength.  Wavelengths of
         different spectral groups are in different blocks, and so are those in a band and others, whose grids would
-        follow the band's terms, unless a file is to hold them all, or a fitted model has no grids.
+        follow the band's terms, unless one interpolation serves them, a file is to hold them all, or a fitted model has
+        no grids.
         """
-        term_counts, keys = self.term_counts, self._groups
+        term_counts = self.term_counts
+        keys = [key if one is None else id(one) for key, one in zip(self._groups, self.interpolations, strict=True)]
+        most = [self.wavelengths_at_once] * len(keys)
+        if any(self.interpolations) and self.cost is not None:
+            room = int(FIELD_BYTES / self.cost.bytes_per_wavelength)
+            larger = max(self.wavelengths_at_once, min(INTERPOLATED_AT_ONCE, room))
+            most = [larger if one else few for one, few in zip(self.interpolations, most, strict=True)]
         starts, held = [0], int(term_counts[0])
         for w in range(1, len(keys)):
             held += int(term_counts[w])
-            if held > self.wavelengths_at_once or keys[w] != keys[w - 1]:
+            if held > most[w] or keys[w] != keys[w - 1]:
                 starts.append(w)
                 held = int(term_counts[w])
         ends = [*starts[1:], self.scene.medium.n_wavelengths]

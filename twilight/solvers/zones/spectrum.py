@@ -35,7 +35,7 @@ STATED_ERROR = 2e-3
 """Error that interpolation adds between bands, at 95 % of directions (`benchmarks/hyperspectral.py`)."""
 STATED_ERROR_IN_BANDS = 5e-3
 """The same within bands of gases."""
-NODES_AT_ONCE = 2 * LANES
+NODES_AT_ONCE = 3 * LANES
 """Nodes that are solved together: each such part has rays and a sunbeam of its own."""
 
 
