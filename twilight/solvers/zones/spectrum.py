@@ -77,6 +77,14 @@ def largest_fractions(medium: Medium, bands: GasBands | None) -> np.ndarray:
     return largest
 
 
+def in_deep_band(medium: Medium, bands: GasBands | None) -> np.ndarray:
+    """Whether each wavelength, or that of each term, is in a band that absorbs more than SHALLOW_BAND, (N,)."""
+    if bands is None:
+        return np.zeros(medium.n_wavelengths, bool)
+    passed = np.exp(-np.trapezoid(bands.absorption_per_km, medium.altitude_km, axis=0))
+    return (bands.sum_terms(passed) < 1.0 - tuned.SHALLOW_BAND)[bands.wavelength_index]
+
+
 def covariance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Covariance (N, M) of ln of the light, of coordinates (N, F) and (M, F) from a common origin: of a plane through
     it with slopes of PLANE_VARIANCE, and of what is bent about that."""
@@ -259,10 +267,9 @@ def _of_members(
     if solved == 1:
         return None
     place = optical_coordinates(some, terms)
-    in_band = np.repeat(counts > 1, counts)
-    tolerance = np.where(in_band, tuned.SPECTRAL_TOLERANCE_IN_BANDS, tuned.SPECTRAL_TOLERANCE)
+    tolerance = np.where(in_deep_band(some, terms), tuned.SPECTRAL_TOLERANCE_IN_BANDS, tuned.SPECTRAL_TOLERANCE)
     chosen = choose_nodes(place, tolerance / largest_fractions(some, terms))
     if -(-chosen.size // LANES) > tuned.MOST_FRACTION * solved:
         return None
     nodes = some.select(chosen) if terms is None else terms.expand(some, chosen)
-    return SpectralInterpolation(nodes, place[chosen], settings, bool(in_band.any()))
+    return SpectralInterpolation(nodes, place[chosen], settings, bool((counts > 1).any()))
