@@ -25,6 +25,8 @@ from twilight.solvers.base import Cost, Interpolation
 
 FIELD_BYTES = 1.0e9
 """Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
+FEW_WAVELENGTHS = 8
+"""Up to so many are one block, whatever memory that takes: to know it would cost 4 % of a `draft` field's time."""
 INTERPOLATED_AT_ONCE = 128
 """Most wavelengths of a block, or terms of their sums, whose light is interpolated over the spectrum: their sunbeams'
 tables are mixed from those of the same twenty or so of them."""
@@ -113,7 +115,7 @@ class Problem:
     def wavelengths_at_once(self) -> int:
         """Most wavelengths of a block: as many as the solver takes and as FIELD_BYTES hold, in bands too."""
         most = self.scene.capabilities.wavelengths_at_once
-        if self.cost is None or self.scene.medium.n_wavelengths <= self.cost.block_size:
+        if self.scene.medium.n_wavelengths <= FEW_WAVELENGTHS or self.cost is None:
             return most
         return self.cost.max_wavelengths(most, FIELD_BYTES, self.scene.bands is not None)
 
@@ -148,18 +150,17 @@ class Problem:
         """The blocks of wavelengths, as ranges of indices into those of the medium.
 
         A block holds `wavelengths_at_once` terms of exponential sums at most (INTERPOLATED_AT_ONCE where their light is
-        interpolated), at least one wavelength.  Wavelengths of
-        different spectral groups are in different blocks, and so are those in a band and others, whose grids would
-        follow the band's terms, unless one interpolation serves them, a file is to hold them all, or a fitted model has
-        no grids.
+        interpolated), at least one wavelength.  Wavelengths of different spectral groups are in different blocks, and
+        so are those in a band and others, whose grids would follow the band's terms, unless one interpolation serves
+        them, a file is to hold them all, or a fitted model has no grids.
         """
         term_counts = self.term_counts
         keys = [key if one is None else id(one) for key, one in zip(self._groups, self.interpolations, strict=True)]
-        most = [self.wavelengths_at_once] * len(keys)
+        few = self.wavelengths_at_once
+        more = few
         if any(self.interpolations) and self.cost is not None:
-            room = int(FIELD_BYTES / self.cost.bytes_per_wavelength)
-            larger = max(self.wavelengths_at_once, min(INTERPOLATED_AT_ONCE, room))
-            most = [larger if one else few for one, few in zip(self.interpolations, most, strict=True)]
+            more = max(few, self.cost.max_wavelengths(INTERPOLATED_AT_ONCE, FIELD_BYTES, self.scene.bands is not None))
+        most = [few if one is None else more for one in self.interpolations]
         starts, held = [0], int(term_counts[0])
         for w in range(1, len(keys)):
             held += int(term_counts[w])
