@@ -2,7 +2,7 @@
 
     python benchmarks/phone.py [--count 50] [--summary]      # phone_pictures.csv, row by row; resumes
 
-Each picture: a place and a time drawn at random, for every three of them an air, its sky by the solver zones (which is
+Each picture: a place and a time drawn at random, for every four of them an air, its sky by the solver zones (which is
 not what the fit takes), seen by a phone held 3 to 25 deg above the horizontal, tilted by up to 4 deg, over dark hills
 of up to 2 deg; its lens darkens the corners by up to 8 %; noise of 1.5 % a pixel; gains of 10 % between the colours; a
 tone curve with 0.85 to 1.35 times the contrast and a shoulder; sRGB in 8 bits, JPEG of quality 92.  Its Exif says
@@ -34,7 +34,7 @@ from twilight.studies.camera.exif import FULL_FRAME_MM, LENS_TRANSMISSION, MIDDL
 
 TABLE = results.FOLDER / "phone_pictures.csv"
 WIDTH, HEIGHT = 640, 480
-PER_AIR = 3
+PER_AIR = 4
 """Pictures of each air."""
 TYPES = ("continental_average", "maritime_clean", "desert", "urban")
 COLUMNS = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack, overload
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-Astropy = AstropyQuantity | dict[str, AstropyQuantity]
+Astropy: TypeAlias = AstropyQuantity | dict[str, AstropyQuantity]
 """astropy's quantity, or one for each of several quantities by its variable."""
 AT_ONCE = 2_000
 """Directions times moments whose spectra are held at once."""

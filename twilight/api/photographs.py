@@ -19,7 +19,8 @@ from twilight.io.netcdf import read_sky as read_stored
 from twilight.studies.camera import CameraModel, read_camera
 from twilight.studies.camera.image import SUFFIXES
 from twilight.studies.validate.photographs.airs import OTHERS
-from twilight.studies.validate.photographs.estimated import Estimate, Given, estimate_air
+from twilight.studies.validate.photographs.estimated import Estimate
+from twilight.studies.validate.photographs.estimating import Given, estimate_air
 from twilight.studies.validate.photographs.photograph import Photograph, read_photograph
 
 __all__ = ["Estimate", "estimate", "read_sky"]

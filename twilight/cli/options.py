@@ -206,12 +206,12 @@ SENTENCE = "the first run compiles its kernels, which takes a minute or two; the
 
 def must_compile(package: str) -> bool:
     """Whether numba keeps no machine code yet of any kernel of a package that is imported (and has kernels to keep)."""
-    from numba.core.dispatcher import Dispatcher
+    from twilight.jit.kernels import Kernel
 
     kernels = []
     for name, module in list(sys.modules.items()):
         if name == package or name.startswith(f"{package}."):
-            dispatchers = [value for value in vars(module).values() if isinstance(value, Dispatcher)]
+            dispatchers = [value for value in vars(module).values() if isinstance(value, Kernel)]
             kernels += [one for one in dispatchers if one.py_func.__module__ == name and one.stats.cache_path]
     for kernel in kernels:
         if any(Path(str(kernel.stats.cache_path)).glob(f"*.{kernel.py_func.__name__}-*.nbi")):

@@ -370,9 +370,10 @@ def _drawn(fit: Fit, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         r = np.concatenate([r, np.broadcast_to(told, (len(r), told.size))], axis=1)
         return (r**2).sum(axis=1) - ((r @ angles) ** 2).sum(axis=1)
 
-    middle, width = fit.x[held], np.minimum(covariance[np.ix_(held, held)], 1.0)
+    middle, even = fit.x[held], 12.0 * np.eye(int(held.sum()))
+    width = np.linalg.inv(np.linalg.inv(covariance[np.ix_(held, held)]) + even)
     for _ in range(ROUNDS):
-        root = np.linalg.cholesky(WIDER * width + 1e-8 * np.eye(middle.size))
+        root = np.linalg.cholesky(WIDER * width + 1e-7 * np.eye(middle.size))
         z = random.standard_normal((MOST_TRIED, middle.size))
         x = middle + z @ root.T
         inside = ((x >= 0.0) & (x <= 1.0)).all(axis=1)
