@@ -65,7 +65,9 @@ def prague(
 
     import numpy as np
 
+    from twilight.base.sections import Origins
     from twilight.base.whole_files import check_file
+    from twilight.config.solver import choose_solver
     from twilight.engine.field import solve
     from twilight.scene import resolve
     from twilight.studies.export.prague import SUN_DEG, PragueMaker
@@ -75,7 +77,7 @@ def prague(
 
     check_file(output)
     airs = airs_of(climates, visibilities)
-    airs[0].config(albedos[0], quality)  # a wrong quality is refused before anything is computed
+    choose_solver({"name": "zones", "quality": quality}, Origins({(): "--quality"}))
     axes = PragueAxes(
         np.array([air.visibility_km for air in airs]),
         np.array(albedos),
