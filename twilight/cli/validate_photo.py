@@ -273,7 +273,7 @@ def _seconds(text: str) -> float:
     return float(above) / (float(below) if slash else 1.0)
 
 
-Image = Annotated[Path, argument("IMAGE", "HDR, EXR, TIFF, PNG, JPEG or RAW.")]
+Image = Annotated[Path, argument("IMAGE", "HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW.")]
 CameraFile = Annotated[
     Path | None,
     option("CAMERA.yaml", "Projection, lens, orientation, response; unset: a panorama (2:1), or what the file says."),
