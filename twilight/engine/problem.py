@@ -221,10 +221,8 @@ def full_cost(scene: Scene) -> SceneCost:
     sizes = cost(config)
     suns = scene.sun_elevations_deg
     problem = Problem(scene, None if config.terrain is not None else suns)
-    blocks = len(problem.slices)
-    sizes = replace(
-        sizes, wavelengths=scene.medium.n_wavelengths, max_wavelengths=problem.wavelengths_at_once, blocks=blocks
-    )
+    largest = max(part.stop - part.start for part in problem.slices)
+    sizes = replace(sizes, wavelengths=scene.medium.n_wavelengths, max_wavelengths=largest, blocks=len(problem.slices))
     found = problem.cost
     if found is None:
         return sizes
