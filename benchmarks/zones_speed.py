@@ -41,6 +41,12 @@ COARSEST = zones.ZonesSettings(
 """Compiles everything in little time."""
 
 
+def warm_up() -> None:
+    """Compile everything, or read what was compiled."""
+    medium = climate_medium(load_climate("continental-average"), np.array([550.0]))
+    zones.prepare(medium, COARSEST).radiance(-4.0, ELEVATION_DEG[:, None], AZIMUTH_DEG)
+
+
 LINES = {
     "orders after the first": ("next_order.py", "scatter"),
     "their moments": ("next_order.py", "moments_of"),
@@ -76,7 +82,7 @@ def main() -> None:
     """Measure and write the table."""
     climate = load_climate("continental-average")
     directions = (ELEVATION_DEG[:, None], AZIMUTH_DEG)
-    zones.prepare(climate_medium(climate, np.array([550.0])), COARSEST).radiance(-4.0, *directions)
+    warm_up()
     medium = climate_medium(climate, np.array(WAVELENGTH_NM))
     rows = []
     for quality in ("draft", OF_SKIES):
@@ -100,6 +106,7 @@ def main() -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["profile"]:
+        warm_up()
         for of_climate in ("continental-average", "desert"):
             for at_quality in ("draft", "standard"):
                 profile(of_climate, at_quality)
