@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -131,7 +132,7 @@ class MappedGround:
 
 def join_grounds(grounds: Sequence[MappedGround]) -> MappedGround:
     """The same ground at the wavelengths of all blocks."""
-    joined = {
+    joined: dict[str, Any] = {
         name: np.concatenate([getattr(one, name) for one in grounds], axis=-1)
         for name in ("wavelength_nm", "albedo", "log_passed", "log_light")
     }

@@ -197,7 +197,7 @@ def _of_dataset(path: Path, data: Any) -> AlbedoMap:
     values = values if values.ndim == 3 else values[..., None]
     latitude = _increasing(path, "latitude", data[lat[0]].values, (-90.0, 90.0))
     longitude = _increasing(path, "longitude", data[lon[0]].values, (-360.0, 360.0), turn=True)
-    wavelength, by_nm = np.array([550.0]), slice(None)
+    wavelength, by_nm = np.array([550.0]), np.array([0])
     if len(order) == 3:
         assert nm is not None
         unit = str(data[nm[0]].attrs.get("units", "")).lower()
