@@ -1,13 +1,20 @@
-"""Processor seconds of `zones`: a field of all suns, and one more sky of it: python benchmarks/zones_speed.py
+"""Processor seconds of `zones`: a field of all suns, line by line, and one more sky of it.
 
-Continental air at 8 wavelengths, one thread, kernels compiled before.  A sky is 120 x 30 directions of a `standard`
-field for a sun that it has not been asked for before, the least time of three.  Writes results/zones_speed.csv.
+    python benchmarks/zones_speed.py           writes results/zones_speed.csv
+    python benchmarks/zones_speed.py profile   prints where a field's time goes, in two climates
+
+Eight wavelengths, one thread, kernels compiled before; continental air, and desert in the profile.  A sky is 120 x 30
+directions of a `standard` field for a sun that it has not been asked for before, the least time of three.
 """
 
 from __future__ import annotations
 
+import cProfile
 import os
+import pstats
+import sys
 import time
+from pathlib import Path
 
 os.environ |= {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "TWILIGHT_CACHE_GB": "0"}
 
@@ -34,11 +41,48 @@ COARSEST = zones.ZonesSettings(
 """Compiles everything in little time."""
 
 
+def warm_up() -> None:
+    """Compile everything, or read what was compiled."""
+    medium = climate_medium(load_climate("continental-average"), np.array([550.0]))
+    zones.prepare(medium, COARSEST).radiance(-4.0, ELEVATION_DEG[:, None], AZIMUTH_DEG)
+
+
+LINES = {
+    "orders after the first": ("next_order.py", "scatter"),
+    "their moments": ("next_order.py", "moments_of"),
+    "points of their rays": ("ray_points.py", "make_ray_points"),
+    "first order: light along rays": ("first_order.py", "scatter_sunlight"),
+    "first order: points of rays": ("scattering.py", "_sunlit"),
+    "first order: table of sunlight": ("first_order.py", "make_sunlight"),
+    "sunbeam: rays past their lowest point": ("beam_tables.py", "down_table"),
+    "sunbeam: rays from above": ("beam_tables.py", "up_table"),
+    "sunbeam: first guess, dispersion, limb": ("beam_tables.py", "guess_table", "shift_table", "limb_table"),
+    "grids": ("grids.py", "lay_out"),
+}
+"""Lines of the profile, which do not overlap, and the functions that they are the time of, with all that these call."""
+
+
+def profile(climate: str, quality: str) -> None:
+    """Print the lines of a field's time [s of the processor], its optics being stored."""
+    medium = climate_medium(load_climate(climate), np.array(WAVELENGTH_NM))
+    profiler = cProfile.Profile(time.process_time)
+    profiler.enable()
+    zones.prepare(medium, zones.QUALITIES[quality])
+    profiler.disable()
+    stats = pstats.Stats(profiler)
+    spent = {(Path(file).name, name): row[3] for (file, _, name), row in stats.stats.items()}  # type: ignore[attr-defined]
+    lines = {line: sum(spent.get((file, name), 0.0) for name in names) for line, (file, *names) in LINES.items()}
+    total = stats.total_tt  # type: ignore[attr-defined]
+    lines |= {"the rest": total - sum(lines.values()), "all": total}
+    for line, seconds in lines.items():
+        print(climate, quality, line, f"{seconds:.2f}", f"{100.0 * seconds / total:.0f} %", sep="\t", flush=True)
+
+
 def main() -> None:
     """Measure and write the table."""
     climate = load_climate("continental-average")
     directions = (ELEVATION_DEG[:, None], AZIMUTH_DEG)
-    zones.prepare(climate_medium(climate, np.array([550.0])), COARSEST).radiance(-4.0, *directions)
+    warm_up()
     medium = climate_medium(climate, np.array(WAVELENGTH_NM))
     rows = []
     for quality in ("draft", OF_SKIES):
@@ -61,4 +105,10 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    if sys.argv[1:] == ["profile"]:
+        warm_up()
+        for of_climate in ("continental-average", "desert"):
+            for at_quality in ("draft", "standard"):
+                profile(of_climate, at_quality)
+    else:
+        main()

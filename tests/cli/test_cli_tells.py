@@ -177,17 +177,6 @@ def test_version_and_help():
     assert "render" in call("--help").stdout
 
 
-def test_what_is_missing_is_said_in_short(tmp_path, monkeypatch):
-    """A file's neighbour in its folder first, then what comes with the program, without a list of all names."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "evening.yaml").write_text("version: 1\nclimate: pure-air\n")
-    said = call("render", "evenng.yaml").stderr
-    assert "did you mean evening.yaml?" in said and len(said) < 100
-    assert len(call("render", "nothing-like-it.yaml").stderr) < 160
-    assert "did you mean urban" in call("render", "urbann.yaml").stderr
-    assert len(call("render", "urbann").stderr) < 100
-
-
 def test_an_altitude_in_metres_is_said_before_anything_is_computed(monkeypatch):
     from twilight.api import light
 

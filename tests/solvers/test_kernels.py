@@ -1,12 +1,15 @@
-"""Kernels: every argument is explained, inner ones refuse calls from Python, untested versions of numba are refused."""
+"""Kernels: known by what they are made of, inner ones too; untested versions of numba are refused."""
 
 from __future__ import annotations
 
+import importlib
+import inspect
 import os
 import pickle
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -15,7 +18,9 @@ from numba.core.caching import IndexDataCacheFile
 
 import twilight
 from twilight.base.errors import TwilightError
+from twilight.jit.ahead import described, listed, signature
 from twilight.jit.kernels import OLDEST_NUMBA, UNTESTED_NUMBA, check_numba, njit
+from twilight.jit.machine_code import digest_of
 
 PACKAGE = Path(twilight.__file__).parent
 ROOT = Path(__file__).parents[2]
@@ -30,27 +35,47 @@ def test_a_kernel_that_is_said_to_make_no_arrays_makes_none():
     assert njit()(lambda n: np.empty(n).size)(3) == 3
 
 
-INNER = """
-from twilight.jit.kernels import njit
-
-@njit(inner=True)
-def half(x):
-    "Of a number."
-    return 0.5 * x if x < 8.0 else half(0.5 * x)
-
-@njit()
-def quarter(x):
-    return 0.5 * half(x)
-
-assert quarter(4.0) == 1.0 and quarter(16.0) == 1.0 and half.py_func(4.0) == 2.0 and half.__doc__ == "Of a number."
-half(4.0)
-"""
+def made(text: str, **names: Any) -> Any:
+    """The kernel `f` of a text in which these names stand for something."""
+    namespace = {"njit": njit, **names}
+    exec(text, namespace)
+    return namespace["f"]
 
 
-def test_python_cannot_call_an_inner_kernel():
-    """numba itself would end the process, for such a kernel has no function for Python."""
-    done = subprocess.run([sys.executable, "-c", INNER], env=ENVIRONMENT, capture_output=True, text=True)
-    assert done.returncode == 1 and done.stderr.splitlines()[-1].startswith("TypeError: half is an inner kernel")
+HALF = "@njit(inner=True)\ndef f(x): return 0.5 * x if x < 8.0 else f(0.5 * x)"
+SUM = "@njit()\ndef f(x): return g(x) + SIZE"
+
+
+def test_python_may_call_an_inner_kernel():
+    """A test or a debugger asks it; numba itself would end the process, for it has no function for Python."""
+    half = made(HALF)
+    assert half(4.0) == 2.0 and half(16.0) == 2.0 and made(SUM, g=half, SIZE=1.0)(4.0) == 3.0
+
+
+def test_a_kernel_is_known_by_all_that_it_is_made_of():
+    """Machine code of a kernel would outlive an edit of one that it calls in another file, or of a constant there."""
+    half, third = made(HALF), made(HALF.replace("0.5 * x if", "0.3 * x if"))
+
+    def digest(text: str = SUM, **changed: Any) -> str:
+        return digest_of(made(text, **{"g": half, "SIZE": 1.0} | changed))
+
+    others = [
+        {"g": third},
+        {"SIZE": 2.0},
+        {"text": SUM.replace("+", "-")},
+        {"text": SUM.replace("njit()", "njit(fastmath={'nsz', 'contract'})")},
+    ]
+    assert digest() == digest() and len({digest(), *(digest(**other) for other in others)}) == 1 + len(others)
+
+
+def test_the_kernels_that_are_compiled_ahead_are_there():
+    """A list that names kernels of long ago would compile nothing ahead."""
+    assert set(listed()) >= {"zones", "cells"}
+    for entries in listed().values():
+        for module, name, kinds in entries:
+            kernel = getattr(importlib.import_module(module), name)
+            assert len(kinds) == len(inspect.signature(kernel.py_func).parameters)
+            assert [described(kind) for kind in signature(kinds)] == kinds
 
 
 def test_versions_of_numba_that_were_not_tested_are_refused():

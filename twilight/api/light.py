@@ -1,11 +1,11 @@
-"""`light`: what shines on a direction or a surface at a place and a time, in the unit of a trade."""
+"""`light`: light of a direction or on a surface at a place and a time, as named quantities."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack, overload
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,13 +32,13 @@ from twilight.engine.surfaces import Direction, Surface, towards
 from twilight.sky.ephemeris import parse_time
 from twilight.sky.quantities.measure import Of, Quantity, check_of, unit_of
 from twilight.sky.quantities.measure import quantity as quantity_of
-from twilight.sky.twilight_times import time_of
+from twilight.sky.twilight_times import moment_of
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
-Astropy = AstropyQuantity | dict[str, AstropyQuantity]
+Astropy: TypeAlias = AstropyQuantity | dict[str, AstropyQuantity]
 """astropy's quantity, or one for each of several quantities by its variable."""
 AT_ONCE = 2_000
 """Directions times moments whose spectra are held at once."""
@@ -379,10 +379,7 @@ def _times(time: TimeLike | TimesLike, places: _Places, altitude_km: float | Non
 
     def one(moment: datetime | str) -> datetime:
         if isinstance(moment, str):
-            try:
-                datetime.fromisoformat(moment.strip())
-            except ValueError:
-                return time_of(moment, places.latitude_deg[0], places.longitude_deg[0], zone, altitude_km or 0.0)
+            return moment_of(moment, places.latitude_deg[0], places.longitude_deg[0], zone, altitude_km or 0.0)
         return parse_time(moment, zone)
 
     several, moments = times_of(time)

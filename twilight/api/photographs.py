@@ -19,7 +19,8 @@ from twilight.io.netcdf import read_sky as read_stored
 from twilight.studies.camera import CameraModel, read_camera
 from twilight.studies.camera.image import SUFFIXES
 from twilight.studies.validate.photographs.airs import OTHERS
-from twilight.studies.validate.photographs.estimated import Estimate, Given, estimate_air
+from twilight.studies.validate.photographs.estimated import Estimate
+from twilight.studies.validate.photographs.estimating import Given, estimate_air
 from twilight.studies.validate.photographs.photograph import Photograph, read_photograph
 
 __all__ = ["Estimate", "estimate", "read_sky"]
@@ -58,7 +59,7 @@ def estimate(
     Parameters
     ----------
     picture
-        HDR, EXR, TIFF, PNG, JPEG or RAW; several are of one camera that was not moved, and of one air.
+        HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW; several are of one camera that was not moved, and of one air.
     scene
         As of `render`: all that is not estimated.  Its sun counts where it is given: an elevation, a place and time, or
         several elevations to search between; otherwise that of the file's time and place, or all are searched.
@@ -72,8 +73,8 @@ def estimate(
     types, parameters
         Aerosol types to try, and what is estimated beside the optical depth: `ozone`, `albedo`.
     white_balance, tone_curve
-        Gains of red, green and blue, and a curve of two numbers, are free beside the exposure; None: where a camera
-        made a picture to look at (8 or 16 bits of sRGB).
+        Gains of red, green and blue, and a curve of three numbers, are free beside the exposure; None: where a camera
+        made a picture to look at (8 or 16 bits of sRGB), gains also where no camera is given.
     brightness, colour
         Whether differences of brightness over the sky count, and of colour.
     refine

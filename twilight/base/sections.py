@@ -45,6 +45,24 @@ def increase(values: Iterable[Any]) -> bool:
     return all(a < b for a, b in itertools.pairwise(values))
 
 
+def _increasing(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    if not increase(values):
+        raise ValueError("must increase")
+    return values
+
+
+Increasing = AfterValidator(_increasing)
+"""Annotates a list each of whose values is larger than the one before."""
+
+
+def check_lengths(section: Any, first: str, *others: str) -> None:
+    """ValueError where lists of a section are not as long as its first one."""
+    for name in others:
+        if len(getattr(section, name)) != len(getattr(section, first)):
+            lengths = len(getattr(section, first)), len(getattr(section, name))
+            raise ValueError(f"has {lengths[0]} {first} but {lengths[1]} {name}; they must be as many")
+
+
 class Section(BaseModel):
     """One mapping of a document: frozen, without unknown keys."""
 
@@ -146,6 +164,9 @@ def validate(model: type[ModelT], data: Any, origins: Origins) -> ModelT:
         return model.model_validate(data)
     except ValidationError as error:
         found = error.errors(include_url=False)
+    # a list whose only entry is wrong counts as too short as well
+    inside = {e["loc"][:n] for e in found for n in range(len(e["loc"]))}
+    found = [e for e in found if e["type"] != "too_short" or e["loc"] not in inside]
     found.sort(key=lambda e: e["type"] != "extra_forbidden")
     sentences = []
     for e in found:
@@ -226,6 +247,8 @@ def _is_tag(part: Any) -> bool:
 def _sentence(model: type[BaseModel], error: Any, shown: tuple) -> str:
     name = dotted(shown) or "the document"
     kind = error["type"]
+    if kind == "model_type" and not shown:
+        return f"must hold keys and values, got {short(error['input'])}"
     if kind == "extra_forbidden":
         owner = _section(model, error["loc"][:-1])
         return f"{name} {unknown(str(error['loc'][-1]), owner.model_fields if owner else ())}"
@@ -276,7 +299,7 @@ def _keys(mapping: Any) -> tuple:
 
 def _entry(annotation: Any) -> Any:
     """The type of the entries of a list or mapping, None for anything else."""
-    for member in _members(annotation):
+    for member in map(_bare, _members(annotation)):
         if get_origin(member) in (tuple, dict):
             return get_args(member)[1 if get_origin(member) is dict else 0]
     return None

@@ -55,8 +55,7 @@ def timeline(
     from twilight.base.whole_files import check_file
     from twilight.config.load import load
     from twilight.engine.light import field_for
-    from twilight.sky.ephemeris import parse_time
-    from twilight.sky.twilight_times import time_of, today_at, twilight_times
+    from twilight.sky.twilight_times import moment_of, today_at, twilight_times
     from twilight.studies.timeline import timeline as work
     from twilight.studies.timeline.files import WRITERS
     from twilight.studies.timeline.timeline import PRESETS, column
@@ -80,11 +79,7 @@ def timeline(
     place = latitude, longitude, time_zone, config.observer.altitude_km
 
     def moment(text: str) -> dt.datetime:
-        try:
-            dt.datetime.fromisoformat(text)
-        except ValueError:
-            return time_of(text, *place)
-        return parse_time(text, time_zone).astimezone(marks[0].time.tzinfo)  # type: ignore[union-attr]
+        return moment_of(text, *place).astimezone(marks[0].time.tzinfo)  # type: ignore[union-attr]
 
     noon = "solar noon"
     marks = [m for d in (day, day + dt.timedelta(days=1)) for m in twilight_times(d, *place) if m.event == noon]

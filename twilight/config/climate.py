@@ -12,7 +12,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from twilight.atmosphere.profiles import AirProfile, load_profile, profile_of_levels
 from twilight.base.conventions import LOWEST_GROUND_KM
 from twilight.base.errors import TwilightError
-from twilight.base.sections import FilePath, Flag, Integer, Number, Section, increase, key
+from twilight.base.sections import FilePath, Flag, Increasing, Integer, Number, Section, check_lengths, increase, key
 from twilight.config.aerosol import Aerosol, Stratosphere
 from twilight.config.air import Air, air_files
 
@@ -145,7 +145,7 @@ class Levels(Section):
         "relative to the folder of the climate's file",
         min_length=1,
     )
-    altitude_km: tuple[Number, ...] = key(
+    altitude_km: Annotated[tuple[Annotated[Number, Field(ge=LOWEST_GROUND_KM, le=120.0)], ...], Increasing] = key(
         ..., "above sea level, increasing, from the ground (or below) to top_km (or above)", unit="km", min_length=2,
         max_length=500,
     )  # fmt: skip
@@ -178,12 +178,7 @@ class Levels(Section):
 
     @model_validator(mode="after")
     def _match(self) -> Levels:
-        z = self.altitude_km
-        for name in ("pressure_hpa", "temperature_k", "water_vapour_ppm", "ozone_ppm"):
-            if len(getattr(self, name)) != len(z):
-                raise ValueError(f"has {len(z)} altitude_km but {len(getattr(self, name))} {name}")
-        if z[0] < LOWEST_GROUND_KM or z[-1] > 120.0 or not increase(z):
-            raise ValueError(f"altitude_km must increase from {LOWEST_GROUND_KM:g} or more to at most 120 km")
+        check_lengths(self, "altitude_km", "pressure_hpa", "temperature_k", "water_vapour_ppm", "ozone_ppm")
         if not increase(reversed(self.pressure_hpa)):
             raise ValueError("pressure_hpa must decrease")
         return self
@@ -278,18 +273,14 @@ class Refraction(Section):
 class Spectrum(Section):
     """A quantity over wavelength, linear in between and constant outside."""
 
-    wavelength_nm: tuple[Number, ...] = key(
+    wavelength_nm: Annotated[tuple[Number, ...], Increasing] = key(
         (380.0, 720.0), "wavelengths, increasing", unit="nm", min_length=1, max_length=2000
     )
     albedo: tuple[Annotated[Number, Field(ge=0.0, le=1.0)], ...] = key((0.0, 0.0), "one for each wavelength", unit="1")
 
     @model_validator(mode="after")
     def _match(self) -> Spectrum:
-        w = self.wavelength_nm
-        if len(w) != len(self.albedo):
-            raise ValueError(f"has {len(w)} wavelength_nm but {len(self.albedo)} albedo values")
-        if not increase(w):
-            raise ValueError("wavelength_nm must increase")
+        check_lengths(self, "wavelength_nm", "albedo")
         return self
 
 

@@ -25,6 +25,11 @@ from twilight.solvers.base import Cost, Interpolation
 
 FIELD_BYTES = 1.0e9
 """Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
+FEW_WAVELENGTHS = 8
+"""Up to so many are one block, whatever memory that takes: to know it would cost 4 % of a `draft` field's time."""
+INTERPOLATED_AT_ONCE = 128
+"""Most wavelengths of a block, or terms of their sums, whose light is interpolated over the spectrum: their sunbeams'
+tables are mixed from those of the same twenty or so of them."""
 VALUES_AT_ONCE = 400_000
 """Directions times wavelengths of a texture or a view that a solver is asked for at once, by rows: the memory that each
 of them takes is free before the next rows."""
@@ -110,7 +115,7 @@ class Problem:
     def wavelengths_at_once(self) -> int:
         """Most wavelengths of a block: as many as the solver takes and as FIELD_BYTES hold, in bands too."""
         most = self.scene.capabilities.wavelengths_at_once
-        if self.cost is None or self.scene.medium.n_wavelengths <= self.cost.block_size:
+        if self.scene.medium.n_wavelengths <= FEW_WAVELENGTHS or self.cost is None:
             return most
         return self.cost.max_wavelengths(most, FIELD_BYTES, self.scene.bands is not None)
 
@@ -144,15 +149,22 @@ class Problem:
     def slices(self) -> list[slice]:
         """The blocks of wavelengths, as ranges of indices into those of the medium.
 
-        A block holds `wavelengths_at_once` terms of exponential sums at most, at least one wavelength.  Wavelengths of
-        different spectral groups are in different blocks, and so are those in a band and others, whose grids would
-        follow the band's terms, unless a file is to hold them all, or a fitted model has no grids.
+        A block holds `wavelengths_at_once` terms of exponential sums at most (INTERPOLATED_AT_ONCE where their light is
+        interpolated), at least one wavelength.  Wavelengths of different spectral groups are in different blocks, and
+        so are those in a band and others, whose grids would follow the band's terms, unless one interpolation serves
+        them, a file is to hold them all, or a fitted model has no grids.
         """
-        term_counts, keys = self.term_counts, self._groups
+        term_counts = self.term_counts
+        keys = [key if one is None else id(one) for key, one in zip(self._groups, self.interpolations, strict=True)]
+        few = self.wavelengths_at_once
+        more = few
+        if any(self.interpolations) and self.cost is not None:
+            more = max(few, self.cost.max_wavelengths(INTERPOLATED_AT_ONCE, FIELD_BYTES, self.scene.bands is not None))
+        most = [few if one is None else more for one in self.interpolations]
         starts, held = [0], int(term_counts[0])
         for w in range(1, len(keys)):
             held += int(term_counts[w])
-            if held > self.wavelengths_at_once or keys[w] != keys[w - 1]:
+            if held > most[w] or keys[w] != keys[w - 1]:
                 starts.append(w)
                 held = int(term_counts[w])
         ends = [*starts[1:], self.scene.medium.n_wavelengths]
@@ -209,10 +221,9 @@ def full_cost(scene: Scene) -> SceneCost:
     sizes = cost(config)
     suns = scene.sun_elevations_deg
     problem = Problem(scene, None if config.terrain is not None else suns)
+    largest = max(part.stop - part.start for part in problem.slices)
     blocks = len(problem.slices)
-    sizes = replace(
-        sizes, wavelengths=scene.medium.n_wavelengths, max_wavelengths=problem.wavelengths_at_once, blocks=blocks
-    )
+    sizes = replace(sizes, wavelengths=scene.medium.n_wavelengths, max_wavelengths=largest, blocks=blocks)
     per_block = problem.cost
     if per_block is None:
         return sizes

@@ -18,30 +18,29 @@ same bits.
 These options, and the vectors of :mod:`twilight.jit.simd`, are parts of numba that change from one minor version to
 the next: versions that were never tested are refused with one sentence.
 
-With the environment variable NUMBA_DISABLE_JIT=1 nothing is compiled: every kernel is its Python function, a thousand
-times slower, for debuggers.
+numba is loaded when a kernel is first called: what calls none, as the solver `compact` on the ground, starts at once.
+Without numba, and with the environment variable NUMBA_DISABLE_JIT=1, nothing is compiled: every
+kernel is its Python function, a thousand times slower, for debuggers.
 """
 
 from __future__ import annotations
 
 import functools
+import os
 import re
 from collections.abc import Callable
+from importlib.util import find_spec
 from typing import Any
 
-import numba
-from numba.core import types
-
 from twilight.base.errors import TwilightError
-from twilight.jit.machine_code import InnerCompiler, KernelCache, no_garbage_collection
 
 OLDEST_NUMBA = (0, 60)
 """First minor version of numba with which the tests passed; as in `pyproject.toml`."""
 UNTESTED_NUMBA = (0, 69)
 """First minor version of numba with which the tests were not run; as in `pyproject.toml`."""
 
-COMPILED = not numba.config.DISABLE_JIT  # type: ignore[attr-defined]
-"""Whether kernels are compiled: not with NUMBA_DISABLE_JIT=1."""
+COMPILED = find_spec("numba") is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
+"""Whether kernels are compiled: not without numba, nor with NUMBA_DISABLE_JIT=1."""
 
 
 def check_numba(version: str) -> None:
@@ -55,52 +54,71 @@ def check_numba(version: str) -> None:
         )
 
 
-class InnerKernel:
-    """What Python holds of a kernel that compiled functions call: a call from Python, of a test or a debugger, compiles
-    one that hands it on.
+class Kernel:
+    """A function that numba compiles when it is called, by Python or by another kernel.
 
-    py_func: the Python function that was compiled
+    py_func: the Python function
     """
 
-    def __init__(self, dispatcher: Any) -> None:
-        self._dispatcher = dispatcher
-        self.py_func: Callable[..., Any] = dispatcher.py_func
-        self.__name__: str = dispatcher.py_func.__name__
-        self.__doc__ = dispatcher.py_func.__doc__
+    def __init__(self, function: Callable[..., Any], inner: bool, cached: bool, options: dict[str, Any]) -> None:
+        functools.update_wrapper(self, function)
+        self.py_func = function
+        self._inner, self._cached, self._options = inner, cached, options
+
+    @functools.cached_property
+    def dispatcher(self) -> Any:
+        """What numba makes of it."""
+        import numba  # start-up
+
+        from twilight.jit.machine_code import InnerCompiler, KernelCache, no_garbage_collection  # start-up
+
+        check_numba(numba.__version__)
+        compiler = {"pipeline_class": InnerCompiler} if self._inner else {}
+        made: Any = numba.njit(**self._options | compiler)(self.py_func)
+        made._compiler.compile = no_garbage_collection()(made._compiler.compile)
+        if self._cached:
+            made._cache = KernelCache(made)
+        return made
 
     @property
-    def _numba_type_(self) -> types.Dispatcher:
+    def _numba_type_(self) -> Any:
         """What numba takes it for in the kernels that call it."""
-        return types.Dispatcher(self._dispatcher)
+        return self.dispatcher._numba_type_
 
     @functools.cached_property
     def _for_python(self) -> Callable[..., Any]:
+        if not self._inner:
+            found: Callable[..., Any] = self.dispatcher
+            return found
         kernel = self
 
         def hand_on(*arguments: Any) -> Any:
             return kernel(*arguments)
 
-        handed_on: Callable[..., Any] = njit()(hand_on)
-        return handed_on
+        return Kernel(hand_on, False, False, self._options | {"no_cpython_wrapper": False})
 
-    def __call__(self, *arguments: Any) -> Any:
-        """What the kernel returns."""
-        return self._for_python(*arguments)
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """What the kernel returns; for an inner one, of a test or a debugger, one that hands it on is compiled."""
+        return self._for_python(*arguments, **named)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.dispatcher, name)
 
 
 def njit(
-    *, inner: bool = False, inline: bool | str = False, makes_arrays: bool = True, **options: Any
+    *, inner: bool = False, inline: bool | str = False, makes_arrays: bool = True, cache: bool = False, **options: Any
 ) -> Callable[..., Any]:
-    """numba's `njit` with these options: `cache`, `fastmath`; a division by 0 gives inf or nan.
+    """numba's `njit`, with `fastmath` among the options; a division by 0 gives inf or nan.
 
     No kernel holds Python's lock: signals are heard, and progress is shown, while one runs.
 
-    inner: kernels call it; Python gets an `InnerKernel`.  inline: it becomes a part of the machine code of those
-    that call it; "always": by numba, of its Python code.  makes_arrays: whether it makes any; those that it is handed
-    are then not counted.
+    inner: kernels call it.  inline: it becomes a part of the machine code of those that call it; "always": by numba, of
+    its Python code.  makes_arrays: whether it makes any; those that it is handed are then not counted.  cache: its
+    machine code is kept.
     """
-    # numba's own types do not list the last three
-    made: dict[str, Any] = {
+    made = options | {
         "error_model": "numpy",
         "nogil": True,
         "no_cfunc_wrapper": True,
@@ -109,23 +127,11 @@ def njit(
     made |= {"forceinline": True} if inline is True else {"inline": inline or "never"}
     if not makes_arrays:
         made["_nrt"] = False
-    if inner:
-        made["pipeline_class"] = InnerCompiler
-    cached = options.pop("cache", False)
-    compiled: Callable[..., Any] = numba.njit(**made | options)
 
     def kernel(function: Any) -> Any:
         if not COMPILED:
             function.py_func = function
             return function
-        made = compiled(function)
-        compile_now = made._compiler.compile
-        made._compiler.compile = no_garbage_collection()(compile_now)
-        if cached:
-            made._cache = KernelCache(made)
-        return InnerKernel(made) if inner else made
+        return Kernel(function, inner, cache, made)
 
     return kernel
-
-
-check_numba(numba.__version__)

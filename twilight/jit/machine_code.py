@@ -8,12 +8,16 @@ what no longer is what it was is compiled again, and an edit of anything else is
 An inner kernel is never run by itself: it is kept as LLVM's code, to be linked into those that call it, and machine
 code is made of them alone.
 
+A wheel may bring machine code for processors of the level x86-64-v3 (`benchmarks/wheel_kernels.py`).  Where there is
+none of this very processor it is taken, if the processor has that level: what else is compiled stays native.
+
 Reading machine code needs none of what compiling does: numba's registries, which take half a second with the parts of
 scipy that they import, are loaded where something is compiled.
 """
 
 from __future__ import annotations
 
+import functools
 import gc
 import hashlib
 import sys
@@ -38,6 +42,10 @@ try:
 except ImportError:  # Windows, where no processes are forked
     fcntl = None  # type: ignore[assignment]
 
+BASELINE = "x86-64-v3"
+"""Level of processors for which a wheel brings machine code: of nearly all since 2013 to 2015."""
+_BASELINE_FEATURES = ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sse4.2")
+"""What LLVM calls the parts of that level."""
 _PACKAGE = __name__.partition(".")[0]
 _LINKED = "linked"
 """Kind of a library that holds LLVM's code alone, in the files that numba keeps."""
@@ -52,7 +60,7 @@ class _LinkedLibrary(JITCodeLibrary):
         return _NoEnvironment
 
     def _optimize_final_module(self) -> None:
-        """Take in what it calls, at the least cost: all of it is optimised as a part of each kernel that Python calls."""
+        """Take in what it calls, at the least cost: all is optimised as a part of each kernel that Python calls."""
         manager, builder = self._codegen._module_pass_manager(
             loop_vectorize=False, slp_vectorize=False, opt=0, cost="cheap"
         )
@@ -160,6 +168,14 @@ class KernelCache(FunctionCache):
                 file.close()
         return found
 
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = super()._load_overload(sig, target_context)
+        if found is not None or not _has_baseline():
+            return found
+        kinds, (triple, *_), code = self._index_key(sig, target_context.codegen())
+        payload = self._cache_file.load((kinds, (triple, BASELINE, ""), code))
+        return None if payload is None else self._impl.rebuild(target_context, payload)
+
     def _read(self, sig: Any, target_context: Any) -> Any:
         try:
             return self._load_overload(sig, target_context)
@@ -223,6 +239,16 @@ def _load_known_index(file: Any) -> dict[Any, Any]:
 IndexDataCacheFile._load_index = _load_known_index  # type: ignore[method-assign]
 
 
+@functools.cache
+def _has_baseline() -> bool:
+    """Whether this processor runs machine code of `BASELINE`."""
+    try:
+        features = llvm.get_host_cpu_features()
+    except RuntimeError:
+        return False
+    return all(features.get(name, False) for name in _BASELINE_FEATURES)
+
+
 @contextmanager
 def no_garbage_collection() -> Iterator[None]:
     """Python looks for circles of objects again and again while a compiler makes millions that stay: an eighth of its
@@ -271,7 +297,7 @@ def _add_code(found: Any, code: CodeType, names: dict[str, Any]) -> None:
 def _described(value: Any) -> str:
     """A value that a kernel reads, as text that changes with it."""
     if hasattr(value, "py_func"):
-        return digest_of(getattr(value, "_dispatcher", value))
+        return digest_of(value)
     if isinstance(value, np.ndarray):
         return f"{value.dtype} {value.shape} {hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}"
     if isinstance(value, tuple):

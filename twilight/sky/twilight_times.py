@@ -16,7 +16,7 @@ import numpy as np
 
 from twilight.base.conventions import EARTH_RADIUS_KM, YEARS
 from twilight.base.errors import TwilightError
-from twilight.sky.ephemeris import sun_position, zone_of
+from twilight.sky.ephemeris import parse_time, sun_position, zone_of
 
 SUNRISE_DEG = -0.8333
 """True elevation [deg] of the sun's centre when its upper limb stands on a level horizon: 34' of standard refraction
@@ -50,6 +50,17 @@ class TwilightTime(NamedTuple):
     time: dt.datetime | None
     elevation_deg: float
     azimuth_deg: float | None
+
+
+def moment_of(
+    text: str, latitude_deg: float, longitude_deg: float, time_zone: str | None = None, altitude_km: float = 0.0
+) -> dt.datetime:
+    """The moment of a text for a time at a place: ISO 8601 (in UTC), or a twilight as of `time_of`."""
+    try:
+        dt.datetime.fromisoformat(text.strip())
+    except ValueError:
+        return time_of(text, latitude_deg, longitude_deg, time_zone, altitude_km)
+    return parse_time(text, time_zone)
 
 
 def time_of(

@@ -306,6 +306,7 @@ class FieldGrids:
     medium: before scaling; settings: of the field; directions: the settings with the degree and as many directions and
     harmonics as this air needs; zenith_range_deg: of the sun
     scaled, scattering: the delta-scaled air and the moments of its phase matrices
+    joined: whether its light is interpolated, as of `lay_out`
     profile: of the scaled air, along straight rays; line_profile, path_profile: through which lines of sight and rays
     between two scatterings go, bent where the settings say so; nodes: of the field; layout: of `lay_out`
     """
@@ -314,6 +315,7 @@ class FieldGrids:
     settings: ZonesSettings
     directions: ZonesSettings
     zenith_range_deg: tuple[float, float]
+    joined: bool
     scaled: ScaledMedium
     scattering: SpeciesMoments
     profile: Profile
@@ -337,6 +339,7 @@ class FieldGrids:
             settings,
             layout.directions,
             zenith_range_deg,
+            joined,
             scaled,
             SpeciesMoments.of(medium, scaled, _spin2_degree(settings)),
             layout.profile,
@@ -369,4 +372,5 @@ class FieldGrids:
             distance_nodes=max(tuned.MIN_DISTANCE_NODES, round(tuned.DISTANCE_NODES * d)),
             guess_nodes=round(tuned.GUESS_NODES * d),
             laid_out_for=self.layout.beam,
+            mixed=self.joined,
         )

@@ -37,7 +37,7 @@ from twilight.transport.scaling import delta_scaled
 
 POINTS_PER_RAY = 95.0
 """Points of a ray between nodes at step_density 1: `draft` and `standard` in continental air have 93 to 98."""
-BAND_POINTS_FACTOR = 2.3
+BAND_POINTS_FACTOR = 1.35
 """The same in a band of a gas, over that without."""
 RAY_BYTES = 8
 """Bytes of a point of a ray for each wavelength of a field."""
@@ -54,9 +54,9 @@ THICK_S = 1.2e-5
 """Processor seconds of a block per altitude, radiance of a later order and zenith angle, THICK_ZENITHS more, in air so
 thick that all later orders are solved at once: `draft` below stratus of depth 25, one sun and all suns."""
 THICK_ZENITHS = 5
-BAND_CPU_FACTOR = 1.7
+BAND_CPU_FACTOR = 1.3
 """Processor time of terms of a gas's exponential sum over that of as many wavelengths."""
-INTERPOLATED_S = 0.06
+INTERPOLATED_S = 0.03
 """Processor seconds of a wavelength whose light is interpolated over the spectrum: its sunbeam, above all."""
 DIRECTION_S = 5.5e-6
 """Processor seconds of a direction and wavelength, scalar."""

@@ -35,7 +35,7 @@ STATED_ERROR = 2e-3
 """Error that interpolation adds between bands, at 95 % of directions (`benchmarks/hyperspectral.py`)."""
 STATED_ERROR_IN_BANDS = 5e-3
 """The same within bands of gases."""
-NODES_AT_ONCE = 2 * LANES
+NODES_AT_ONCE = 3 * LANES
 """Nodes that are solved together: each such part has rays and a sunbeam of its own."""
 
 
@@ -75,6 +75,14 @@ def largest_fractions(medium: Medium, bands: GasBands | None) -> np.ndarray:
         light = bands.weight * np.exp(-mass * depth)
         largest = np.maximum(largest, light / np.bincount(bands.wavelength_index, light)[bands.wavelength_index])
     return largest
+
+
+def in_deep_band(medium: Medium, bands: GasBands | None) -> np.ndarray:
+    """Whether each wavelength, or that of each term, is in a band that absorbs more than SHALLOW_BAND, (N,)."""
+    if bands is None:
+        return np.zeros(medium.n_wavelengths, bool)
+    passed = np.exp(-np.trapezoid(bands.absorption_per_km, medium.altitude_km, axis=0))
+    return (bands.sum_terms(passed) < 1.0 - tuned.SHALLOW_BAND)[bands.wavelength_index]
 
 
 def covariance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -259,10 +267,9 @@ def _of_members(
     if solved == 1:
         return None
     place = optical_coordinates(some, terms)
-    in_band = np.repeat(counts > 1, counts)
-    tolerance = np.where(in_band, tuned.SPECTRAL_TOLERANCE_IN_BANDS, tuned.SPECTRAL_TOLERANCE)
+    tolerance = np.where(in_deep_band(some, terms), tuned.SPECTRAL_TOLERANCE_IN_BANDS, tuned.SPECTRAL_TOLERANCE)
     chosen = choose_nodes(place, tolerance / largest_fractions(some, terms))
     if -(-chosen.size // LANES) > tuned.MOST_FRACTION * solved:
         return None
     nodes = some.select(chosen) if terms is None else terms.expand(some, chosen)
-    return SpectralInterpolation(nodes, place[chosen], settings, bool(in_band.any()))
+    return SpectralInterpolation(nodes, place[chosen], settings, bool((counts > 1).any()))

@@ -233,6 +233,8 @@ def _with_sun(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:
         made = Fit(frames, skies, options.freedom, depths.errors)
         albedo = [p.name == "albedo" for p in made.parameters]
         made.find([np.where(albedo, value, depths.x) for value in ALBEDOS], len(ALBEDOS))
+        if made.misfit() > LARGEST_MISFIT:  # the best depth for one albedo was beside another valley
+            made.find([made.x, *starts(made)], 1 + len(starts(made)))
         return made
 
     known = sorted({frame.sun_deg for frame in frames if frame.sun_deg is not None})
@@ -370,9 +372,10 @@ def _drawn(fit: Fit, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         r = np.concatenate([r, np.broadcast_to(told, (len(r), told.size))], axis=1)
         return (r**2).sum(axis=1) - ((r @ angles) ** 2).sum(axis=1)
 
-    middle, width = fit.x[held], np.minimum(covariance[np.ix_(held, held)], 1.0)
+    middle, even = fit.x[held], 12.0 * np.eye(int(held.sum()))
+    width = np.linalg.inv(np.linalg.inv(covariance[np.ix_(held, held)]) + even)
     for _ in range(ROUNDS):
-        root = np.linalg.cholesky(WIDER * width + 1e-8 * np.eye(middle.size))
+        root = np.linalg.cholesky(WIDER * width + 1e-7 * np.eye(middle.size))
         z = random.standard_normal((MOST_TRIED, middle.size))
         x = middle + z @ root.T
         inside = ((x >= 0.0) & (x <= 1.0)).all(axis=1)

@@ -47,10 +47,13 @@ CAMERA_DEG = 45.0
 """Angle over which they are correlated [deg]."""
 YCBCR = np.array([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])
 """Luma and chroma of JPEG (JFIF 1.02) from stored red, green, blue; each is a whole number."""
-STEPS = (0.1, 0.3, 0.3)
-"""Standard errors of luma and chroma by that, in steps; of luma, noise leaves less."""
-STEP_REACH = 0.5
-"""Difference over which they are correlated: the error is one of values, alike all along a line of one colour."""
+STEPS = (0.2, 0.6, 0.6)
+"""Standard errors of luma and chroma by that, in steps; of luma, noise leaves less.  Twice those of one rounding."""
+INFLATED = 1.25
+"""Factor on all standard errors of pictures in 8 bits, by ten drawn ones that `benchmarks/phone.py` does not judge."""
+STEP_REACH, STEP_COMMON = 1.0, 0.2
+"""Steps over which they are correlated, for the error is one of values, alike all along a line of one colour; and the
+part of their variance that is common to all values."""
 AMPLITUDES = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Amplitudes of the sky's errors that are tried."""
 SOLVER_DEG = 30.0
@@ -181,9 +184,11 @@ class Errors:
         for at, frame in enumerate(frames):
             here = np.flatnonzero(np.tile(self.frame == at, 3))
             for error, (step, value) in zip(STEPS, frame.rounded() if frame.eight_bits else (), strict=False):
-                alike = error**2 * np.exp(-np.abs(value[:, None] - value) / STEP_REACH)
+                alike = np.exp(-np.abs(value[:, None] - value) / STEP_REACH)
+                alike = error**2 * (STEP_COMMON + (1.0 - STEP_COMMON) * alike)
                 self._fixed[np.ix_(here, here)] += np.outer(step, step) * np.tile(alike, (3, 3))
         self._modes(frames, freedom, n)
+        self.inflation = INFLATED if any(frame.eight_bits for frame in frames) else 1.0
         self.amplitude = 0.0
         self.take(1.0)
 
@@ -215,7 +220,7 @@ class Errors:
         """C of what counts; without: a kind of modes that is taken as known."""
         free = self.deviations * [kind != without for kind in self.kinds]
         c = self._fixed + amplitude**2 * self._sky + (self.modes * free**2) @ self.modes.T
-        return c[np.ix_(self.used, self.used)]
+        return self.inflation**2 * c[np.ix_(self.used, self.used)]
 
     def take(self, amplitude: float) -> None:
         """Set the amplitude of the sky's own errors."""
@@ -235,7 +240,7 @@ class Errors:
     def camera(self, difference: np.ndarray) -> np.ndarray:
         """Coefficients of the modes (K,) that a difference (3 n,) most likely holds."""
         white = self.whitening.T @ (self.whitening @ difference[self.used])
-        return self.deviations**2 * (self.modes[self.used].T @ white)
+        return (self.inflation * self.deviations) ** 2 * (self.modes[self.used].T @ white)
 
 
 class Fit:

@@ -317,6 +317,8 @@ def _camera(path: Path, picture: StoredImage, stated: Stated, field_of_view_deg:
 
 UPSIDE_DOWN = 2.0
 """Light of the lower half of a picture over that of the upper beyond which it may stand on its head."""
+ROUGH = 0.04
+"""Difference of ln(light) between neighbours on the ground, or of what stands on it, beyond the noise of a sky."""
 NIGHT_CD_PER_M2 = 2e-3
 """Luminance of the sky below which a picture is one of the night: a zenith with the sun at -15 deg."""
 MOST_SATURATED, MUCH_SATURATED = 0.6, 0.2
@@ -336,7 +338,7 @@ def check_upright(name: str, photograph: Photograph) -> None:
     logarithms = [np.log(np.maximum(half, 1e-6 + 1e-4 * float(small.max()))) for half in (upper, lower)]
     level = [float(np.median(half)) for half in logarithms]
     rough = [float(np.median(np.abs(np.diff(half, axis=1)))) for half in logarithms]
-    if level[1] - level[0] > np.log(UPSIDE_DOWN) and rough[1] < rough[0]:
+    if level[1] - level[0] > np.log(UPSIDE_DOWN) and rough[0] > ROUGH and rough[0] > 2.0 * rough[1]:
         raise TwilightError(
             f"{name}: its lower half is brighter and smoother than its upper: it stands on its head, or shows no sky; "
             "turn it"
