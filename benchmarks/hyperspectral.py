@@ -1,112 +1,93 @@
-"""Light interpolated over the spectrum by `zones` beside light that is solved at every wavelength: error and time.
+"""Processor seconds at any wavelengths, and the error of light that `zones` interpolates over the spectrum.
 
-    python benchmarks/hyperspectral.py                    errors in three climates, benchmarks/hyperspectral.csv
-    python benchmarks/hyperspectral.py continental-average   one climate's rows anew
+    python benchmarks/hyperspectral.py                    three climates, results/hyperspectral.csv
+    python benchmarks/hyperspectral.py desert 81          one climate's rows anew, of one case
     python benchmarks/hyperspectral.py --quality standard ...   at another quality, into hyperspectral_standard.csv
 
-701 wavelengths from 300 to 1000 nm, 81 from 380 to 780 nm, and eight in bands of gases; every sun.  Errors: of
-wavelengths drawn at random from each spectral group, 49 directions and suns from +30 to -14 deg, 95 % and largest, of
-I, and of Q and U over I.  Processor seconds are those of the fields; where all is solved they are those of the drawn
-wavelengths, scaled to the number of wavelengths or terms.
+Seconds are those of optics and fields, every sun, one thread, kernels compiled before; the eight default wavelengths
+come first.  Errors are beside light that is solved at wavelengths drawn at random in bands of gases and between them:
+49 directions and suns from +30 to -14 deg, 95 % and largest, of I, and of Q and U over I.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 import time
-from pathlib import Path
-from typing import Any
+
+os.environ |= {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "TWILIGHT_CACHE_GB": "0"}
 
 import numpy as np
 import results
 
 from twilight.config import load
-from twilight.engine import plan
+from twilight.config.scene import PLACED_NM
+from twilight.engine import solve
 from twilight.scene import Scene, resolve
-from twilight.solvers import zones
 
 CLIMATES = ("continental-average", "desert", "pure-air")
 CASES = {
-    "701": tuple(np.linspace(300.0, 1000.0, 701)),
-    "81": tuple(np.linspace(380.0, 780.0, 81)),
+    "8, the default": PLACED_NM,
+    "8 of 400 to 700": tuple(np.linspace(400.0, 700.0, 8)),
+    "8 of 320 to 1000": tuple(np.linspace(320.0, 1000.0, 8)),
     "8 in bands": (690.0, 720.0, 730.0, 762.0, 820.0, 900.0, 940.0, 980.0),
+    "81": tuple(np.linspace(380.0, 780.0, 81)),
+    "701": tuple(np.linspace(300.0, 1000.0, 701)),
 }
-DRAWN = {"701": 30, "81": 12, "8 in bands": 8}
-"""Wavelengths drawn in bands, and as many between."""
+DRAWN = 8
+"""Most wavelengths drawn in bands, and as many between."""
 SUNS_DEG = (30.0, 5.0, 0.0, -4.0, -8.0, -14.0)
 ELEVATION_DEG, AZIMUTH_DEG = (
     a.ravel() for a in np.meshgrid([1.5, 4.0, 10.0, 20.0, 35.0, 60.0, 88.0], np.linspace(0.0, 180.0, 7))
 )
-AT_ONCE = 8
-"""Wavelengths that are solved together."""
 
 
-def scene_of(climate: str, wavelength_nm: tuple[float, ...], quality: str) -> Scene:
-    solver = {"quality": quality, "polarisation": True}
-    return resolve(load(climate, {"solver": solver, "wavelengths": {"list_nm": list(wavelength_nm)}}))
+def scene_of(climate: str, wavelength_nm: tuple[float, ...], quality: str, interpolation: str = "auto") -> Scene:
+    solver = {"quality": quality, "polarisation": True, "expert": {"spectral_interpolation": interpolation}}
+    return resolve(load(climate, {"solver": solver, "wavelengths": {"list_nm": [float(w) for w in wavelength_nm]}}))
 
 
-def light(scene: Scene, some: np.ndarray, interpolation: Any) -> tuple[np.ndarray, float, int]:
-    """Stokes parameters (suns, directions, 3, N) of some wavelengths; processor seconds of their fields; columns."""
-    found, seconds, columns = [], 0.0, 0
-    for start in range(0, some.size, AT_ONCE):
-        part = some[start : start + AT_ONCE]
-        medium = scene.medium.select(part)
-        bands = None if scene.bands is None else scene.bands.select(part)
-        wide = medium if bands is None else bands.expand(medium)
-        begin = time.process_time()
-        field = zones.prepare(wide, scene.settings, interpolation=interpolation)
-        seconds += time.process_time() - begin
-        columns += wide.n_wavelengths
-        stokes = np.stack([field.stokes(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in SUNS_DEG])
-        found.append(stokes if bands is None else bands.sum_terms(stokes))
-    return np.concatenate(found, axis=-1), seconds, columns
+def light(scene: Scene) -> tuple[np.ndarray, float, int]:
+    """Stokes parameters (suns, directions, 3, W), processor seconds of the fields, and nodes."""
+    begin = time.process_time()
+    field = solve(scene, cached=False)
+    seconds = time.process_time() - begin
+    nodes = {id(one): one.n_nodes for one in field.problem.interpolations if one is not None}
+    stokes = np.stack([field.stokes(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in SUNS_DEG])
+    return stokes, seconds, sum(nodes.values())
 
 
-def compare(climate: str, case: str, quality: str) -> list[list[Any]]:
-    """Rows of a climate and case: one for each spectral group."""
+def compare(climate: str, case: str, quality: str) -> list[list[object]]:
+    """Rows of a climate and case: in bands and between."""
     begin = time.process_time()
     scene = scene_of(climate, CASES[case], quality)
-    served = plan(scene).interpolations
-    planned = time.process_time() - begin
-    terms = np.ones(len(served), int) if scene.bands is None else scene.bands.term_counts
-    draw = np.random.default_rng(29)
-    rows = []
-    for one in {id(each): each for each in served}.values():
-        members = np.array([w for w, other in enumerate(served) if other is one])
-        in_band = bool((terms[members] > 1).any())
-        where = "in bands" if in_band else "between"
-        nm, total = scene.medium.wavelength_nm[members], int(terms[members].sum())
-        about = [climate, case, quality, f"{where}, {nm[0]:g} to {nm[-1]:g} nm", members.size, total]
-        if one is None:
-            rows.append([*about, 0, *[""] * 7])
+    optics = time.process_time() - begin
+    new, seconds, nodes = light(scene)
+    count = scene.medium.n_wavelengths
+    terms = np.ones(count, int) if scene.bands is None else scene.bands.term_counts
+    about = [climate, case, quality, count, int(terms.sum()), nodes, f"{optics + seconds:.1f}"]
+    if nodes == 0:
+        print(*about, sep="\t", flush=True)
+        return [[*about, *[""] * 6]]
+    draw, rows = np.random.default_rng(29), []
+    for where, members in (("between", np.flatnonzero(terms == 1)), ("in bands", np.flatnonzero(terms > 1))):
+        if members.size == 0:
             continue
-        some = np.sort(draw.choice(members, min(DRAWN[case], members.size), replace=False))
-        begin = time.process_time()
-        new, field_s, columns = light(scene, some[:1], one)  # solves the nodes
-        nodes_s = time.process_time() - begin
-        new, field_s, columns = light(scene, some, one)
-        old, direct_s, _ = light(scene, some, None)
-        error = 100.0 * np.abs(new[..., 0, :] / old[..., 0, :] - 1.0)
-        polarised = 100.0 * np.abs((new - old)[..., 1:, :]) / old[..., :1, :]
-        rows.append(
-            [
-                *about, one.n_nodes, some.size, f"{np.percentile(error, 95):.3f}", f"{error.max():.3f}",
-                f"{np.percentile(polarised, 95):.3f}", f"{polarised.max():.3f}",
-                f"{nodes_s + field_s / columns * total:.1f}", f"{direct_s / columns * total:.1f}",
-            ]
-        )  # fmt: skip
-        print(*rows[-1], f"planned in {planned:.1f} s", sep="\t", flush=True)
-        worst = error.max(axis=(0, 1))
-        print("  by sun", *(f"{np.percentile(e, 95):.3f}" for e in error), file=sys.stderr)
-        print("  by nm", *(f"{scene.medium.wavelength_nm[w]:g}:{e:.2f}" for w, e in zip(some, worst, strict=True)),
-              file=sys.stderr, flush=True)  # fmt: skip
+        some = np.sort(draw.choice(members, min(DRAWN, members.size), replace=False))
+        old, _, _ = light(scene_of(climate, tuple(scene.medium.wavelength_nm[some]), quality, "off"))
+        error = 100.0 * np.abs(new[..., 0, some] / old[..., 0, :] - 1.0)
+        polarised = 100.0 * np.abs((new[..., some] - old)[..., 1:, :]) / old[..., :1, :]
+        figures = [f(e) for e in (error, polarised) for f in (lambda e: np.percentile(e, 95), np.max)]
+        rows.append([*about, where, some.size, *(f"{x:.3f}" for x in figures)])
+        print(*rows[-1], sep="\t", flush=True)
+        print("  by sun", *(f"{np.percentile(e, 95):.3f}" for e in error), "by nm", *(
+            f"{scene.medium.wavelength_nm[w]:g}:{e:.2f}" for w, e in zip(some, error.max(axis=(0, 1)), strict=True)
+        ), file=sys.stderr, flush=True)  # fmt: skip
     return rows
 
 
-COLUMNS = ["climate", "case", "quality", "group", "wavelengths", "columns", "nodes", "compared"]
+COLUMNS = ["climate", "case", "quality", "wavelengths", "columns", "nodes", "cpu_s", "compared_where", "compared"]
 COLUMNS += ["error_p95_percent", "error_max_percent", "polarisation_p95_percent", "polarisation_max_percent"]
-COLUMNS += ["interpolated_cpu_s", "solved_cpu_s"]
 
 
 def main(arguments: list[str]) -> None:
@@ -116,15 +97,15 @@ def main(arguments: list[str]) -> None:
     name = "hyperspectral.csv" if quality == "draft" else f"hyperspectral_{quality}.csv"
     wanted = [a for a in arguments if a in CLIMATES] or list(CLIMATES)
     cases = [a for a in arguments if a in CASES] or list(CASES)
-    path = Path(__file__).with_name(name)
-    stored = results.read_rows(path) if path.exists() and len(arguments) else []
+    path = results.FOLDER / name
+    stored = results.read_rows(path) if path.exists() and arguments else []
     rows = [list(row.values()) for row in stored if row["climate"] not in wanted or row["case"] not in cases]
+    light(scene_of(wanted[0], CASES["8, the default"], quality))  # compiles, or reads what was compiled
     for climate in wanted:
         for case in cases:
             rows += compare(climate, case, quality)
-            results.write(
-                path, COLUMNS, sorted(rows, key=lambda row: (CLIMATES.index(row[0]), list(CASES).index(row[1])))
-            )
+            rows.sort(key=lambda row: (CLIMATES.index(str(row[0])), list(CASES).index(str(row[1]))))
+            results.write(path, COLUMNS, rows)
 
 
 if __name__ == "__main__":

@@ -33,8 +33,7 @@ from twilight.studies.camera import CameraModel
 from twilight.studies.camera.exif import FULL_FRAME_MM, LENS_TRANSMISSION, MIDDLE_GREY
 from twilight.studies.validate.photographs.estimate import LARGEST_MISFIT
 
-HERE = Path(__file__).parent
-TABLE = HERE / "phone_pictures.csv"
+TABLE = results.FOLDER / "phone_pictures.csv"
 WIDTH, HEIGHT = 640, 480
 PER_AIR = 4
 """Pictures of each air."""

@@ -55,7 +55,11 @@ def main() -> None:
             light = replace(light, irradiance=light.irradiance / sensor)
         fits[name] = light, here, recorded.fit(light, here, 0.1)
         if name == "4":
-            draw(*fits[name][::2], HERE / "red_twilight_session_4.png", "session 4, on the scale of its own day")
+            draw(
+                *fits[name][::2],
+                results.FOLDER / "red_twilight_session_4.png",
+                "session 4, on the scale of its own day",
+            )
     for name, (light, here, fitted) in fits.items():
         dusk = (light.sun_deg >= DUSK_DEG[0]) & (light.sun_deg <= DUSK_DEG[1])
         others = np.mean([fit.rises for other, (_, _, fit) in fits.items() if other != name], axis=0)
@@ -83,7 +87,7 @@ def main() -> None:
     told = ", ".join(f"{f:.2f} at {w:g} nm" for f, w in zip(sensor / sensor[green], nm, strict=True))
     notes = ("computed over recorded, suns from 0 to -6 deg; rows all: median of the distance from 1",
              f"the sensor by day, over 550 nm: {told}")  # fmt: skip
-    results.write(HERE / "red_twilight_fits.csv", columns, rows, notes=notes)
+    results.write(results.FOLDER / "red_twilight_fits.csv", columns, rows, notes=notes)
 
 
 if __name__ == "__main__":

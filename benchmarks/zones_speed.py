@@ -1,12 +1,18 @@
-"""Processor seconds of `zones`: a field of all suns, and one more sky of it: python benchmarks/zones_speed.py
+"""Processor seconds of `zones`: a field of all suns, line by line, and one more sky of it.
 
-Continental air at 8 wavelengths, one thread, kernels compiled before.  A sky is 120 x 30 directions of a `standard`
-field for a sun that it has not been asked for before, the least time of three.  Writes benchmarks/zones_speed.csv.
+    python benchmarks/zones_speed.py           writes results/zones_speed.csv
+    python benchmarks/zones_speed.py profile   prints where a field's time goes, in two climates
+
+Eight wavelengths, one thread, kernels compiled before; continental air, and desert in the profile.  A sky is 120 x 30
+directions of a `standard` field for a sun that it has not been asked for before, the least time of three.
 """
 
 from __future__ import annotations
 
+import cProfile
 import os
+import pstats
+import sys
 import time
 from pathlib import Path
 
@@ -19,7 +25,6 @@ from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 
-HERE = Path(__file__).parent
 WAVELENGTH_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0)
 SUNS_DEG = (60.0, 30.0, 5.0, 0.0, -2.0, -4.0, -6.0, -8.0, -10.0, -12.0, -15.0, -18.0)
 AZIMUTH_DEG = np.arange(120) * 3.0 + 1.5
@@ -36,11 +41,48 @@ COARSEST = zones.ZonesSettings(
 """Compiles everything in little time."""
 
 
+def warm_up() -> None:
+    """Compile everything, or read what was compiled."""
+    medium = climate_medium(load_climate("continental-average"), np.array([550.0]))
+    zones.prepare(medium, COARSEST).radiance(-4.0, ELEVATION_DEG[:, None], AZIMUTH_DEG)
+
+
+LINES = {
+    "orders after the first": ("next_order.py", "scatter"),
+    "their moments": ("next_order.py", "moments_of"),
+    "points of their rays": ("ray_points.py", "make_ray_points"),
+    "first order: light along rays": ("first_order.py", "scatter_sunlight"),
+    "first order: points of rays": ("scattering.py", "_sunlit"),
+    "first order: table of sunlight": ("first_order.py", "make_sunlight"),
+    "sunbeam: rays past their lowest point": ("beam_tables.py", "down_table"),
+    "sunbeam: rays from above": ("beam_tables.py", "up_table"),
+    "sunbeam: first guess, dispersion, limb": ("beam_tables.py", "guess_table", "shift_table", "limb_table"),
+    "grids": ("grids.py", "lay_out"),
+}
+"""Lines of the profile, which do not overlap, and the functions that they are the time of, with all that these call."""
+
+
+def profile(climate: str, quality: str) -> None:
+    """Print the lines of a field's time [s of the processor], its optics being stored."""
+    medium = climate_medium(load_climate(climate), np.array(WAVELENGTH_NM))
+    profiler = cProfile.Profile(time.process_time)
+    profiler.enable()
+    zones.prepare(medium, zones.QUALITIES[quality])
+    profiler.disable()
+    stats = pstats.Stats(profiler)
+    spent = {(Path(file).name, name): row[3] for (file, _, name), row in stats.stats.items()}  # type: ignore[attr-defined]
+    lines = {line: sum(spent.get((file, name), 0.0) for name in names) for line, (file, *names) in LINES.items()}
+    total = stats.total_tt  # type: ignore[attr-defined]
+    lines |= {"the rest": total - sum(lines.values()), "all": total}
+    for line, seconds in lines.items():
+        print(climate, quality, line, f"{seconds:.2f}", f"{100.0 * seconds / total:.0f} %", sep="\t", flush=True)
+
+
 def main() -> None:
     """Measure and write the table."""
     climate = load_climate("continental-average")
     directions = (ELEVATION_DEG[:, None], AZIMUTH_DEG)
-    zones.prepare(climate_medium(climate, np.array([550.0])), COARSEST).radiance(-4.0, *directions)
+    warm_up()
     medium = climate_medium(climate, np.array(WAVELENGTH_NM))
     rows = []
     for quality in ("draft", OF_SKIES):
@@ -58,9 +100,15 @@ def main() -> None:
             times.append(time.process_time() - begin)
         rows.append([f"one more sky, sun at {sun:g} deg", f"{min(times):.3f}"])
     notes = ["one thread; fields of all suns at 8 wavelengths, skies of 120 x 30"]
-    results.write(HERE / "zones_speed.csv", ["what", "processor_s"], rows, notes=notes)
-    print((HERE / "zones_speed.csv").read_text(), end="")
+    results.write(results.FOLDER / "zones_speed.csv", ["what", "processor_s"], rows, notes=notes)
+    print((results.FOLDER / "zones_speed.csv").read_text(), end="")
 
 
 if __name__ == "__main__":
-    main()
+    if sys.argv[1:] == ["profile"]:
+        warm_up()
+        for of_climate in ("continental-average", "desert"):
+            for at_quality in ("draft", "standard"):
+                profile(of_climate, at_quality)
+    else:
+        main()

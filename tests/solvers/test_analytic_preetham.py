@@ -213,15 +213,13 @@ def test_air_clearer_than_the_model_takes_its_clearest_sky_and_says_so():
             "turbidity of test-air is 1; .* 2 to 100",
         ),
         (lambda: preetham.prepare(turbid(3.0, np.array([500.0, 900.0]))), "300 to 830 nm: wavelengths holds 900 nm"),
-        (lambda: PreethamSettings(ozone_cm=-1.0), "solver.ozone_cm is -1; allowed is 0 to 10"),
-        (lambda: PreethamSettings(outside="clip"), "solver.outside is 'clip'; allowed is nearest, refuse"),
         (
             lambda: preetham.prepare(turbid(), PreethamSettings(coefficients="hosek")),
             "hosek; allowed are .*preetham1999",
         ),
         (
             lambda: preetham.prepare(turbid(), PreethamSettings(coefficients="no.yaml")),
-            "no.yaml: there is no such file",
+            "no.yaml: no such file",
         ),
         (lambda: preetham.prepare(turbid()).inscatter(20.0, -30.0, 0.0, 1.0), "ends below it"),
     ],
@@ -286,11 +284,11 @@ def test_the_refitted_set_is_darker_than_the_papers_and_goes_the_same_way():
         (changed("version", value=2), "version must be 1"),
         (changed("turbidity", value=[6, 2]), "turbidity must be two numbers"),
         (changed("x", "distribution", "C", value=None), "x.distribution.C is missing"),
-        (changed("y", "zenith", value=[[1.0]]), "y.zenith must be four lists"),
-        (changed("luminance", "distribution", "A", value=["a"]), "luminance.distribution.A must be a list"),
+        (changed("y", "zenith", value=[[1.0]]), r"y.zenith\[1\] is missing"),
+        (changed("luminance", "distribution", "A", value=["a"]), r"distribution.A\[0\] must be a number"),
         (changed("luminance", "distribution", "B", value=[0.5]), "luminance.distribution.B is 0.5"),
         (changed("luminance", "distribution", "A", value=[-3.0]), "a luminance that is not positive"),
-        (changed("x", "zenith", value=[[5.0]] * 4), "a chromaticity outside 0 to 1"),
+        (changed("x", "zenith", value=[[5.0] for _ in range(4)]), "a chromaticity outside 0 to 1"),
     ],
 )
 def test_a_broken_set_is_refused(document, words):

@@ -13,8 +13,9 @@ from twilight.engine import plan, solve
 from twilight.engine.problem import full_cost
 from twilight.scene import resolve
 from twilight.solvers import zones
-from twilight.solvers.zones.constants import MIN_COLUMNS
-from twilight.solvers.zones.spectrum import STATED_ERROR, STATED_ERROR_IN_BANDS, kriging_weights
+from twilight.solvers.zones.spectrum import STATED_ERROR, STATED_ERROR_IN_BANDS, choose_nodes, kriging_weights
+from twilight.transport.beam import prepare_beam, traced_wavelengths
+from twilight.transport.beam_lookup import beam_at
 
 SMALL = {
     "degree": 4,
@@ -96,17 +97,49 @@ def test_of_grey_air_it_is_exact():
     np.testing.assert_allclose(stokes(scene, some, one), stokes(scene, some), rtol=2e-5, atol=1e-12)
 
 
-def test_weights_give_planes_exactly():
+def test_weights_are_exact_at_nodes_and_give_planes():
     """What is linear in the logarithms of the optical properties, as thin air's light is, would be bent."""
     draw = np.random.default_rng(3)
     nodes, at = draw.normal(size=(20, 3)), draw.normal(size=(50, 3))
-    weight = kriging_weights(nodes, at)
     plane = np.array([0.3, -2.0, 1.0])
-    np.testing.assert_allclose((nodes @ plane + 4.0) @ weight, at @ plane + 4.0, atol=1e-6)
+    np.testing.assert_allclose((nodes @ plane + 4.0) @ kriging_weights(nodes, at), at @ plane + 4.0, atol=0.02)
+    np.testing.assert_allclose(kriging_weights(nodes, nodes), np.eye(20), atol=1e-6)
+
+
+def test_nodes_are_those_whose_light_counts():
+    """A term that is all but black would take a node from one that is bright."""
+    line = np.linspace(0.0, 1.0, 33)[:, None]
+    bright = choose_nodes(line, np.where(line[:, 0] < 0.7, 1e-4, 1e6))
+    assert bright.size % 8 == 0 and line[bright].max() <= 0.75
+
+
+def test_terms_share_rays_and_their_sunbeam_is_that_of_each_alone():
+    """Of terms of one wavelength few are traced; all light of each is that of tables of its own."""
+    scene = scene_of("pure-air", [690.0, 720.0, 820.0, 940.0])
+    terms = scene.bands.expand(scene.medium)
+    traced, share = traced_wavelengths(terms)
+    assert traced.size < terms.n_wavelengths and np.allclose(share.sum(axis=0), 1.0)
+    few = {"cosine_nodes": 16, "distance_nodes": 8, "guess_nodes": 16}
+    mixed, own = prepare_beam(terms, mixed=True, **few), prepare_beam(terms, **few)
+    one, other = np.empty((2, terms.n_wavelengths))
+    for altitude_km, zenith_deg in ((0.0, 30.0), (0.0, 89.0), (3.0, 91.0), (12.0, 92.5), (30.0, 94.0)):
+        for beam, light in ((mixed, one), (own, other)):
+            beam_at(beam, altitude_km, np.cos(np.radians(zenith_deg)), light)
+        assert other.max() > 0.01
+        np.testing.assert_allclose(scene.bands.sum_terms(one), scene.bands.sum_terms(other), rtol=1e-3)
+        np.testing.assert_allclose(one[traced], other[traced], rtol=1e-10)
+
+
+def test_one_interpolation_serves_all_ranges_and_bands():
+    """Each range and the bands would be solved alone: 24 wavelengths' time for eight."""
+    scene = scene_of("pure-air", np.linspace(330.0, 1000.0, 8))
+    problem = plan(scene, SUNS_DEG)
+    assert len(set(problem._groups)) == 3 and len(set(map(id, problem.interpolations))) == 1
+    assert problem.interpolations[0].n_nodes <= 16 and len(problem.slices) == 1
 
 
 def test_few_wavelengths_and_off_are_solved_bit_for_bit_as_ever():
-    few = plan(scene_of("pure-air", np.linspace(400.0, 600.0, MIN_COLUMNS)))
+    few = plan(scene_of("pure-air", np.linspace(400.0, 580.0, 16)))
     off = plan(scene_of("pure-air", np.linspace(400.0, 580.0, 49), "off"))
     single = scene_of("pure-air", np.linspace(400.0, 580.0, 49))
     single = plan(replace(single, settings=replace(single.settings, max_orders=1)))

@@ -39,8 +39,8 @@ def range_of(wavelength_nm: float) -> int:
 
 def fixed_wavelengths(wavelength_nm: Iterable[float]) -> np.ndarray:
     """The fixed wavelengths [nm] of all ranges that some of these [nm] belong to."""
-    found = sorted({range_of(w) for w in wavelength_nm})
-    return np.array([w for i in found for w in RANGES[i][1]])
+    ranges = sorted({range_of(w) for w in wavelength_nm})
+    return np.array([w for i in ranges for w in RANGES[i][1]])
 
 
 class _OnDemand(Generic[M]):
@@ -93,7 +93,7 @@ class GridMedium(Generic[M]):
         return self._source.medium
 
     def given_to(self, optics: tuple[Any, ...]) -> GridMedium[M] | None:
-        """For a medium of these optics: bound to them where it is given for the first time, None for other optics."""
+        """For a medium of these optics, which become its own the first time; None for other optics."""
         if self._optics is None:
             return replace(self, _optics=optics)
         same = len(optics) == len(self._optics) and all(map(_equal, optics, self._optics))

@@ -1,8 +1,6 @@
 """`twilight export`: the sky of a climate for other programs.
 
-`twilight export prague`: a climate's skies as a file of the Prague Sky Model.
-
-`twilight export shader`: the sky of one air for shaders.
+`prague`: a file of the Prague Sky Model; `shader`: GLSL and WGSL with their textures.
 """
 
 from __future__ import annotations
@@ -67,7 +65,9 @@ def prague(
 
     import numpy as np
 
+    from twilight.base.sections import Origins
     from twilight.base.whole_files import check_file
+    from twilight.config.solver import choose_solver
     from twilight.engine.field import solve
     from twilight.scene import resolve
     from twilight.studies.export.prague import SUN_DEG, PragueMaker
@@ -77,7 +77,7 @@ def prague(
 
     check_file(output)
     airs = airs_of(climates, visibilities)
-    airs[0].config(albedos[0], quality)  # a wrong quality is refused before anything is computed
+    choose_solver({"name": "zones", "quality": quality}, Origins({(): "--quality"}))
     axes = PragueAxes(
         np.array([air.visibility_km for air in airs]),
         np.array(albedos),
@@ -95,8 +95,8 @@ def prague(
 
     begin = time.process_time()
     with progress_bar() as bar:
-        made = PragueMaker(axes, asked, rank, polarisation).make(field_of, bar)
-    size = write_prague(output, made)
+        data = PragueMaker(axes, asked, rank, polarisation).make(field_of, bar)
+    size = write_prague(output, data)
     for air in airs:
         depth = "its own aerosol" if air.depth is None else f"aerosol optical depth {air.depth:.3g}"
         print(f"visibility {air.visibility_km:.4g} km: {air.series.config({}).title}, {depth}")
@@ -115,9 +115,9 @@ def shader(
     from twilight.cli.options import announce_compiling
     from twilight.engine import solve
     from twilight.scene import resolve
+    from twilight.show.shader import shader_sky
+    from twilight.show.skies import check_altitudes
     from twilight.studies.export.prague import check_new, write_folder
-    from twilight.viewer import check_altitudes
-    from twilight.viewer.shader import shader_sky
 
     chosen, names = options.settings_of(settings)
     options.put_options(chosen, names, {"solver.quality": (quality, "--quality")})

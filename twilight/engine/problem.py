@@ -25,6 +25,11 @@ from twilight.solvers.base import Cost, Interpolation
 
 FIELD_BYTES = 1.0e9
 """Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
+FEW_WAVELENGTHS = 8
+"""Up to so many are one block, whatever memory that takes: to know it would cost 4 % of a `draft` field's time."""
+INTERPOLATED_AT_ONCE = 128
+"""Most wavelengths of a block, or terms of their sums, whose light is interpolated over the spectrum: their sunbeams'
+tables are mixed from those of the same twenty or so of them."""
 VALUES_AT_ONCE = 400_000
 """Directions times wavelengths of a texture or a view that a solver is asked for at once, by rows: the memory that each
 of them takes is free before the next rows."""
@@ -45,7 +50,7 @@ POLARISED_FACTOR = 1.35
 FIELD_FRACTION_HELD = 0.5
 """Fraction of a field's memory while it is solved that is still held when it is evaluated."""
 START_S = 1.8
-"""Processor seconds of the program's start: its libraries, the compiled kernels (skies of `benchmarks/memory.csv`)."""
+"""Processor seconds of the program's start: its libraries, the compiled kernels (`benchmarks/results/memory.csv`)."""
 PIXEL_S = 3e-6
 """Processor seconds of a pixel of a view of eight wavelengths (`twilight.engine.view`)."""
 TERRAIN_S = 4.0
@@ -110,7 +115,7 @@ class Problem:
     def wavelengths_at_once(self) -> int:
         """Most wavelengths of a block: as many as the solver takes and as FIELD_BYTES hold, in bands too."""
         most = self.scene.capabilities.wavelengths_at_once
-        if self.cost is None or self.scene.medium.n_wavelengths <= self.cost.block_size:
+        if self.scene.medium.n_wavelengths <= FEW_WAVELENGTHS or self.cost is None:
             return most
         return self.cost.max_wavelengths(most, FIELD_BYTES, self.scene.bands is not None)
 
@@ -134,31 +139,32 @@ class Problem:
 
     @cached_property
     def interpolations(self) -> list[Interpolation | None]:
-        """What interpolates light over the spectral group of each wavelength; None where all of a group are solved."""
-        scene, able = self.scene, self.scene.capabilities
-        found: list[Interpolation | None] = [None] * scene.medium.n_wavelengths
-        if able.spectral_interpolation is None:
-            return found
-        for key in dict.fromkeys(self._groups):
-            members = np.array([w for w, other in enumerate(self._groups) if other == key])
-            one = able.spectral_interpolation(scene.medium, scene.bands, members, scene.settings)
-            for w in members:
-                found[w] = one
-        return found
+        """What interpolates the light of each wavelength over the spectrum; None where it is solved."""
+        scene, interpolated = self.scene, self.scene.capabilities.spectral_interpolation
+        if interpolated is None:
+            return [None] * scene.medium.n_wavelengths
+        return interpolated(scene.medium, scene.bands, self._groups, scene.settings)
 
     @cached_property
     def slices(self) -> list[slice]:
         """The blocks of wavelengths, as ranges of indices into those of the medium.
 
-        A block holds `wavelengths_at_once` terms of exponential sums at most, at least one wavelength.  Wavelengths of
-        different spectral groups are in different blocks, and so are those in a band and others, whose grids would
-        follow the band's terms, unless a file is to hold them all, or a fitted model has no grids.
+        A block holds `wavelengths_at_once` terms of exponential sums at most (INTERPOLATED_AT_ONCE where their light is
+        interpolated), at least one wavelength.  Wavelengths of different spectral groups are in different blocks, and
+        so are those in a band and others, whose grids would follow the band's terms, unless one interpolation serves
+        them, a file is to hold them all, or a fitted model has no grids.
         """
-        term_counts, keys = self.term_counts, self._groups
+        term_counts = self.term_counts
+        keys = [key if one is None else id(one) for key, one in zip(self._groups, self.interpolations, strict=True)]
+        few = self.wavelengths_at_once
+        more = few
+        if any(self.interpolations) and self.cost is not None:
+            more = max(few, self.cost.max_wavelengths(INTERPOLATED_AT_ONCE, FIELD_BYTES, self.scene.bands is not None))
+        most = [few if one is None else more for one in self.interpolations]
         starts, held = [0], int(term_counts[0])
         for w in range(1, len(keys)):
             held += int(term_counts[w])
-            if held > self.wavelengths_at_once or keys[w] != keys[w - 1]:
+            if held > most[w] or keys[w] != keys[w - 1]:
                 starts.append(w)
                 held = int(term_counts[w])
         ends = [*starts[1:], self.scene.medium.n_wavelengths]
@@ -215,16 +221,15 @@ def full_cost(scene: Scene) -> SceneCost:
     sizes = cost(config)
     suns = scene.sun_elevations_deg
     problem = Problem(scene, None if config.terrain is not None else suns)
+    largest = max(part.stop - part.start for part in problem.slices)
     blocks = len(problem.slices)
-    sizes = replace(
-        sizes, wavelengths=scene.medium.n_wavelengths, max_wavelengths=problem.wavelengths_at_once, blocks=blocks
-    )
-    found = problem.cost
-    if found is None:
+    sizes = replace(sizes, wavelengths=scene.medium.n_wavelengths, max_wavelengths=largest, blocks=blocks)
+    per_block = problem.cost
+    if per_block is None:
         return sizes
     of_blocks = [int(problem.term_counts[part].sum()) for part in problem.slices]
     in_band = [bool((problem.term_counts[part] > 1).any()) for part in problem.slices]
-    field = max(found.n_bytes(n, band) for n, band in zip(of_blocks, in_band, strict=True))
+    field = max(per_block.n_bytes(n, band) for n, band in zip(of_blocks, in_band, strict=True))
     directions = _directions(config)
     pixels = 0
     if config.observer.view is not None:
@@ -255,20 +260,20 @@ def field_cpu_s(problem: Problem, suns: int, directions: int) -> float:
 
     Errors: TwilightError for a solver that does not say.
     """
-    found = problem.cost
-    if found is None:
+    cost = problem.cost
+    if cost is None:
         raise TwilightError(f"solver: {problem.scene.solver_name} does not say what its field costs")
     seconds = 0.0
     for part in problem.slices:
         n, band = int(problem.term_counts[part].sum()), bool((problem.term_counts[part] > 1).any())
-        times = found.band_cpu_factor if band else 1.0
+        times = cost.band_cpu_factor if band else 1.0
         if problem.interpolations[part.start] is None:
-            seconds += times * found.cpu_s_per_wavelength * -(-n // found.block_size) * found.block_size
+            seconds += times * cost.cpu_s_per_wavelength * -(-n // cost.block_size) * cost.block_size
         else:
-            seconds += times * found.cpu_s_per_interpolated * n
-        seconds += times * (found.cpu_s_per_direction * directions + found.cpu_s_per_sun) * suns * n
+            seconds += times * cost.cpu_s_per_interpolated * n
+        seconds += times * (cost.cpu_s_per_direction * directions + cost.cpu_s_per_sun) * suns * n
     nodes = interpolated_from(problem)
-    return seconds + found.cpu_s_per_wavelength * (nodes[False] + found.band_cpu_factor * nodes[True])
+    return seconds + cost.cpu_s_per_wavelength * (nodes[False] + cost.band_cpu_factor * nodes[True])
 
 
 def _directions(config: Config) -> int:
@@ -283,8 +288,8 @@ def _directions(config: Config) -> int:
 def interpolated_from(problem: Problem) -> dict[bool, int]:
     """Wavelengths outside bands (False), and terms in bands (True), at which light is solved for the others."""
     nodes = {False: 0, True: 0}
-    for one in {id(each): each for each in problem.interpolations if each is not None}.values():
-        nodes[one.in_band] += one.n_nodes
+    for interpolation in {id(each): each for each in problem.interpolations if each is not None}.values():
+        nodes[interpolation.in_band] += interpolation.n_nodes
     return nodes
 
 

@@ -1,7 +1,4 @@
-"""What a figure's axes and legends call the variables of datasets: a few words and a unit, the rest is the comment.
-
-`sky.h5`, datasets of series and sweeps take them from here (`attributes`), so that each is called the same everywhere.
-"""
+"""Labels, units and other CF attributes of the variables of datasets (`sky.h5`, series, sweeps)."""
 
 from __future__ import annotations
 
@@ -96,10 +93,10 @@ LABELS = {
 def attributes(name: str) -> dict[str, str]:
     """CF attributes of a variable: standard_name, long_name, units and comment, those that it has."""
     label = LABELS[name]
-    found = {
+    cf = {
         "standard_name": label.standard_name,
         "long_name": label.text,
         "units": label.unit,
         "comment": label.comment,
     }
-    return {key: value for key, value in found.items() if value}
+    return {key: value for key, value in cf.items() if value}

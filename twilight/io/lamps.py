@@ -1,7 +1,4 @@
-"""``sun.json``: the sun's own light for renderers, whose environment map has no disc in it.
-
-``moon.json``: where the moon of a sky stands, how much of it is lit, and its own light at the observer.
-"""
+"""``sun.json`` and ``moon.json``: light of sun and moon as lamps for renderers, whose environment map has no discs."""
 
 from __future__ import annotations
 
@@ -51,8 +48,8 @@ def sun_facts(sky: Sky, observer: str = colour.DEFAULT_OBSERVER, *, in_map: bool
     }
     if disc is not None:
         lower, upper = disc.edges_deg()
-        seen = bool(np.isfinite(lower))
-        facts["lower_edge_deg"], facts["upper_edge_deg"] = (lower, upper) if seen else (None, None)
+        visible = bool(np.isfinite(lower))
+        facts["lower_edge_deg"], facts["upper_edge_deg"] = (lower, upper) if visible else (None, None)
     facts["wavelength_nm"] = sky.wavelength_nm.tolist()
     if factor is None:
         rgb = None

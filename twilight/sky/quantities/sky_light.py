@@ -1,4 +1,4 @@
-"""What a `Sky` can be asked in the units of people's trades; its methods, for `Sky` and for figures of many skies."""
+"""Methods of `Sky` that give quantities: magnitudes, luminance, illuminance and others."""
 
 from __future__ import annotations
 
@@ -154,13 +154,13 @@ class SkyLight:
             For a name that is none, a quantity that a direction or a plane does not have, and wavelengths that do not
             cover it.
         """
-        found = quantity(name)
-        check_of(found, "surface" if elevation_deg is None else "direction")
-        for one in found.responses():
-            check_covered(one, self.wavelength_nm)
+        asked = quantity(name)
+        check_of(asked, "surface" if elevation_deg is None else "direction")
+        for curve in asked.responses():
+            check_covered(curve, self.wavelength_nm)
         if elevation_deg is None:
-            return _number(found.value(self._spectra(self.irradiance_factor(horizontal, direct))))
-        return _number(found.value(self._spectra(self.sample(elevation_deg, azimuth_deg))))
+            return _number(asked.value(self._spectra(self.irradiance_factor(horizontal, direct))))
+        return _number(asked.value(self._spectra(self.sample(elevation_deg, azimuth_deg))))
 
 
 def _number(value: np.ndarray) -> Any:

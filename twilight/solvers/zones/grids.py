@@ -134,28 +134,29 @@ class Layout(NamedTuple):
     rims_km: np.ndarray
 
 
-def settings_for(medium: Medium, settings: ZonesSettings, of_terms: bool = False) -> tuple[ZonesSettings, float]:
+def settings_for(medium: Medium, settings: ZonesSettings, joined: bool = False) -> tuple[ZonesSettings, float]:
     """The settings with the degree that a medium needs, or that the ranges of its wavelengths need where it has their
     grids, and that degree with its fraction.
 
-    of_terms: as of `lay_out`
+    joined: as of `lay_out`
     """
-    fixed = _grid_air(medium, of_terms)
+    fixed = _grid_air(medium, joined)
     of = medium if fixed is None else fixed
     return with_degree(settings, of), degree_needed(settings, of)
 
 
-def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, of_terms: bool = False) -> Layout:
+def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, joined: bool = False) -> Layout:
     """Grids for all wavelengths of a medium: those of their ranges, if these serve; else made for the medium itself.
 
     Terms of a gas's exponential sum have the nodes and directions of the air without that gas, and steps as fine as
     TERM_FACTORS say: nodes that follow the darkest term were six times as many, and moved the light by less than nodes
     that are twice as dense move that of any wavelength; steps that follow it made each term depend on the others.
 
-    scaled: the medium with phase functions of the degree, and settings: of `settings_for`; of_terms: the columns
-    are some of the terms of bands that are interpolated over the spectrum
+    scaled: the medium with phase functions of the degree, and settings: of `settings_for`; joined: the light is
+    interpolated over a spectrum, all of which has the nodes and directions of its ranges together (`joined_ranges`);
+    steps and the sunbeam's tables are then those of the medium's own range, or where it has several the last one's.
     """
-    fixed = _grid_air(medium, of_terms)
+    fixed = _grid_air(medium, joined)
     air = scaled if fixed is None else delta_scaled(fixed, scaled.degree)
     reference = prepare_profile(air.medium)
     of_nodes, beam = reference, scaled.medium
@@ -163,14 +164,8 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, of_te
         profile, clearest = reference, _clearest(medium)
         if clearest is not None:
             of_nodes = reference._replace(extinction=reference.extinction[:, clearest])
-    elif of_terms or not _serves(fixed, medium).all():
-        profile = with_steps_of(prepare_profile(scaled.medium), reference, tuned.TERM_FACTORS)
     else:
-        profile = prepare_profile(scaled.medium, like=air.medium)
-        # the most refracted wavelength of a range is its first, which need not be a fixed one
-        first = RANGES[range_of(fixed.wavelength_nm[0])][0]
-        at_first, at_fixed = ciddor_refractivity(np.array([first, fixed.wavelength_nm[0]]), 288.15, 1013.25)
-        beam = replace(air.medium, refractivity=air.medium.refractivity * (at_first / at_fixed))
+        profile, beam = _steps(medium, scaled, fixed, joined)
     return Layout(
         near_edges(profile, reference),
         _field_altitudes(medium, of_nodes, settings.altitude_density),
@@ -181,6 +176,24 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, of_te
         thin_layers(reference)[0].size > 0,
         rims_km(reference, settings.altitude_density),
     )
+
+
+def _steps(medium: Medium, scaled: ScaledMedium, fixed: Medium, joined: bool) -> tuple[Profile, Medium]:
+    """The scaled air with the steps of its rays, and the medium that tables of its sunbeam are laid out for.
+
+    fixed: the air at the fixed wavelengths of its ranges, or of those that are joined
+    """
+    own = {range_of(w) for w in medium.wavelength_nm}
+    fixed = _of_ranges(fixed, {max(own)} if joined else own)
+    air = delta_scaled(fixed, scaled.degree).medium
+    if (joined and len(own) > 1) or not _serves(fixed, medium).all():
+        steps = prepare_profile(air)
+        return with_steps_of(prepare_profile(scaled.medium), steps, tuned.TERM_FACTORS), scaled.medium
+    # the most refracted wavelength of a range is its first, which need not be a fixed one
+    first = RANGES[range_of(fixed.wavelength_nm[0])][0]
+    at_first, at_fixed = ciddor_refractivity(np.array([first, fixed.wavelength_nm[0]]), 288.15, 1013.25)
+    beam = replace(air, refractivity=air.refractivity * (at_first / at_fixed))
+    return prepare_profile(scaled.medium, like=air), beam
 
 
 def spectral_groups(medium: Medium, settings: ZonesSettings) -> list[bytes]:
@@ -224,22 +237,34 @@ def serves_range(medium: Medium) -> np.ndarray:
     return served
 
 
-def _grid_air(medium: Medium, of_terms: bool) -> Medium | None:
+def joined_ranges(ranges: set[int]) -> set[int]:
+    """The ranges whose light is interpolated together: all but the first, which in ozone's bands needs twice the nodes
+    in altitude."""
+    return {0} & ranges or {r for r in range(1, len(RANGES))}
+
+
+def _grid_air(medium: Medium, joined: bool) -> Medium | None:
     """The air at fixed wavelengths whose grids serve a medium; None where grids are made for the medium itself."""
-    fixed = _fixed(medium, {range_of(w) for w in medium.wavelength_nm})
-    if fixed is None or of_terms:
-        return fixed
-    clearest = _clearest(medium)
+    own, known = {range_of(w) for w in medium.wavelength_nm}, medium.at_grid_wavelengths
+    if joined and known is not None:
+        return _of_ranges(known, joined_ranges(own))
+    fixed, clearest = _fixed(medium, own), _clearest(medium)
+    if fixed is None:
+        return None
     return fixed if _serves(fixed, medium if clearest is None else medium.select(clearest)).all() else None
 
 
 def _fixed(medium: Medium, ranges: set[int]) -> Medium | None:
     """The air at the fixed wavelengths of some ranges, None where one of them has none."""
-    reference = medium.at_grid_wavelengths
-    if reference is None:
+    known = medium.at_grid_wavelengths
+    if known is None or not ranges <= {range_of(w) for w in known.wavelength_nm}:
         return None
-    of = np.array([range_of(w) for w in reference.wavelength_nm])
-    return reference.select(np.isin(of, list(ranges))) if ranges <= set(of.tolist()) else None
+    return _of_ranges(known, ranges)
+
+
+def _of_ranges(fixed: Medium, ranges: set[int]) -> Medium:
+    """The air at those of the fixed wavelengths that are in some ranges."""
+    return fixed.select(np.isin([range_of(w) for w in fixed.wavelength_nm], list(ranges)))
 
 
 def _clearest(medium: Medium) -> np.ndarray | None:
@@ -281,6 +306,7 @@ class FieldGrids:
     medium: before scaling; settings: of the field; directions: the settings with the degree and as many directions and
     harmonics as this air needs; zenith_range_deg: of the sun
     scaled, scattering: the delta-scaled air and the moments of its phase matrices
+    joined: whether its light is interpolated, as of `lay_out`
     profile: of the scaled air, along straight rays; line_profile, path_profile: through which lines of sight and rays
     between two scatterings go, bent where the settings say so; nodes: of the field; layout: of `lay_out`
     """
@@ -289,6 +315,7 @@ class FieldGrids:
     settings: ZonesSettings
     directions: ZonesSettings
     zenith_range_deg: tuple[float, float]
+    joined: bool
     scaled: ScaledMedium
     scattering: SpeciesMoments
     profile: Profile
@@ -299,12 +326,12 @@ class FieldGrids:
 
     @staticmethod
     def of(
-        medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[float, float], of_terms: bool = False
+        medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[float, float], joined: bool = False
     ) -> FieldGrids:
-        """Grids for a medium under settings; of_terms: as of `lay_out`."""
-        of_air, degree = settings_for(medium, settings, of_terms)
+        """Grids for a medium under settings; joined: as of `lay_out`."""
+        of_air, degree = settings_for(medium, settings, joined)
         scaled = delta_scaled(medium, degree)
-        layout = lay_out(medium, scaled, of_air, of_terms)
+        layout = lay_out(medium, scaled, of_air, joined)
         bent = with_refraction(layout.profile, layout.bends)
         zenith = zenith_nodes(*zenith_range_deg, settings.zenith_density)
         return FieldGrids(
@@ -312,6 +339,7 @@ class FieldGrids:
             settings,
             layout.directions,
             zenith_range_deg,
+            joined,
             scaled,
             SpeciesMoments.of(medium, scaled, _spin2_degree(settings)),
             layout.profile,
@@ -344,4 +372,5 @@ class FieldGrids:
             distance_nodes=max(tuned.MIN_DISTANCE_NODES, round(tuned.DISTANCE_NODES * d)),
             guess_nodes=round(tuned.GUESS_NODES * d),
             laid_out_for=self.layout.beam,
+            mixed=self.joined,
         )

@@ -26,7 +26,7 @@ from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.air_needs import degree_needed, thin_layers
 from twilight.solvers.zones.angles import Truncation, zenith_nodes
 from twilight.solvers.zones.field import Field
-from twilight.solvers.zones.grids import FieldGrids, has_terms, lay_out, settings_for, spectral_groups, zenith_range
+from twilight.solvers.zones.grids import FieldGrids, lay_out, settings_for, spectral_groups, zenith_range
 from twilight.solvers.zones.orders import reduced_depth, solve
 from twilight.solvers.zones.ray_points import LANES
 from twilight.solvers.zones.scattering import Solution
@@ -37,7 +37,7 @@ from twilight.transport.scaling import delta_scaled
 
 POINTS_PER_RAY = 95.0
 """Points of a ray between nodes at step_density 1: `draft` and `standard` in continental air have 93 to 98."""
-BAND_POINTS_FACTOR = 2.3
+BAND_POINTS_FACTOR = 1.35
 """The same in a band of a gas, over that without."""
 RAY_BYTES = 8
 """Bytes of a point of a ray for each wavelength of a field."""
@@ -54,9 +54,9 @@ THICK_S = 1.2e-5
 """Processor seconds of a block per altitude, radiance of a later order and zenith angle, THICK_ZENITHS more, in air so
 thick that all later orders are solved at once: `draft` below stratus of depth 25, one sun and all suns."""
 THICK_ZENITHS = 5
-BAND_CPU_FACTOR = 1.7
+BAND_CPU_FACTOR = 1.3
 """Processor time of terms of a gas's exponential sum over that of as many wavelengths."""
-INTERPOLATED_S = 0.06
+INTERPOLATED_S = 0.03
 """Processor seconds of a wavelength whose light is interpolated over the spectrum: its sunbeam, above all."""
 DIRECTION_S = 5.5e-6
 """Processor seconds of a direction and wavelength, scalar."""
@@ -147,14 +147,15 @@ LAST_TWILIGHT_DEG = -13.0
 """Sun elevation [deg] down to which those of -9 and -12 deg hold; below, that of -18 deg."""
 SAFETY_FACTORS = {"fine": 1.45, "coarse": 1.45, "aloft": 1.9}
 """Factor of safety for air that is none of the climates, by its kind: each climate in turn left out of the table, its
-errors stay within so many times the largest of the others of its kind (benchmarks/target_error.csv).  High up there are
-but two, far apart."""
+errors stay within so many times the largest of the others of its kind (benchmarks/results/target_error.csv).  High up
+there are but two, far apart."""
 MEASURED_ERRORS: dict[str, dict[str, Errors]] = {
     "draft": {"fine": Errors(1.4, 2.0, 2.1), "coarse": Errors(1.7, 2.4, 3.1), "aloft": Errors(3.3, 4.5, 3.7)},
     "standard": {"fine": Errors(0.9, 1.6, 1.8), "coarse": Errors(1.2, 1.5, 1.6), "aloft": Errors(1.4, 1.5, 3.6)},
     "reference": {"fine": Errors(0.4, 0.8, 0.2)},
 }
-"""By quality, the cheapest first, and kind of air (benchmarks/zones_error.csv; `reference`: continental air alone)."""
+"""By quality, the cheapest first, and kind of air (benchmarks/results/zones_error.csv);
+`reference`: continental air alone."""
 
 
 NOT_OF_QUALITY = (
@@ -268,7 +269,7 @@ def prepare(
     _warn_of_neighbours(medium, settings)
     chosen, expected = settings_to_solve(medium, settings, sun_elevations_deg)
     observer_at(medium, observer_altitude_km)
-    grids = FieldGrids.of(medium, chosen, needed, interpolation is not None and interpolation.in_band)
+    grids = FieldGrids.of(medium, chosen, needed, interpolation is not None)
     progress = progress or silent
     progress("sunbeam", 0.0)
     beam = grids.sunbeam()
@@ -380,8 +381,7 @@ def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
     """
     stored = read(path)
     interpolated = stored.convergence is not None and stored.convergence.spectral_nodes is not None
-    of_terms = interpolated and has_terms(stored.medium)
-    grids = FieldGrids.of(stored.medium, stored.settings, stored.zenith_range_deg, of_terms)
+    grids = FieldGrids.of(stored.medium, stored.settings, stored.zenith_range_deg, interpolated)
     field = Field(grids, stored.beam, stored.solutions, stored.convergence, observer_altitude_km)
     field.requested_settings = stored.requested_settings
     return field

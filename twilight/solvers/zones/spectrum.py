@@ -2,7 +2,7 @@
 
 The field, light scattered at least once, is smooth in the optical properties of the air: of its logarithm at every
 place, and of its moments relative to it, a wavelength or a term of a gas's exponential sum takes a weighted mean over a
-few others, the nodes.  Weights come from universal kriging (Sacks, Welch, Mitchell and Wynn 1989, Statistical Science
+few others, the nodes.  Weights come from kriging (Sacks, Welch, Mitchell and Wynn 1989, Statistical Science
 4, 409) over coordinates of the air's optics: logarithms of the wavelength and of scattering, growing logarithms of what
 absorbs in four ranges of altitude, the ground's albedo.  They do not depend on the place, so that one small matrix
 serves all of a field.  Nodes are taken one by one where the interpolation so far knows least (pivoted Cholesky
@@ -11,18 +11,20 @@ decomposition).
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
 from twilight.atmosphere.bands import GasBands
+from twilight.atmosphere.grid_medium import range_of
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of
 from twilight.solvers.base import Convergence
 from twilight.solvers.zones import constants as tuned
-from twilight.solvers.zones.grids import FieldGrids, FieldNodes, serves_range
+from twilight.solvers.zones.grids import FieldGrids, FieldNodes, has_terms, serves_range
 from twilight.solvers.zones.next_order import RadianceField
 from twilight.solvers.zones.orders import solve
 from twilight.solvers.zones.ray_points import LANES, block_values
@@ -33,7 +35,7 @@ STATED_ERROR = 2e-3
 """Error that interpolation adds between bands, at 95 % of directions (`benchmarks/hyperspectral.py`)."""
 STATED_ERROR_IN_BANDS = 5e-3
 """The same within bands of gases."""
-NODES_AT_ONCE = 2 * LANES
+NODES_AT_ONCE = 3 * LANES
 """Nodes that are solved together: each such part has rays and a sunbeam of its own."""
 
 
@@ -75,32 +77,41 @@ def largest_fractions(medium: Medium, bands: GasBands | None) -> np.ndarray:
     return largest
 
 
+def in_deep_band(medium: Medium, bands: GasBands | None) -> np.ndarray:
+    """Whether each wavelength, or that of each term, is in a band that absorbs more than SHALLOW_BAND, (N,)."""
+    if bands is None:
+        return np.zeros(medium.n_wavelengths, bool)
+    passed = np.exp(-np.trapezoid(bands.absorption_per_km, medium.altitude_km, axis=0))
+    return (bands.sum_terms(passed) < 1.0 - tuned.SHALLOW_BAND)[bands.wavelength_index]
+
+
 def covariance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Covariance (N, M) of ln of the light about the plane, of coordinates (N, F) and (M, F)."""
+    """Covariance (N, M) of ln of the light, of coordinates (N, F) and (M, F) from a common origin: of a plane through
+    it with slopes of PLANE_VARIANCE, and of what is bent about that."""
     squared = ((one[:, None] - other[None]) ** 2).sum(axis=2)
     r = np.sqrt(7.0 * squared)  # Matern's covariance of smoothness 7/2
-    return tuned.CURVATURE**2 * (1.0 + r + 0.4 * r**2 + r**3 / 15.0) * np.exp(-r)
+    bent = tuned.CURVATURE**2 * (1.0 + r + 0.4 * r**2 + r**3 / 15.0) * np.exp(-r)
+    return bent + tuned.PLANE_VARIANCE * one @ other.T
 
 
-def choose_nodes(coordinates: np.ndarray, fraction: np.ndarray, tolerance: float) -> np.ndarray:
+def choose_nodes(coordinates: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
     """Indices (n,), ascending, of the nodes among columns (N, F): a multiple of LANES of them where there are so many.
 
-    fraction (N,): of each column in the light of its wavelength, from 0 to 1
+    tolerance (N,): standard deviation of ln of the light of each column at which no more are taken
     """
     count = coordinates.shape[0]
-    plane = np.concatenate([np.ones((count, 1)), coordinates - coordinates.mean(axis=0)], axis=1)
-    left = tuned.CURVATURE**2 + tuned.PLANE_VARIANCE * (plane**2).sum(axis=1)
+    place = coordinates - coordinates.mean(axis=0)
+    # of the level, which is unknown, as much as of a plane's slope
+    left = tuned.CURVATURE**2 + tuned.PLANE_VARIANCE * (1.0 + (place**2).sum(axis=1))
     factors = np.zeros((count, 0))
     chosen: list[int] = []
     while len(chosen) < count:
-        deviation = fraction * np.sqrt(np.maximum(left, 0.0))
+        deviation = np.sqrt(np.maximum(left, 0.0)) / tolerance
         deviation[chosen] = 0.0
         worst = int(np.argmax(deviation))
-        if deviation[worst] < tolerance and len(chosen) % LANES == 0:
+        if deviation[worst] < 1.0 and len(chosen) % LANES == 0:
             break
-        column = (
-            covariance(coordinates, coordinates[worst : worst + 1])[:, 0] + tuned.PLANE_VARIANCE * plane @ plane[worst]
-        )
+        column = covariance(place, place[worst : worst + 1])[:, 0] + tuned.PLANE_VARIANCE
         column = (column - factors @ factors[worst]) / np.sqrt(max(left[worst], tuned.NUGGET))
         factors = np.concatenate([factors, column[:, None]], axis=1)
         left = left - column**2
@@ -109,19 +120,12 @@ def choose_nodes(coordinates: np.ndarray, fraction: np.ndarray, tolerance: float
 
 
 def kriging_weights(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Weights (n, N), of sum 1, of the nodes (n, F) in columns with coordinates (N, F).
-
-    The interpolated light is exact at the nodes, and everywhere where it is a plane over the coordinates.
-    """
-    centre = nodes.mean(axis=0)
-    spread = np.ptp(nodes, axis=0) > 1e-9
-    plane = np.concatenate([np.ones((nodes.shape[0], 1)), (nodes - centre)[:, spread]], axis=1)
-    plane_at = np.concatenate([np.ones((at.shape[0], 1)), (at - centre)[:, spread]], axis=1)
-    n, p = plane.shape
-    matrix = np.zeros((n + p, n + p))
-    matrix[:n, :n] = covariance(nodes, nodes) + tuned.NUGGET * np.eye(n)
-    matrix[:n, n:], matrix[n:, :n] = plane, plane.T
-    right = np.concatenate([covariance(nodes, at), plane_at.T])
+    """Weights (n, N), of sum 1, of the nodes (n, F) in columns with coordinates (N, F); at a node its own is 1."""
+    centre, n = nodes.mean(axis=0), nodes.shape[0]
+    matrix = np.ones((n + 1, n + 1))
+    matrix[:n, :n] = covariance(nodes - centre, nodes - centre) + tuned.NUGGET * np.eye(n)
+    matrix[n, n] = 0.0
+    right = np.concatenate([covariance(nodes - centre, at - centre), np.ones((1, at.shape[0]))])
     return np.linalg.lstsq(matrix, right, rcond=1e-13)[0][:n]
 
 
@@ -153,10 +157,10 @@ class _LightAtNodes:
 
 @dataclass(frozen=True)
 class SpectralInterpolation:
-    """Light of the wavelengths, or terms of exponential sums, of one spectral group, by interpolation.
+    """Light of wavelengths, or of terms of their exponential sums, by interpolation.
 
-    medium: its columns are the n nodes; coordinates (n, F): theirs; settings: of the field; in_band: whether the nodes
-    are terms of a band.  The nodes are solved when they are first needed.
+    medium: its columns are the n nodes; coordinates (n, F): theirs; settings: of the field; in_band: whether it serves
+    terms.  The nodes are solved when they are first needed.
     """
 
     medium: Medium
@@ -197,7 +201,8 @@ class SpectralInterpolation:
             lowest = np.float32(np.log(TINY))
             light = RadianceField(np.maximum(log_mean, lowest), ratio, np.maximum(log_ground, lowest))
             solutions.append(Solution(light, at_nodes.convergence.orders, at_nodes.convergence.residual))
-        return solutions, at_nodes.convergence
+        error = STATED_ERROR_IN_BANDS if has_terms(grids.medium) else STATED_ERROR
+        return solutions, replace(at_nodes.convergence, interpolation_error=error)
 
     def _solve(self, zenith_range_deg: tuple[float, float], progress: Progress) -> _LightAtNodes:
         starts = range(0, self.n_nodes, NODES_AT_ONCE)
@@ -206,7 +211,7 @@ class SpectralInterpolation:
         nodes: FieldNodes | None = None
         for k, start in enumerate(starts):
             medium = self.medium.select(np.arange(start, min(start + NODES_AT_ONCE, self.n_nodes)))
-            grids = FieldGrids.of(medium, self.settings, zenith_range_deg, of_terms=self.in_band)
+            grids = FieldGrids.of(medium, self.settings, zenith_range_deg, joined=True)
             solutions, converged = solve(grids, grids.sunbeam(), part_of(progress, k / len(starts), 1 / len(starts)))
             if nodes is not None and not _same(nodes, grids.nodes):
                 raise TwilightError(
@@ -221,37 +226,50 @@ class SpectralInterpolation:
                 parts.append([a[..., :used] for a in light])
         assert nodes is not None
         light = RadianceField(*(np.concatenate(arrays, axis=-1) for arrays in zip(*parts, strict=True)))
-        error = STATED_ERROR_IN_BANDS if self.in_band else STATED_ERROR
-        return _LightAtNodes(light, nodes, replace(worst, spectral_nodes=self.n_nodes, interpolation_error=error))
+        return _LightAtNodes(light, nodes, replace(worst, spectral_nodes=self.n_nodes))
 
 
 def interpolation(
-    medium: Medium, bands: GasBands | None, wavelengths: np.ndarray, settings: ZonesSettings
-) -> SpectralInterpolation | None:
-    """What interpolates the light of some wavelengths of a medium, all of one spectral group.
+    medium: Medium, bands: GasBands | None, groups: Sequence[Hashable], settings: ZonesSettings
+) -> list[SpectralInterpolation | None]:
+    """What interpolates the light of each wavelength of a medium, (W,): one for all whose ranges are joined.
 
     None where it is switched off, or would not save time, or the grids are not known to be those of a range.
 
-    bands: exponential sums of the medium's wavelengths; wavelengths (N,): indices
+    bands: exponential sums of the medium's wavelengths; groups (W,): keys, wavelengths of different keys being solved
+    in different blocks
     """
+    found: list[SpectralInterpolation | None] = [None] * medium.n_wavelengths
     if settings.spectral_interpolation == "off" or settings.max_orders == 1:
-        return None
+        return found
     # these have grids of their own, or none that are known to be shared
     if settings.target_error > 0.0 or settings.field_file or medium.at_grid_wavelengths is None:
-        return None
-    albedo = medium.ground_albedo[wavelengths]
-    if (albedo == 0.0).any() and (albedo > 0.0).any():
-        return None
+        return found
+    first = np.array([range_of(w) == 0 for w in medium.wavelength_nm])
+    served = serves_range(medium)
+    for members in (np.flatnonzero(served & first), np.flatnonzero(served & ~first)):
+        one = _of_members(medium, bands, members, [groups[w] for w in members], settings) if members.size else None
+        for w in members:
+            found[w] = one
+    return found
+
+
+def _of_members(
+    medium: Medium, bands: GasBands | None, wavelengths: np.ndarray, groups: list[Hashable], settings: ZonesSettings
+) -> SpectralInterpolation | None:
+    """What interpolates the light of some wavelengths (N,), indices, with their keys (N,)."""
     some = medium.select(wavelengths)
     terms = None if bands is None else bands.select(wavelengths)
-    in_band = terms is not None and bool((terms.term_counts > 1).any())
-    columns = wavelengths.size if terms is None else terms.weight.size
-    if columns <= tuned.MIN_COLUMNS or not serves_range(some).all():
+    counts = np.ones(wavelengths.size, int) if terms is None else terms.term_counts
+    if (some.ground_albedo == 0.0).any() and (some.ground_albedo > 0.0).any():
+        return None
+    solved = sum(-(-int(counts[[g == key for g in groups]].sum()) // LANES) for key in set(groups))
+    if solved == 1:
         return None
     place = optical_coordinates(some, terms)
-    tolerance = tuned.SPECTRAL_TOLERANCE_IN_BANDS if in_band else tuned.SPECTRAL_TOLERANCE
-    chosen = choose_nodes(place, largest_fractions(some, terms), tolerance)
-    if chosen.size > tuned.MOST_FRACTION * columns:
+    tolerance = np.where(in_deep_band(some, terms), tuned.SPECTRAL_TOLERANCE_IN_BANDS, tuned.SPECTRAL_TOLERANCE)
+    chosen = choose_nodes(place, tolerance / largest_fractions(some, terms))
+    if -(-chosen.size // LANES) > tuned.MOST_FRACTION * solved:
         return None
     nodes = some.select(chosen) if terms is None else terms.expand(some, chosen)
-    return SpectralInterpolation(nodes, place[chosen], settings, in_band)
+    return SpectralInterpolation(nodes, place[chosen], settings, bool((counts > 1).any()))

@@ -1,7 +1,4 @@
-"""The tables of a comparison: CSV files and what is printed.
-
-The picture of a comparison: error against run time, a small multiple for each sun, a line for each solver.
-"""
+"""Tables and figure of a comparison: CSV files, printed tables, and error against run time for each sun and solver."""
 
 from __future__ import annotations
 
@@ -191,13 +188,13 @@ def read_points(path: str | Path, *, processor: bool = False) -> list[FigurePoin
 
     Errors: TwilightError for a file that cannot be read or has other columns.
     """
-    found = []
+    points = []
     column = "cpu_s" if processor else "time_s"
     try:
         with open(path, newline="", encoding="utf-8") as stream:
             for row in csv.DictReader(line for line in stream if not line.startswith("#")):
                 if row[column] and row["p95_percent"]:
-                    found.append(
+                    points.append(
                         FigurePoint(
                             row["solver"],
                             row["quality"],
@@ -210,7 +207,7 @@ def read_points(path: str | Path, *, processor: bool = False) -> list[FigurePoin
                     )
     except (OSError, KeyError, ValueError) as error:
         raise TwilightError(f"{path}: is not a table of errors and times: {error}") from None
-    return found
+    return points
 
 
 def draw(
