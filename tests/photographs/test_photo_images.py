@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import ExifTags, Image
 from PIL.TiffImagePlugin import IFDRational
 
 from twilight.base.errors import TwilightError
 from twilight.io.rgbe import to_rgbe
+from twilight.studies.camera.exif import read_stated
 from twilight.studies.camera.image import read_image, read_samples, write_exr
 from twilight.studies.camera.response import srgb_to_linear
 
@@ -185,6 +186,22 @@ def dng(path, mosaic):
         directory += struct.pack("<HHI", tag, kind, count) + cell
     data = b"II*\0" + struct.pack("<I", 8) + directory + struct.pack("<I", 0) + more
     path.write_bytes(data + mosaic.astype("<u2").tobytes())
+
+
+def test_heif_is_eight_bits_with_exif(tmp_path):
+    heif = pytest.importorskip("pillow_heif")
+    heif.register_heif_opener()
+    grey = np.repeat(np.linspace(20, 230, 64).astype(np.uint8)[None, :, None], 64, axis=0).repeat(3, axis=-1)
+    exif = Image.Exif()
+    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] = 26
+    Image.fromarray(grey).save(tmp_path / "a.heic", quality=95, exif=exif)
+    picture = read_image(tmp_path / "a.heic", srgb_to_linear)
+    assert picture.bits == 8 and not picture.saturated[:, :60].any()
+    assert np.abs(picture.samples - srgb_to_linear(grey / 255.0)).max() < 0.03
+    assert read_stated(tmp_path / "a.heic").focal_35mm == 26.0
+    (tmp_path / "cut.heic").write_bytes((tmp_path / "a.heic").read_bytes()[:200])
+    with pytest.raises(TwilightError, match="cut"):
+        read_image(tmp_path / "cut.heic")
 
 
 def test_raw_is_linear(tmp_path):

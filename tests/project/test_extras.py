@@ -74,6 +74,9 @@ def test_what_is_not_there_is_one_sentence_with_the_command(tmp_path, monkeypatc
     (tmp_path / "a.cr2").write_bytes(b"II*\0" + bytes(1000))
     with pytest.raises(TwilightError, match="install 'rawpy>="):
         read_image(tmp_path / "a.cr2")
+    (tmp_path / "a.heic").write_bytes(bytes(100))
+    with pytest.raises(TwilightError, match="install 'pillow-heif>="):
+        read_image(tmp_path / "a.heic")
     result = CliRunner().invoke(app, ["sweep", "humidity", "--batch-system", "slurm"])
     assert result.exit_code == 2 and "install 'dask-jobqueue>=" in result.output
     assert len(result.output.splitlines()) == 1

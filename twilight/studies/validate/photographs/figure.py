@@ -192,7 +192,7 @@ def foreground(photo: np.ndarray, sky: np.ndarray, masked: np.ndarray, step_deg:
     """Opacity (e, a), 0 to 1, of what is drawn before the computed sky: ground and trees, rows from the horizon up.
 
     The mask also holds a rim of sky, by which it was grown and is made smaller again, and clouds: what is brighter than
-    `DARKER` of the computed sky, or does not stand on the ground, is none.
+    `DARKER` of the computed sky, or does not stand on the ground, is none, unless it is below what does.
     """
     rim = max(1, round(GROW_DEG / step_deg))
     reach = np.arange(-rim, rim + 1)
@@ -207,6 +207,7 @@ def foreground(photo: np.ndarray, sky: np.ndarray, masked: np.ndarray, step_deg:
     standing = np.concatenate([np.ones((1, kept.shape[1]), bool), kept])
     labels, _ = ndimage.label(np.pad(standing, ((0, 0), (1, 1)), mode="wrap"), np.ones((3, 3)))
     solid = (labels == labels[0, 0])[1:, 1:-1]
+    solid |= inner & (np.cumsum(solid[::-1], axis=0)[::-1] > 0)  # a bright wall below its dark edge
     return np.where(solid, 1.0, 0.0)
 
 
