@@ -54,8 +54,12 @@ class KernelsHook(BuildHookInterface):
             for scene in SCENES.get(solver, ("continental-average",)):
                 command = ["render", scene, "--sun-elevation", "-4", "--solver", solver, "--no-preview"]
                 command += ["--quality", "draft", "--output", f"{self._folder}/sky", "--overwrite"]
-                subprocess.run([sys.executable, "-m", "twilight", *command], env=environment, check=True)
-        for file in package.rglob("*.nb[ci]"):
+                run = [sys.executable, "-P", "-m", "twilight", *command]
+                subprocess.run(run, env=environment, cwd=self._folder, check=True)
+        found = list(package.rglob("*.nb[ci]"))
+        if not found:
+            raise SystemExit("TWILIGHT_KERNELS: numba kept no machine code beside the modules")
+        for file in found:
             build_data["force_include"][str(file)] = f"twilight/{file.relative_to(package).as_posix()}"
         build_data["pure_python"], build_data["infer_tag"] = False, True
 
