@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import csv
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,8 +22,7 @@ import results
 import twilight
 from twilight.numerics.spectrum import solar_irradiance
 
-HERE = Path(__file__).parent
-TABLE = HERE / "arm_prediction.csv"
+TABLE = results.FOLDER / "arm_prediction.csv"
 WAVELENGTH_NM = 464.02
 SUNS_DEG = (-6.0, -7.0, -8.0)
 DISTANCE_AU = 0.98645

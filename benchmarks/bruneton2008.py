@@ -1,17 +1,15 @@
 """The tables of Bruneton and Neyret 2008 in their own air beside the CIE clear sky: python benchmarks/bruneton2008.py
 
 Luminance over that of the zenith against CIE standard sky 12, for their two aerosols (fig. 6 and 7 of the paper).
-Writes benchmarks/bruneton2008_cie.csv and docs/bruneton2008-cie.png.
+Writes results/bruneton2008_cie.csv and docs/bruneton2008-cie.png.
 """
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-from results import write
+import results
 
 from twilight.atmosphere.medium import Medium
 from twilight.config import load_climate
@@ -25,7 +23,6 @@ from twilight.numerics.spectrum import (
 from twilight.scene.medium import climate_medium
 from twilight.solvers import load
 
-HERE = Path(__file__).parent
 AEROSOLS = {"fig. 6": (2.0e-2, 0.76), "fig. 7": (2.2e-2, 0.73)}
 """Scattering at the ground [km^-1] and g; 0.9 of the extinction."""
 CIE_SUNS_DEG = (70.0, 50.0, 30.0, 15.0, 5.0)
@@ -58,9 +55,7 @@ def cie() -> None:
     grid = np.meshgrid(np.arange(2.5, 90.0, 5.0), np.arange(0.0, 181.0, 10.0), indexing="ij")
     for panel, (name, (scattering, g)) in zip(panels, AEROSOLS.items(), strict=True):
         medium = air(wavelength, scattering, g)
-        begin = time.process_time()
         field = load("tables").prepare(medium, load("tables").QUALITIES["bruneton2008"])
-        cost = [f"{field.stored_bytes / 1e6:.1f}", f"{time.process_time() - begin:.0f}"]
         reference = standard.prepare(medium, replace(standard.QUALITIES["standard"], sky_type=12, turbidity=3.0))
         for colour, sun in enumerate(CIE_SUNS_DEG):
             at_zenith = luminance(field, medium, sun, 90.0, 0.0)
@@ -69,16 +64,9 @@ def cie() -> None:
             weight = np.cos(np.radians(grid[0]))
             ratio = np.log(ours / theirs)
             low = grid[0] < 10.0
-            rows.append(
-                [
-                    name,
-                    f"{90.0 - sun:g}",
-                    f"{100 * (np.exp(np.sqrt(np.average(ratio[~low] ** 2, weights=weight[~low]))) - 1):.1f}",
-                    f"{100 * (np.exp(np.average(ratio[~low], weights=weight[~low])) - 1):+.1f}",
-                    f"{100 * (np.exp(np.average(ratio[low], weights=weight[low])) - 1):+.1f}",
-                    *cost,
-                ]
-            )
+            high, near = (100.0 * (np.exp(np.average(ratio[w], weights=weight[w])) - 1.0) for w in (~low, low))
+            rms = 100.0 * (np.exp(np.sqrt(np.average(ratio[~low] ** 2, weights=weight[~low]))) - 1.0)
+            rows.append([name, f"{90.0 - sun:g}", f"{rms:.1f}", f"{high:+.1f}", f"{near:+.1f}"])
             print(*rows[-1], flush=True)
             along = np.linspace(-88.0, 88.0, 177)  # angle from the zenith, towards the sun positive
             where = 90.0 - np.abs(along), np.where(along >= 0.0, 0.0, 180.0)
@@ -90,22 +78,14 @@ def cie() -> None:
         panel.grid(alpha=0.3)
     panels[0].set_ylabel("luminance over that of the zenith")
     panels[0].legend(fontsize=7)
-    figure.savefig(HERE.parent / "docs" / "bruneton2008-cie.png", dpi=90)
-    columns = (
-        "aerosol",
-        "sun_zenith_deg",
-        "rms_percent",
-        "mean_percent",
-        "mean_below_10deg_percent",
-        "megabytes",
-        "cpu_s",
-    )
+    figure.savefig(results.ROOT / "docs" / "bruneton2008-cie.png", dpi=90)
+    columns = "aerosol sun_zenith_deg rms_percent mean_percent mean_below_10deg_percent".split()
     notes = [
         "luminance over that of the zenith, tables as in the paper over CIE standard sky 12, weighted by solid angle;",
         "rms and mean of the logarithm above 10 deg, and the mean below 10 deg, which the paper finds too bright;",
-        "three wavelengths, five orders; cpu_s to fill the tables",
+        "three wavelengths, five orders",
     ]
-    write(HERE / "bruneton2008_cie.csv", columns, rows, notes=notes)
+    results.write(results.FOLDER / "bruneton2008_cie.csv", columns, rows, notes=notes)
 
 
 if __name__ == "__main__":

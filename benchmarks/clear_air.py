@@ -1,21 +1,20 @@
 """Fit the model of all clear air, and measure its errors.
 
-    python benchmarks/clear_air.py fit AIRS APPROXIMATE [--output FILE.npz]    with the folders of clear_air_airs.py
-    python benchmarks/clear_air.py keep AIRS clear_air_airs.npz           all solved airs in one file, for AIRS of `fit`
+    python benchmarks/clear_air.py fit AIRS APPROXIMATE [FILE.npz]            with the folders of clear_air_airs.py
     python benchmarks/clear_air.py climates                              writes clear_air.csv
     python benchmarks/clear_air.py calibrate                             the error that it estimates, by clear_air.csv
     python benchmarks/clear_air.py picture                               draws ../docs/clear-air.png
 
 `fit` needs PyTorch, takes half an hour and holds one air in ten out: it prints the errors in these, and calibrates the
-model's estimate of its error on them.  `--start FILE.npz` fits the networks of a model further, to more airs.
+model's estimate of its error on them.
 `climates` compares it with the Monte-Carlo reference solution of thirteen climates (`zones_error.py`).
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-from collections.abc import Iterator, Sequence
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -47,13 +46,10 @@ from twilight.transport.clear_air import (
     sublayers,
 )
 
-HERE = Path(__file__).parent
 HELD_OUT = 10
 """One air in so many judges the fit."""
 COMPONENTS = {"intensity": 128, "polarisation": 64, "base": 48}
 """Principal components of ln(M / M_0), of Q / M and U / M, and of ln M_0 under all suns."""
-KEPT = {"intensity": 320, "polarisation": 160}
-"""Principal components in which solved airs are kept."""
 MEMBERS = 3
 """Networks whose mean counts; their spread gives the error of a sky."""
 WIDTH = 256
@@ -116,78 +112,24 @@ class Data:
     limits: np.ndarray
 
 
-def keep(airs: Path, path: Path) -> None:
-    """Write the light of all solved airs of a folder into one file: principal components of ln M, weighed as in the
-    fit, and of Q / M and U / M, with whole numbers of 16 bits as coefficients; prints what that costs.
-
-    number (N,) of the air of each sample (observers and wavelengths in turn); standard (N,): solved by `STANDARD`; for
-    each of `intensity` and `polarisation` _mean (P,), _vectors (K, P), _step (K,) and _whole (N, K): the values are
-    mean + (whole x step) @ vectors.
-    """
-    numbers, fine, light = [], [], []
-    for one in sorted(airs.glob("*.npz")):
-        with np.load(one) as solved:
-            best = "standard" if "standard" in solved else "light"
-            here = np.moveaxis(solved[best], (-1, -2), (1, 2))  # observers W Stokes suns E A
-        light.append(here.reshape(-1, 3, np.prod(NODES)))
-        numbers += [int(one.stem)] * len(light[-1])
-        fine += [best == "standard"] * len(light[-1])
-    every = np.concatenate(light)
-    multiple = np.maximum(every[:, 0], DARKEST)
-    polarised = np.clip(every[:, 1:] / multiple[:, None], -1.0, 1.0).reshape(len(every), -1)
-    out: dict[str, Any] = {"number": np.array(numbers), "standard": np.array(fine)}
-    for key, values in (("intensity", np.log(multiple)), ("polarisation", polarised)):
-        by_sun = _weight_of_suns() if key == "intensity" else np.float32(1.0)
-        mean, vectors = components(values * by_sun, min(KEPT[key], len(values) - 1))
-        coefficients = (values * by_sun - mean) @ vectors.T
-        step = np.abs(coefficients).max(axis=0) / 32767.0
-        whole = np.rint(coefficients / step).astype(np.int16)
-        mean, vectors = mean / by_sun, vectors / by_sun
-        off = np.abs(mean + (whole * step) @ vectors - values)
-        print(f"{key}: {np.percentile(off, 95):.5f} at 95 % of the nodes, {off.max():.4f} at most")
-        parts = {"mean": mean, "vectors": vectors, "step": step}
-        out |= {f"{key}_{name}": part.astype(np.float32) for name, part in parts.items()} | {f"{key}_whole": whole}
-    with whole_file(path) as unfinished, open(unfinished, "wb") as file:
-        np.savez_compressed(file, **out)
-    print(f"{len(light)} airs, {path.stat().st_size / 1e6:.1f} MB")
-
-
-def kept(path: Path) -> Iterator[tuple[int, np.ndarray]]:
-    """Numbers of airs and their light (observers, W, Stokes, suns, E, A), of a file of `keep` or a folder of airs."""
-    if path.is_dir():
-        for one in sorted(path.glob("*.npz")):
-            with np.load(one) as solved:
-                best = solved["standard" if "standard" in solved else "light"]
-            yield int(one.stem), np.moveaxis(best, (-1, -2), (1, 2)).astype(float)
-        return
-    with np.load(path) as file:
-        held = dict(file)
-    for number in np.unique(held["number"]):
-        some = held["number"] == number
-        values = [
-            held[f"{key}_mean"] + (held[f"{key}_whole"][some] * held[f"{key}_step"]) @ held[f"{key}_vectors"]
-            for key in KEPT
-        ]
-        multiple = np.exp(values[0].astype(float))
-        stokes = np.concatenate([multiple, np.tile(multiple, 2) * values[1]], axis=1)
-        yield int(number), stokes.reshape(2, -1, 3, *NODES)
-
-
 def _weight_of_suns() -> np.ndarray:
     """By how much ln M counts at each node (P,): errors that weigh the same are `TOLERATED`."""
     return np.repeat((TOLERATED.min() / TOLERATED).astype(np.float32), NODES[1] * NODES[2])
 
 
 def read(airs: Path, approximate: Path) -> Data:
-    """The samples of all airs that both have: a folder or a file of `keep`, and a folder of what the model computes."""
+    """The samples of all airs that both folders have: solved ones, and what the model computes of them."""
     rows: dict[str, list[np.ndarray]] = {
         key: [] for key in ("inputs", "log_base", "ratio", "polarised", "part", "number")
     }
     limits = []
-    for number, light in kept(airs):
-        name = approximate / f"{number:05d}.npz"
+    for path in sorted(airs.glob("*.npz")):
+        name, number = approximate / path.name, int(path.stem)
         if not name.exists():
             continue
+        with np.load(path) as solved:
+            best = solved["standard" if "standard" in solved else "light"]
+        light = np.moveaxis(best, (-1, -2), (1, 2)).astype(float)  # observers W Stokes suns E A
         with np.load(name) as computed:
             base, single = (np.moveaxis(computed[key], -1, 1).astype(float) for key in ("base", "single"))
             count = base.shape[0] * base.shape[1]
@@ -217,27 +159,18 @@ def components(values: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return mean, (turned[:count] @ start.T).astype(np.float32)
 
 
-def fit(data: Data, start: Model | None = None) -> Model:
-    """The model of samples; start: a model whose principal components stay, and whose networks are fitted further."""
+def fit(data: Data) -> Model:
+    """The model of samples."""
     import torch
 
     torch.set_num_threads(2)
     train = data.number % HELD_OUT != 0
-    if start is None:
-        model, coefficients = _without_networks(data, train)
-        parts = np.split(coefficients[train], [COMPONENTS["intensity"]], axis=1)
-        scale = np.concatenate([np.full(part.shape[1], part.std(), np.float32) for part in parts])
-        target = (coefficients / scale).astype(np.float32)
-    else:
-        model, target = replace(start, limits=data.limits), None
-        scale = np.ones(start.members[0][-1][1].size, np.float32)
+    model, coefficients = _without_networks(data, train)
+    parts = np.split(coefficients[train], [COMPONENTS["intensity"]], axis=1)
+    scale = np.concatenate([np.full(part.shape[1], part.std(), np.float32) for part in parts])
+    target = (coefficients / scale).astype(np.float32)
     standard = model.standardised(data.inputs, data.log_base)
-    members = [
-        _member(
-            torch, seed, data, train, standard, target, scale, model, None if start is None else start.members[seed]
-        )
-        for seed in range(MEMBERS)
-    ]
+    members = [_member(torch, seed, data, train, standard, target, scale, model) for seed in range(MEMBERS)]
     model = replace(model, members=tuple(members))
     print(f"held out:\n{_errors(model, data, ~train)}")
     return replace(
@@ -282,8 +215,8 @@ def _without_networks(data: Data, train: np.ndarray) -> tuple[Model, np.ndarray]
     return model, np.concatenate([coefficients, of_polarisation], axis=1)
 
 
-def _member(torch: Any, seed: int, data: Data, train, standard, target, scale, model: Model, start: Any):
-    """One network: coefficients first, unless it starts from another, then light."""
+def _member(torch: Any, seed: int, data: Data, train, standard, target, scale, model: Model):
+    """One network: coefficients first, then light."""
     torch.manual_seed(seed)
     sizes = [standard.shape[1], *[WIDTH] * DEPTH]
     hidden = torch.nn.ModuleList(torch.nn.Linear(i, o) for i, o in pairwise(sizes))
@@ -291,9 +224,6 @@ def _member(torch: Any, seed: int, data: Data, train, standard, target, scale, m
     with torch.no_grad():
         last.weight.zero_()
         last.bias.zero_()
-        for layer, (weights, offsets) in zip([*hidden, last], start or (), strict=False):
-            layer.weight.copy_(torch.tensor(weights.T))
-            layer.bias.copy_(torch.tensor(offsets))
     parameters = [*hidden.parameters(), *last.parameters()]
 
     def network(x):
@@ -317,9 +247,8 @@ def _member(torch: Any, seed: int, data: Data, train, standard, target, scale, m
                 optimiser.step()
                 schedule.step()
 
-    if start is None:
-        t = torch.tensor(target[train])
-        epochs(EPOCHS, RATE, lambda some: ((network(x[some]) - t[some]) ** 2).mean())
+    t = torch.tensor(target[train])
+    epochs(EPOCHS, RATE, lambda some: ((network(x[some]) - t[some]) ** 2).mean())
     k = model.intensity.shape[0]
     intensity, polarisation = torch.tensor(model.intensity), torch.tensor(model.polarisation)
     ratio = torch.tensor(data.ratio[train] - model.intensity_mean)
@@ -394,7 +323,7 @@ def save(model: Model, path: Path) -> None:
 def calibrate(path: Path) -> None:
     """Multiply the error that a model estimates, so that REFERENCE_COVERED of the skies of `clear_air.csv` are at least
     as near as it says; `climates` comes first.  Prints how many hold in climates that were left out."""
-    table = results.read_rows(HERE / "clear_air.csv")
+    table = results.read_rows(results.FOLDER / "clear_air.csv")
     ratio = np.array([float(row["excess_percent"]) / float(row["estimated_percent"]) for row in table])
     names = np.array([row["climate"] for row in table])
     held = [ratio[names == name] <= np.quantile(ratio[names != name], REFERENCE_COVERED) for name in set(names)]
@@ -460,7 +389,7 @@ def climates(model: Model) -> None:
     """Compare the model with the reference solutions of climates, and write the table."""
     rows = []
     for name, table_name in CLIMATES.items():
-        table = results.read_numbers(HERE / "reference" / f"{table_name}.csv")
+        table = results.read_numbers(results.FOLDER / "reference" / f"{table_name}.csv")
         medium = climate_medium(load_climate(name), np.unique(table["wavelength_nm"]))
         try:
             field = ClearAirField(medium, model, medium.bottom_km, polarisation=True)
@@ -478,7 +407,7 @@ def climates(model: Model) -> None:
             percent = (f"{value:.2f}" for value in (median, most, largest, own, excess, estimated))
             rows.append([name, f"{sun:g}", *percent, f"{off:.4f}"])
             print(*rows[-1], sep="\t", flush=True)
-    results.write(HERE / "clear_air.csv", COLUMNS, rows)
+    results.write(results.FOLDER / "clear_air.csv", COLUMNS, rows)
     for sun in dict.fromkeys(row[1] for row in rows):
         excess, estimated = ([float(row[k]) for row in rows if row[1] == sun] for k in (6, 7))
         print(
@@ -530,34 +459,21 @@ def draw_beside(
         axis.set_title(title, fontsize=9)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    commands = parser.add_subparsers(dest="command", required=True)
-    fitting = commands.add_parser("fit")
-    fitting.add_argument("airs", type=Path)
-    fitting.add_argument("approximate", type=Path)
-    fitting.add_argument("--start", type=Path)
-    fitting.add_argument("--output", type=Path, default=SHIPPED)
-    commands.add_parser("climates").add_argument("--model", type=Path, default=SHIPPED)
-    keeping = commands.add_parser("keep")
-    keeping.add_argument("airs", type=Path)
-    keeping.add_argument("file", type=Path)
-    commands.add_parser("calibrate").add_argument("--model", type=Path, default=SHIPPED)
-    commands.add_parser("picture")
-    options = parser.parse_args()
-    if options.command == "climates":
-        return climates(load_model(options.model))
-    if options.command == "keep":
-        return keep(options.airs, options.file)
-    if options.command == "calibrate":
-        return calibrate(options.model)
-    if options.command == "picture":
-        return picture(HERE.parent / "docs" / "clear-air.png")
-    start = None if options.start is None else load_model(options.start)
-    model = fit(read(options.airs, options.approximate), start)
-    save(model, options.output)
-    print(f"wrote {options.output} ({options.output.stat().st_size / 1e6:.2f} MB)")
+def main(words: Sequence[str]) -> None:
+    match words:
+        case ["fit", airs, approximate, *output]:
+            path = Path(output[0]) if output else SHIPPED
+            save(fit(read(Path(airs), Path(approximate))), path)
+            print(f"wrote {path} ({path.stat().st_size / 1e6:.2f} MB)")
+        case ["climates"]:
+            climates(load_model(SHIPPED))
+        case ["calibrate"]:
+            calibrate(SHIPPED)
+        case ["picture"]:
+            picture(results.ROOT / "docs" / "clear-air.png")
+        case _:
+            sys.exit(__doc__)
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -1,7 +1,7 @@
 """`zones` below and above decks of cloud beside doubling and adding: python benchmarks/clouds.py
 
 A deck of stratus alone, 1 km thick on a ground without curvature, light at 550 nm without polarisation.  The rows of
-benchmarks/clouds_plane.csv are fluxes over F0 (direct light included), and radiances that are azimuthal means, which
+results/clouds_plane.csv are fluxes over F0 (direct light included), and radiances that are azimuthal means, which
 delta scaling leaves as they are under thick decks alone; then the difference of each quality in per cent.
 """
 
@@ -10,7 +10,6 @@ from __future__ import annotations
 import sys
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import results
@@ -20,10 +19,9 @@ from twilight.base.errors import TwilightWarning
 from twilight.numerics.directions import hemisphere
 from twilight.solvers import zones
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "tests"))
-from montecarlo_media import slab  # noqa: E402
-from plane_parallel import Slabs  # noqa: E402
+sys.path.insert(0, str(results.ROOT / "tests"))
+from montecarlo_media import slab
+from plane_parallel import Slabs
 
 QUALITIES = ("draft", "standard")
 DEPTHS = (0.1, 1.0, 10.0, 100.0)
@@ -81,7 +79,7 @@ def main() -> None:
                 rows.append([f"{depth:g}", f"{sun:g}", what, f"{value:.5g}", *off])
                 print(*rows[-1], sep="\t", flush=True)
     columns = ["optical_depth", "sun_elevation_deg", "quantity", "reference", *(f"{q}_percent" for q in QUALITIES)]
-    results.write(HERE / "clouds_plane.csv", columns, rows)
+    results.write(results.FOLDER / "clouds_plane.csv", columns, rows)
 
 
 if __name__ == "__main__":

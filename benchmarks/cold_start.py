@@ -6,7 +6,7 @@ Runs the first command of README with folders of machine code and of fields that
 code, then with the field too, and the same sky by `--solver compact` with empty folders; and twice the timeline of a
 night at the default solver, by then compiled: the climate's skies are computed first and then read.  FOLDER is another
 checkout of the program, whose figures are measured in turn with these and written beside them.  Writes
-benchmarks/cold_start.csv.
+results/cold_start.csv.
 "preview" is the time until the preview of the first case is on disk: the picture that a user sees meanwhile.
 Processor seconds are of all processes of a command, wall seconds those of this machine as it was.
 """
@@ -109,8 +109,8 @@ def main() -> None:
         notes.append(f"beside: commit {git.stdout.strip() or 'unknown'}")
     command = "python benchmarks/cold_start.py" + ("" if options.beside is None else " --beside OLD")
     head = ["program", "case", "wall_s", "processor_s"]
-    results.write(ROOT / "benchmarks" / "cold_start.csv", head, rows, notes=notes, command=command)
-    print((ROOT / "benchmarks" / "cold_start.csv").read_text(), end="")
+    results.write(results.FOLDER / "cold_start.csv", head, rows, notes=notes, command=command)
+    print((results.FOLDER / "cold_start.csv").read_text(), end="")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Error against run time of every solver in continental air, over eight suns.
 
-    python benchmarks/compare.py                   runs what is missing; writes benchmarks/compare.csv and draws
+    python benchmarks/compare.py                   runs what is missing; writes results/compare.csv and draws
                                                    docs/error-against-time.png from it
     python benchmarks/compare.py --solvers NAME:QUALITY,...   the same with rows of these; those of other solvers stay
     python benchmarks/compare.py picture           draws alone
@@ -8,7 +8,7 @@
 It runs
 
     twilight compare configs/compare.yaml --set solver.name=zones \
-        --reference benchmarks/reference/continental-average.csv
+        --reference benchmarks/results/reference/continental-average.csv
 
 with the solvers in SOLVERS, and Haber's system by itself with HABER_AZIMUTH_CELLS.  Finished rows are kept in
 out/benchmark-compare (those of --solvers beside it).
@@ -26,7 +26,7 @@ import results
 from twilight.studies.compare.report import draw, read_points
 
 ROOT = Path(__file__).resolve().parents[1]
-TABLE = ROOT / "benchmarks" / "compare.csv"
+TABLE = results.FOLDER / "compare.csv"
 CLIMATE = "continental-average"
 SOLVERS = (
     "zones,compact,cells:draft,cells:standard,cells:haber2005,montecarlo:draft,tables:standard,tables:fine,preetham,cie,sunsky,"
@@ -35,7 +35,7 @@ SOLVERS = (
 HABER = "cells:haber2005"
 HABER_AZIMUTH_CELLS = 60
 """S of Haber's system here, said in the row's quality: with the preset's 120 these rows take an hour of the processor.
-How far cells of this size are from finer ones: `sizes` of benchmarks/three_papers.csv."""
+How far cells of this size are from finer ones: `sizes` of results/three_papers.csv."""
 
 
 def run(solvers: str = "") -> None:
@@ -63,7 +63,7 @@ def compare(solvers: str, folder: Path, *settings: str) -> None:
     command = [
         *(sys.executable, "-c", "from twilight.cli import main; main()", "compare", "configs/compare.yaml"),
         *(word for setting in settings for word in ("--set", setting)),
-        *("--reference", f"benchmarks/reference/{CLIMATE}.csv"),
+        *("--reference", f"benchmarks/results/reference/{CLIMATE}.csv"),
         *("--solvers", solvers, "--output", str(folder), "--repeats", "1", "--time-limit", "1200"),
     ]
     subprocess.run(command, cwd=ROOT, check=True)

@@ -1,6 +1,6 @@
 """Processor seconds at any wavelengths, and the error of light that `zones` interpolates over the spectrum.
 
-    python benchmarks/hyperspectral.py                    three climates, benchmarks/hyperspectral.csv
+    python benchmarks/hyperspectral.py                    three climates, results/hyperspectral.csv
     python benchmarks/hyperspectral.py desert 81          one climate's rows anew, of one case
     python benchmarks/hyperspectral.py --quality standard ...   at another quality, into hyperspectral_standard.csv
 
@@ -14,7 +14,6 @@ from __future__ import annotations
 import os
 import sys
 import time
-from pathlib import Path
 
 os.environ |= {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "TWILIGHT_CACHE_GB": "0"}
 
@@ -98,7 +97,7 @@ def main(arguments: list[str]) -> None:
     name = "hyperspectral.csv" if quality == "draft" else f"hyperspectral_{quality}.csv"
     wanted = [a for a in arguments if a in CLIMATES] or list(CLIMATES)
     cases = [a for a in arguments if a in CASES] or list(CASES)
-    path = Path(__file__).with_name(name)
+    path = results.FOLDER / name
     stored = results.read_rows(path) if path.exists() and arguments else []
     rows = [list(row.values()) for row in stored if row["climate"] not in wanted or row["case"] not in cases]
     light(scene_of(wanted[0], CASES["8, the default"], quality))  # compiles, or reads what was compiled

@@ -5,7 +5,7 @@
 Every case is one command, run to its end in a process of its own, whose largest resident memory and processor time are
 those of the system; load: the machine's, on average over its last minute.  Kernels are compiled before.  With --only
 the other rows of the table stay as they are, with the commit that they were made at.  With --plan no case is run, and
-what the plan says now is put beside what the rows have measured.  Writes benchmarks/memory.csv.
+what the plan says now is put beside what the rows have measured.  Writes results/memory.csv.
 """
 
 from __future__ import annotations
@@ -16,12 +16,10 @@ import os
 import subprocess
 import sys
 import tempfile
-from pathlib import Path
 
 import results
+from results import ROOT
 
-HERE = Path(__file__).parent
-ROOT = HERE.parent
 THOUSAND = "wavelengths={min_nm: 380, max_nm: 740, count: 1000}"
 EIGHTY_ONE = "wavelengths={min_nm: 380, max_nm: 780, count: 81}"
 THIRTY_THREE = "wavelengths={min_nm: 400, max_nm: 720, count: 33}"
@@ -90,7 +88,7 @@ def main() -> None:
     unknown = [name for name in chosen if name not in CASES]
     if unknown:
         parser.error(f"{unknown[0]} is no case; there are {', '.join(CASES)}")
-    path = HERE / "memory.csv"
+    path = results.FOLDER / "memory.csv"
     rows = {row["case"]: dict(row) for row in results.read_rows(path)} if path.exists() else {}
     for row in rows.values():
         row["taken_over_planned"] = f"{float(row['processor_s']) / float(row['planned_processor_s']):.3g}"

@@ -24,7 +24,6 @@ from twilight.scene.scene import resolve
 from twilight.sky.moon import Moon, moon_illuminance_lux
 from twilight.sky.quantities.measure import Spectra
 
-HERE = Path(__file__).parent
 SITE_KM = 1.634
 MOONLESS_MAG = 21.92
 METER_FIELD_SR = 0.138
@@ -89,7 +88,7 @@ def main(folder: Path) -> None:
         f"mean {chosen.mean():+.2f}, rms {np.sqrt((chosen**2).mean()):.2f}, largest {np.abs(chosen).max():.2f}"
     )
     print(note)
-    results.write(HERE / "moonlight.csv", COLUMNS, [[_cell(x) for x in r] for r in rows], notes=[note])
+    results.write(results.FOLDER / "moonlight.csv", COLUMNS, [[_cell(x) for x in r] for r in rows], notes=[note])
     draw(rows)
 
 
@@ -121,7 +120,7 @@ def draw(rows: list[tuple]) -> None:
     axes.set_ylabel("zenith [mag arcsec$^{-2}$]")
     axes.set_title("points measured, lines computed, dotted Krisciunas and Schaefer 1991", fontsize=10)
     axes.legend(fontsize=8)
-    figure.savefig(HERE.parent / "docs" / "moonlight.png", dpi=130)
+    figure.savefig(results.ROOT / "docs" / "moonlight.png", dpi=130)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Odd air against the reference solution: python benchmarks/odd_air.py [odd] [layers] [SECONDS | keep]
 
-Scalar theory, one wavelength, no refraction.  `odd` writes benchmarks/odd_air.csv: air that ends at 20 km, ozone of 20
-times the usual depth, aerosol of asymmetry 0.99, haze in stripes; `layers` writes benchmarks/sharp_layers.csv: single
+Scalar theory, one wavelength, no refraction.  `odd` writes results/odd_air.csv: air that ends at 20 km, ozone of 20
+times the usual depth, aerosol of asymmetry 0.99, haze in stripes; `layers` writes results/sharp_layers.csv: single
 layers from 10 m to 1 km seen from below, from inside and from above.  Each row has the reference's radiance, its
 standard error, and what `zones` at draft and standard differ by, in per cent of the reference solution.
 
@@ -20,14 +20,13 @@ from typing import NamedTuple
 import numpy as np
 import results
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "tests"))
+sys.path.insert(0, str(results.ROOT / "tests"))
 
-from layered_sky import layered  # noqa: E402
-from stability_media import LEVELS_KM, Air, medium_of  # noqa: E402
+from layered_sky import layered
+from stability_media import LEVELS_KM, Air, medium_of
 
-from twilight.atmosphere.medium import Medium  # noqa: E402
-from twilight.solvers import montecarlo, zones  # noqa: E402
+from twilight.atmosphere.medium import Medium
+from twilight.solvers import montecarlo, zones
 
 SUNS_DEG = (30.0, -6.0)
 ELEVATION_DEG = np.array([1.0, 1.0, 5.0, 20.0, 90.0])
@@ -153,13 +152,13 @@ def main(arguments: list[str]) -> None:
     if not keep:
         compile_first()
     if "odd" in kinds:
-        table = HERE / "odd_air.csv"
+        table = results.FOLDER / "odd_air.csv"
         reference = stored(table) if keep else sampled(0.005, seconds)
         ground = [Place(0.0, ELEVATION_DEG, AZIMUTH_DEG)]
         rows = [row for case, medium in ODD.items() for row in compare(case, medium(), ground, reference)]
         results.write(table, COLUMNS.split(","), rows, notes=notes)
     if "layers" in kinds:
-        table = HERE / "sharp_layers.csv"
+        table = results.FOLDER / "sharp_layers.csv"
         reference = stored(table) if keep else sampled(0.01, seconds)
         rows = []
         for case, (base, thickness, depth, ramp) in LAYERS.items():

@@ -7,13 +7,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import results
 
-HERE = Path(__file__).parent
-ROOT = HERE.parent
 SUNS = {"30 to -6 deg": range(-6, 31), "-9 and -12": range(-12, -8), "-18": range(-18, -17)}
 """Columns of the table of errors: ranges of the true elevation of the sun [deg]."""
 CASES = {
@@ -27,7 +24,7 @@ CASES = {
 
 
 def _rows(name: str) -> list[dict[str, Any]]:
-    return results.read_rows(HERE / name)
+    return results.read_rows(results.FOLDER / name)
 
 
 def largest_errors(quality: str) -> dict[str, list[float]]:
@@ -81,15 +78,12 @@ def in_short() -> str:
     )
 
 
-PARTS = {
-    "docs/accuracy.md": {"errors of zones": errors, "times": times},
-    "README.md": {"in short": in_short},
-}
+PARTS = {"docs/accuracy.md": {"errors of zones": errors, "times": times}, "README.md": {"in short": in_short}}
 
 
 def filled(page: str) -> str:
     """The text of a page with what its tables say now."""
-    text = (ROOT / page).read_text(encoding="utf-8")
+    text = (results.ROOT / page).read_text(encoding="utf-8")
     for name, part in PARTS[page].items():
         begin, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
         head, _, rest = text.partition(begin)
@@ -99,4 +93,4 @@ def filled(page: str) -> str:
 
 if __name__ == "__main__":
     for page in PARTS:
-        (ROOT / page).write_text(filled(page), encoding="utf-8")
+        (results.ROOT / page).write_text(filled(page), encoding="utf-8")

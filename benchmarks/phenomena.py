@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import results
@@ -19,7 +18,6 @@ import sky_phenomena as see
 from twilight.config import load
 from twilight.sky import colour
 
-HERE = Path(__file__).parent
 QUALITY = sys.argv[1] if len(sys.argv) > 1 else "draft"
 
 
@@ -176,7 +174,7 @@ def draw() -> None:
     for axis in axes[1]:
         axis.legend(fontsize=8)
         axis.grid(alpha=0.3)
-    figure.savefig(HERE.parent / "docs" / "phenomena.png", dpi=110)
+    figure.savefig(results.ROOT / "docs" / "phenomena.png", dpi=110)
     pyplot.close(figure)
 
 
@@ -189,7 +187,7 @@ def main() -> None:
             )
             print(*rows[-1][:6], rows[-1][7], sep="\t", flush=True)
     results.write(
-        HERE / "phenomena.csv",
+        results.FOLDER / "phenomena.csv",
         ["phenomenon", "climate", "variant", "sun_elevation_deg", "measure", "value", "literature", "seen"],
         rows,
     )

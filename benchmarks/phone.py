@@ -2,18 +2,19 @@
 
     python benchmarks/phone.py [--count 50] [--summary]      # phone_pictures.csv, row by row; resumes
 
-Each picture: a place, a time and an air drawn at random, its sky by the solver zones (which is not what the fit takes),
-seen by a phone held 3 to 25 deg above the horizontal and tilted by up to 4 deg, over dark hills of up to 2 deg; its
-lens darkens the corners by up to 8 %; noise of 1.5 % a pixel; gains of 10 % between the colours; a tone curve with 0.85
-to 1.35 times the contrast and a shoulder; sRGB in 8 bits, JPEG of quality 92.  Its Exif says time, place, heading (5
-deg off), focal length in 35 mm and exposure (40 % off).  Drawn alike are ln of the optical depth, ozone and albedo,
-within the bounds of the fit.
+Each picture: a place and a time drawn at random, for every four of them an air, its sky by the solver zones (which is
+not what the fit takes), seen by a phone held 3 to 25 deg above the horizontal, tilted by up to 4 deg, over dark hills
+of up to 2 deg; its lens darkens the corners by up to 8 %; noise of 1.5 % a pixel; gains of 10 % between the colours; a
+tone curve with 0.85 to 1.35 times the contrast and a shoulder; sRGB in 8 bits, JPEG of quality 92.  Its Exif says
+time, place, heading (5 deg off), focal length in 35 mm (a whole number) and exposure (40 % off).  Drawn alike are ln of
+the optical depth, ozone and albedo, within the bounds of the fit.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import functools
 import tempfile
 import time
 from datetime import UTC, datetime, timedelta
@@ -25,14 +26,16 @@ from PIL import ExifTags, Image
 
 import twilight
 from twilight.numerics import spectrum
+from twilight.numerics.directions import texture_grid
 from twilight.sky import colour
-from twilight.sky.ephemeris import sun_position
+from twilight.sky.ephemeris import SunPosition, sun_position
 from twilight.studies.camera import CameraModel
 from twilight.studies.camera.exif import FULL_FRAME_MM, LENS_TRANSMISSION, MIDDLE_GREY
 
-HERE = Path(__file__).parent
-TABLE = HERE / "phone_pictures.csv"
+TABLE = results.FOLDER / "phone_pictures.csv"
 WIDTH, HEIGHT = 640, 480
+PER_AIR = 4
+"""Pictures of each air."""
 TYPES = ("continental_average", "maritime_clean", "desert", "urban")
 COLUMNS = (
     *("picture", "sun_elevation_deg", "parameter", "truth", "value", "low_68", "high_68", "low_95", "high_95"),
@@ -40,41 +43,53 @@ COLUMNS = (
 )
 
 
-def draw(index: int, folder: Path) -> tuple[Path, dict[str, float], str, float]:
-    """A picture's file, what its air holds, the type of its aerosol, and the sun's elevation [deg]."""
-    random = np.random.default_rng(1000 + index)
-    sun, moment, place = None, datetime(2024, 1, 1, tzinfo=UTC), (0.0, 0.0)
-    while sun is None or not -4.0 < sun.elevation_deg < 25.0:
+def moment(random: np.random.Generator) -> tuple[datetime, tuple[float, float], SunPosition]:
+    """When and where a picture is taken, with the sun from -4 to 25 deg."""
+    while True:
         place = float(random.uniform(-50.0, 60.0)), float(random.uniform(-180.0, 180.0))
-        moment = datetime(2024, 1, 1, tzinfo=UTC) + timedelta(minutes=int(random.integers(0, 366 * 1440)))
-        sun = sun_position(moment, *place, 0.0)
+        when = datetime(2024, 1, 1, tzinfo=UTC) + timedelta(minutes=int(random.integers(0, 366 * 1440)))
+        sun = sun_position(when, *place, 0.0)
+        if -4.0 < sun.elevation_deg < 25.0:
+            return when, place, sun
+
+
+@functools.lru_cache(maxsize=1)
+def air(number: int) -> tuple[dict[str, float], str, twilight.Field]:
+    """What an air holds, the type of its aerosol, and its field for the suns of its pictures."""
+    random = np.random.default_rng(number)
     truth = {
         "aerosol": float(np.exp(random.uniform(np.log(0.03), np.log(0.6)))),
         "ozone": float(random.uniform(220.0, 430.0)),
         "albedo": float(random.uniform(0.02, 0.55)),
     }
-    kind = TYPES[index % 4]
-    sky = twilight.render(
-        "continental-average",
-        sun_elevation_deg=float(sun.elevation_deg),
-        quality="draft",
-        settings={
-            "aerosol.type": kind,
-            "aerosol.optical_depth_550nm": truth["aerosol"],
-            "gases.ozone.column_du": truth["ozone"],
-            "ground.albedo": truth["albedo"],
-            "texture.resolution_deg": 2,
-        },
-    )
+    kind = TYPES[number % 4]
+    settings = {
+        "aerosol.type": kind,
+        "aerosol.optical_depth_550nm": truth["aerosol"],
+        "gases.ozone.column_du": truth["ozone"],
+        "ground.albedo": truth["albedo"],
+    }
+    pictures = range(PER_AIR * number, PER_AIR * (number + 1))
+    suns = [float(moment(np.random.default_rng(1000 + index))[2].elevation_deg) for index in pictures]
+    field = twilight.solve("continental-average", sun_elevation_deg=suns, quality="draft", settings=settings)
+    return truth, kind, field
+
+
+def draw(index: int, folder: Path) -> tuple[Path, dict[str, float], str, float]:
+    """A picture's file, what its air holds, the type of its aerosol, and the sun's elevation [deg]."""
+    truth, kind, field = air(index // PER_AIR)
+    random = np.random.default_rng(1000 + index)
+    when, place, sun = moment(random)
+    sky = field.sky(float(sun.elevation_deg), *texture_grid(2.0))
     heading = float(sun.azimuth_deg + random.uniform(-25.0, 25.0)) % 360.0
     focal_mm = float(random.uniform(22.0, 28.0))
-    field = 2.0 * np.degrees(np.arctan(0.5 * WIDTH / (focal_mm / FULL_FRAME_MM * np.hypot(WIDTH, HEIGHT))))
+    width = 2.0 * np.degrees(np.arctan(0.5 * WIDTH / (focal_mm / FULL_FRAME_MM * np.hypot(WIDTH, HEIGHT))))
     held = {"azimuth_deg": heading, "elevation_deg": float(random.uniform(3.0, 25.0))}
     camera = CameraModel.model_validate(
         {
             "projection": "perspective",
             "image": {"width_px": WIDTH, "height_px": HEIGHT},
-            "lens": {"field_of_view_deg": float(field)},
+            "lens": {"field_of_view_deg": float(width)},
             "orientation": held | {"roll_deg": float(random.uniform(-4.0, 4.0))},
         }
     )
@@ -82,7 +97,7 @@ def draw(index: int, folder: Path) -> tuple[Path, dict[str, float], str, float]:
     scale = 0.8 / float(np.percentile(rgb.max(axis=-1), 98))
     path = folder / f"phone-{index:02d}.jpg"
     Image.fromarray(developed(rgb * scale, random)).save(
-        path, quality=92, exif=exif(moment, place, heading + random.normal(0.0, 5.0), focal_mm, 1.0 / scale, random)
+        path, quality=92, exif=exif(when, place, heading + random.normal(0.0, 5.0), focal_mm, 1.0 / scale, random)
     )
     return path, truth, kind, float(sun.elevation_deg)
 
@@ -121,7 +136,7 @@ def developed(rgb: np.ndarray, random: np.random.Generator) -> np.ndarray:
 
 
 def exif(
-    moment: datetime,
+    when: datetime,
     place: tuple[float, float],
     heading: float,
     focal_mm: float,
@@ -146,8 +161,8 @@ def exif(
             gps.GPSLatitude: (abs(place[0]), 0.0, 0.0),
             gps.GPSLongitudeRef: sides[1],
             gps.GPSLongitude: (abs(place[1]), 0.0, 0.0),
-            gps.GPSDateStamp: moment.strftime("%Y:%m:%d"),
-            gps.GPSTimeStamp: (float(moment.hour), float(moment.minute), 0.0),
+            gps.GPSDateStamp: when.strftime("%Y:%m:%d"),
+            gps.GPSTimeStamp: (float(when.hour), float(when.minute), 0.0),
             gps.GPSImgDirection: float(heading % 360.0),
         }
     )

@@ -1,7 +1,7 @@
 """Computed illuminance and zenith luminance against photometers: python benchmarks/photometry.py
 
 Runs `twilight validate photometry` at quality draft on one climate under a measured stratosphere and under OPAC's own,
-and writes benchmarks/photometry/points.csv, levels.csv, moonlit.csv and docs/photometry.png.
+and writes results/photometry/points.csv, levels.csv, moonlit.csv and docs/photometry.png.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 import results
 
 ROOT = Path(__file__).resolve().parents[1]
-HERE = ROOT / "benchmarks" / "photometry"
+HERE = results.FOLDER / "photometry"
 AIRS = ("continental-average", "benchmarks/photometry/continental-opac.yaml")
 
 

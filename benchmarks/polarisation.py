@@ -2,37 +2,29 @@
 
     python benchmarks/polarisation.py scalar     error of scalar theory in I, luminance and colour: polarisation.csv
     python benchmarks/polarisation.py reference  `zones` against `montecarlo` in I, Q and U: polarisation_reference.csv
-    python benchmarks/polarisation.py cost       time and memory of polarised and scalar fields: polarisation_cost.csv
-
     python benchmarks/polarisation.py stored     the reference's Stokes vectors in clear air for a test of `zones`
 
-Names of climates behind limit the table to them.  Errors of the first are
-those of the scalar solution against the polarised one of the same solver, over a texture of half the sky.  `scalar`
-uses `zones` at quality draft, polarised, whose steps cancel in the comparison, the others at standard.
+Names of climates behind limit the table to them.  Errors of `scalar` are those of the scalar solution against the
+polarised one of `zones` at draft, whose steps cancel in the comparison, over a texture of half the sky.
 The reference's Stokes vectors are those of reference/CLIMATE.csv, which montecarlo_reference.py makes: nine suns, 26
 directions.
 """
 
 from __future__ import annotations
 
-import subprocess
 import sys
-import time
 from dataclasses import replace
-from pathlib import Path
 
 import montecarlo_reference
 import numpy as np
 import results
 
 from twilight.atmosphere.medium_table import medium_from_table
-from twilight.base.peak_memory import forget_peak, peak_mib
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import montecarlo, zones
 from twilight.studies.compare.accuracy import colour_errors
 
-HERE = Path(__file__).parent
 STANDARD = zones.QUALITIES["standard"]
 DRAFT = replace(zones.QUALITIES["draft"], polarisation=True)
 CLIMATES = ("pure-air", "continental-average", "desert", "volcanic-extreme")
@@ -75,7 +67,7 @@ def scalar(climates) -> None:
     notes = [
         "errors of scalar theory in I and luminance [%] and colour; a median is one of sizes, lowest to mean have signs"
     ]
-    results.write(HERE / "polarisation.csv", columns, rows, notes=notes)
+    results.write(results.FOLDER / "polarisation.csv", columns, rows, notes=notes)
 
 
 def reference(climates) -> None:
@@ -103,7 +95,7 @@ def reference(climates) -> None:
         "all directions and wavelengths of a sun; angles where the degree exceeds 0.05; noise: the reference's, median",
         "excess: what 95 % of normally distributed errors stay below, of a mean square less the noise",
     ]
-    results.write(HERE / "polarisation_reference.csv", columns.split(","), rows, notes=notes)
+    results.write(results.FOLDER / "polarisation_reference.csv", columns.split(","), rows, notes=notes)
 
 
 def judged(ours: np.ndarray, right: np.ndarray, noise: np.ndarray) -> list[str]:
@@ -128,7 +120,7 @@ def judged(ours: np.ndarray, right: np.ndarray, noise: np.ndarray) -> list[str]:
 
 
 def stored(_climates) -> None:
-    medium = medium_from_table(HERE / "reference" / "pure-air.csv")
+    medium = medium_from_table(results.FOLDER / "reference" / "pure-air.csv")
     elevation, azimuth = (g.ravel() for g in np.meshgrid([3.0, 12.0, 35.0, 65.0, 88.0], [20.0, 90.0, 160.0]))
     judge = montecarlo.prepare(medium, montecarlo.MonteCarloSettings(target_stderr=NOISE))
     rows = []
@@ -139,54 +131,11 @@ def stored(_climates) -> None:
                 numbers = (*answer.stokes[d, :, w], *answer.standard_error[d, :, w])
                 rows.append([f"{sun:g}", f"{e:g}", f"{a:g}", f"{nm:g}", *(f"{x:.6g}" for x in numbers)])
     columns = "sun_elevation_deg,elevation_deg,azimuth_deg,wavelength_nm,i,q,u,i_error,q_error,u_error"
-    results.write(HERE.parent / "tests" / "data" / "stokes_pure_air.csv", columns.split(","), rows)
-
-
-def cost(climates) -> None:
-    """Processor time of a field at eight wavelengths and of a sky from it, and the memory that they need beside what
-    the process had; each alone in a process, after a smaller field that compiles."""
-    rows = []
-    for climate in climates or ("pure-air", "continental-average"):
-        for quality in ("draft", "standard"):
-            found = {}
-            for polarised in (False, True):
-                command = [sys.executable, __file__, "one_cost", climate, quality, str(int(polarised))]
-                text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-                found[polarised] = [float(x) for x in text.split()]
-            (field, sky_s, mib), (plain_field, plain_sky, plain_mib) = found[True], found[False]
-            times = (plain_field, field, plain_sky, sky_s)
-            ratios = ((field + sky_s) / (plain_field + plain_sky), mib / plain_mib)
-            rows.append(
-                [climate, quality, *(f"{x:.2f}" for x in times), f"{ratios[0]:.2f}",
-                 f"{plain_mib:.0f}", f"{mib:.0f}", f"{ratios[1]:.2f}"]
-            )  # fmt: skip
-            print(*rows[-1], sep="\t", flush=True)
-    columns = (
-        "climate,quality,scalar_field_s,polarised_field_s,scalar_sky_s,polarised_sky_s,times_time,"
-        "scalar_mib,polarised_mib,times_memory"
-    )
-    notes = ["eight wavelengths, any sun, processor time; the sky: one sun over a texture of half of it"]
-    results.write(HERE / "polarisation_cost.csv", columns.split(","), rows, notes=notes)
-
-
-def one_cost(arguments) -> None:
-    """Print seconds of the field and of a sky, and MiB, for a climate, a quality and whether polarised."""
-    climate, quality, polarised = arguments
-    settings = replace(zones.QUALITIES[quality], polarisation=polarised == "1")
-    elevation, azimuth = texture()
-    small = replace(zones.QUALITIES["draft"], polarisation=settings.polarisation, altitude_density=0.2, max_orders=3)
-    zones.prepare(climate_medium(load_climate(climate), np.array([550.0])), small).radiance(-4.0, elevation, azimuth)
-    medium = climate_medium(load_climate(climate), np.array(EIGHT_NM))
-    forget_peak()
-    before, start = peak_mib(), time.process_time()
-    field = zones.prepare(medium, settings)
-    solved = time.process_time()
-    (field.stokes if field.polarised else field.radiance)(-4.0, elevation, azimuth)
-    print(solved - start, time.process_time() - solved, peak_mib() - before)
+    results.write(results.ROOT / "tests" / "data" / "stokes_pure_air.csv", columns.split(","), rows)
 
 
 if __name__ == "__main__":
-    tables = {"scalar": scalar, "reference": reference, "stored": stored, "cost": cost, "one_cost": one_cost}
+    tables = {"scalar": scalar, "reference": reference, "stored": stored}
     if len(sys.argv) < 2 or sys.argv[1] not in tables:
         sys.exit(f"one of {', '.join(tables)} comes first")
     tables[sys.argv[1]](sys.argv[2:])

@@ -1,23 +1,20 @@
 """Files of the Prague Sky Model: their error against the field that made them, their size and their time.
 
-    python benchmarks/prague.py [--climate NAME] [--channels N] [--start-nm NM] [--nodes N] [--visibilities KM,...]
-                                [--albedos A,...] [--picture]
+    python benchmarks/prague.py
 
-Writes prague.csv: for suns on the file's nodes and half-way between them, relative errors over the sky (uniform in
-solid angle, above 0.3 deg), in percent, over all airs and grounds of the file, and read back by
-`twilight.studies.export.prague_sky`, which tests hold to the published reader.  With --picture also
-../docs/prague.png: a sky of the file beside the field's.
+Writes results/prague.csv: for suns on the file's nodes and half-way between them, relative errors over the sky (uniform
+in solid angle, above 0.3 deg), in percent, read back by `twilight.studies.export.prague_sky`, which tests hold to the
+published reader.  And docs/prague.png: a sky of the file beside the field's.
 """
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
-from results import write
+import results
 
 from twilight.base.progress import silent
 from twilight.engine import solve
@@ -27,7 +24,8 @@ from twilight.studies.export.prague_air import airs_of, channel_nodes
 from twilight.studies.export.prague_file import PragueAxes, write_prague
 from twilight.studies.export.prague_sky import SAFETY_M, PragueSky
 
-HERE = Path(__file__).parent
+CLIMATE, VISIBILITY_KM, ALBEDO, QUALITY = "continental-average", 51.0, 0.15, "draft"
+CHANNELS, START_NM, NODES = 3, 440.0, 1
 SUNS_DEG = (60.0, 27.5, 5.0, 1.25, 0.0, -2.1, -4.0, -6.125, -9.0, -12.125, -15.0, -17.875)
 DIRECTIONS = 400
 WIDTH_NM = 40.0
@@ -36,27 +34,16 @@ LAYOUT = {"visibilities": 5, "albedos": 2, "channels": 11}
 
 def main() -> None:
     """Measure and write the table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--climate", default="continental-average")
-    parser.add_argument("--visibilities", default="51")
-    parser.add_argument("--albedos", default="0.15")
-    parser.add_argument("--channels", type=int, default=11)
-    parser.add_argument("--start-nm", type=float, default=320.0)
-    parser.add_argument("--nodes", type=int, default=2)
-    parser.add_argument("--quality", default="draft")
-    parser.add_argument("--picture", action="store_true")
-    options = parser.parse_args()
-    airs = airs_of([options.climate], tuple(float(v) for v in options.visibilities.split(",")))
-    albedo = np.array([float(a) for a in options.albedos.split(",")])
+    airs, albedo = airs_of([CLIMATE], (VISIBILITY_KM,)), np.array([ALBEDO])
     axes = PragueAxes(
-        np.array([a.visibility_km for a in airs]), albedo, np.array([SAFETY_M]), np.array(SUN_DEG), options.channels,
-        options.start_nm, WIDTH_NM,
+        np.array([a.visibility_km for a in airs]), albedo, np.array([SAFETY_M]), np.array(SUN_DEG), CHANNELS,
+        START_NM, WIDTH_NM,
     )  # fmt: skip
-    nodes = channel_nodes(options.channels, options.start_nm, WIDTH_NM, options.nodes)
+    nodes = channel_nodes(CHANNELS, START_NM, WIDTH_NM, NODES)
     fields: dict[tuple[int, int], object] = {}
 
     def field_of(v: int, b: int, progress: object) -> object:
-        scene = resolve(airs[v].config(float(albedo[b]), options.quality), wavelength_nm=nodes.wavelength_nm)
+        scene = resolve(airs[v].config(float(albedo[b]), QUALITY), wavelength_nm=nodes.wavelength_nm)
         fields[v, b] = solve(scene, cached=False)
         return fields[v, b]
 
@@ -73,9 +60,9 @@ def main() -> None:
         off = []
         for (v, b), field in fields.items():
             exact = nodes.mean(field.radiance(sun, e, a))
-            for c in range(options.channels):
+            for c in range(CHANNELS):
                 air = {"visibility_km": float(axes.visibility_km[v]), "albedo": float(albedo[b])}
-                found = sky.radiance(sun, e, a, options.start_nm + WIDTH_NM * (c + 0.5), **air)
+                found = sky.radiance(sun, e, a, START_NM + WIDTH_NM * (c + 0.5), **air)
                 off.append(100.0 * (found / exact[:, c] - 1.0))
         worst = max(np.percentile(np.abs(one), 95) for one in off)
         rows.append([sun, *(f"{x:.2f}" for x in (np.median(np.abs(off)), np.percentile(np.abs(off), 95), worst))])
@@ -83,14 +70,13 @@ def main() -> None:
     count = axes.shape[0] * axes.shape[1] * axes.shape[4]
     whole = LAYOUT["visibilities"] * LAYOUT["albedos"] * LAYOUT["channels"]
     notes = [
-        f"{options.climate}, zones {options.quality}, {axes.shape} of (air, albedo, altitude, sun, channel)",
+        f"{CLIMATE}, zones {QUALITY}, {axes.shape} of (air, albedo, altitude, sun, channel)",
         f"{size} bytes and {spent:.0f} s of processor time for {count} of the ground layout's {whole} visibilities x "
         f"albedos x channels: by proportion {size * whole / count / 1e6:.0f} MB and {spent * whole / count:.0f} s",
     ]
     columns = ["sun_elevation_deg", "median_percent", "p95_percent", "p95_of_worst_channel_percent"]
-    write(HERE / "prague.csv", columns, rows, notes=notes)
-    if options.picture:
-        picture(fields[0, 0], sky, nodes, axes, HERE.parent / "docs" / "prague.png")
+    results.write(results.FOLDER / "prague.csv", columns, rows, notes=notes)
+    picture(fields[0, 0], sky, nodes, axes, results.ROOT / "docs" / "prague.png")
 
 
 def picture(field, sky: PragueSky, nodes, axes: PragueAxes, path: Path) -> None:

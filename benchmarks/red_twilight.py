@@ -1,6 +1,6 @@
-"""Colours of level ground from day to dusk beside three recorded sessions, with a clean horizon, the preset `typical`
-and the screen that fits each: python benchmarks/red_twilight.py [SPECTRA.csv] writes red_twilight_fits.csv and the
-figure of docs/validation.md.
+"""Colours of level ground from day to dusk beside three recorded sessions: with a clean horizon, the preset `typical`,
+the mean of the screens that fit the other two, and its own: python benchmarks/red_twilight.py [SPECTRA.csv] writes
+red_twilight_fits.csv and the figure of docs/validation.md.
 
 A recording is on the scale of its own day (`spectra.on_own_day`); session 3, which has no day, on that of the two
 others.  Ratios are computed over recorded, of 650/550 and 450/550 nm, suns from 0 to -6 deg.
@@ -49,17 +49,24 @@ def main() -> None:
         on_day[name] = (light, here, factor)
         factors += [] if factor is None else [factor]
     sensor = np.exp(np.mean(np.log(factors), axis=0))
-    rows, off = [], {}
+    rows, off, fits = [], {}, {}
     for name, (light, here, factor) in on_day.items():
         if factor is None:
             light = replace(light, irradiance=light.irradiance / sensor)
-        fitted = recorded.fit(light, here, 0.1)
+        fits[name] = light, here, recorded.fit(light, here, 0.1)
         if name == "4":
-            draw(light, fitted, HERE / "red_twilight_session_4.png", "session 4, on the scale of its own day")
+            draw(
+                *fits[name][::2],
+                results.FOLDER / "red_twilight_session_4.png",
+                "session 4, on the scale of its own day",
+            )
+    for name, (light, here, fitted) in fits.items():
         dusk = (light.sun_deg >= DUSK_DEG[0]) & (light.sun_deg <= DUSK_DEG[1])
+        others = np.mean([fit.rises for other, (_, _, fit) in fits.items() if other != name], axis=0)
         for horizon, rises in (
             ("clean", np.eye(fitted.rises.size)[0]),
             ("typical", typical()),
+            ("of the other two", others),
             ("fitted", fitted.rises),
         ):
             computed = np.tensordot(rises, here.ground, 1)
@@ -68,7 +75,7 @@ def main() -> None:
             found = [ratio[dusk, w] for w in (red, blue)]
             off.setdefault(horizon, []).append(found)
             numbers = [f(one) for one in found for f in (np.median, np.min, np.max)]
-            day = "its own" if factor is not None else "of sessions 2, 4"
+            day = "its own" if on_day[name][2] is not None else "of sessions 2, 4"
             rows.append([name, day, horizon, *(f"{x:.2f}" for x in numbers), f"{zenith:.2f}"])
             print(*rows[-1], flush=True)
     for horizon, found in off.items():
@@ -80,7 +87,7 @@ def main() -> None:
     told = ", ".join(f"{f:.2f} at {w:g} nm" for f, w in zip(sensor / sensor[green], nm, strict=True))
     notes = ("computed over recorded, suns from 0 to -6 deg; rows all: median of the distance from 1",
              f"the sensor by day, over 550 nm: {told}")  # fmt: skip
-    results.write(HERE / "red_twilight_fits.csv", columns, rows, notes=notes)
+    results.write(results.FOLDER / "red_twilight_fits.csv", columns, rows, notes=notes)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,10 @@
 """The tables of docs/reliability.md: long tests with their times, and odd airs that were tried.
 
-    python benchmarks/reliability.py tests [FILE ...]    run the long tests of these files, or of all, in turn
-    python benchmarks/reliability.py page                write the page's tables from the tables here
+    python benchmarks/reliability.py [FILE ...]    run the long tests of these files, or of all, in turn
 
 Each file's long tests run as `pytest -m slow tests/FILE` in one process, which names the eight dearest; the processor
-time is that of the command with all that it started and compiled.  Writes benchmarks/slow_tests.csv, in which the files
-that were not run now stay as they are, and then the page: slow_tests.csv, and how many odd airs (odd_air.csv,
+time is that of the command with all that it started and compiled.  Writes results/slow_tests.csv, in which the files
+that were not run now stay as they are; `pages.py` puts it on the page, and how many odd airs (odd_air.csv,
 sharp_layers.csv) there were and how many went wrong.  A radiance of `standard` is wrong that is more than 1 % (sharp
 layers 3 %) and three of the reference solution's standard errors off.
 """
@@ -22,25 +21,24 @@ from pathlib import Path
 
 import results
 
-HERE = Path(__file__).parent
-ROOT = HERE.parent
-PAGE = ROOT / "docs" / "reliability.md"
-TESTS = HERE / "slow_tests.csv"
+TESTS = results.FOLDER / "slow_tests.csv"
 COLUMNS = ("file", "long_tests", "passed", "failed", "processor_s", "processor", "commit")
 ALLOWED_PERCENT = {"odd_air.csv": 1.0, "sharp_layers.csv": 3.0}
 
 
 def slow_files() -> list[str]:
     """Names of the test files that hold long tests."""
-    return sorted(file.name for file in (ROOT / "tests").rglob("test_*.py") if "mark.slow" in file.read_text("utf-8"))
+    return sorted(
+        file.name for file in (results.ROOT / "tests").rglob("test_*.py") if "mark.slow" in file.read_text("utf-8")
+    )
 
 
 def run_tests(file: str) -> tuple[int, int, int, float]:
     """(long tests, passed, failed, processor seconds)."""
     before = os.times()
-    path = str(next((ROOT / "tests").rglob(file)))
+    path = str(next((results.ROOT / "tests").rglob(file)))
     words = ["-m", "pytest", "-m", "slow", path, "-v", "-p", "no:cacheprovider", "--durations=8"]
-    done = subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, *words], cwd=results.ROOT, capture_output=True, text=True)
     after = os.times()
     print(done.stdout[-2000:], done.stderr[-500:], flush=True)
     counts = {word: int(n) for n, word in re.findall(r"(\d+) (passed|failed|error|skipped)", done.stdout)}
@@ -66,7 +64,7 @@ def tests(files: list[str]) -> None:
         row = run_tests(file)
         rows = {r["file"]: tuple(r.values()) for r in results.read_rows(TESTS)} if TESTS.exists() else {}
         rows[file] = (file, *map(str, row[:3]), f"{row[3]:.0f}", processor(), commit)
-        results.write(TESTS, COLUMNS, sorted(rows.values()), command="python benchmarks/reliability.py tests")
+        results.write(TESTS, COLUMNS, sorted(rows.values()), command="python benchmarks/reliability.py")
 
 
 def _table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
@@ -89,10 +87,10 @@ def tried() -> str:
     """Odd airs: how many, and how many wrong."""
     rows: list[list[str]] = []
     for name, allowed in ALLOWED_PERCENT.items():
-        if not (HERE / name).exists():
+        if not (results.FOLDER / name).exists():
             continue
         found: dict[str, list[bool]] = {}
-        for row in results.read_rows(HERE / name):
+        for row in results.read_rows(results.FOLDER / name):
             off = abs(float(row["standard_percent"]))
             found.setdefault(row["case"], []).append(off > allowed and off > 3.0 * float(row["reference_percent"]))
         for case, wrong in found.items():
@@ -100,24 +98,5 @@ def tried() -> str:
     return _table(("air", "radiances", "wrong"), rows)
 
 
-def page() -> None:
-    """Both tables of the page, each between its marks."""
-    text = PAGE.read_text(encoding="utf-8")
-    for name, table in (("long tests", long_tests()), ("tried", tried())):
-        begin, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
-        head, rest = text.split(begin)
-        text = f"{head}{begin}\n\n{table}\n\n{end}{rest.split(end)[1]}"
-    PAGE.write_text(text, encoding="utf-8")
-
-
-def main() -> None:
-    words = sys.argv[1:]
-    if not words or words[0] not in ("tests", "page"):
-        sys.exit((__doc__ or "").split("\n\n")[1])
-    if words[0] == "tests":
-        tests([Path(word).name for word in words[1:]])
-    page()
-
-
 if __name__ == "__main__":
-    main()
+    tests([Path(word).name for word in sys.argv[1:]])

@@ -23,6 +23,7 @@ from twilight import __version__
 from twilight.base.whole_files import whole_file
 
 ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "benchmarks" / "results"
 
 
 def heading(command: str = "") -> str:

@@ -4,7 +4,7 @@ Drawn skies (Hipparcos to Hp 5.5, over Vienna) with known truth: a fisheye and a
 off in focal length and without distortion; hot pixels, noise of photons and of reading out, and up to a half of
 the stars false.  Errors are angles between true and solved directions of pixels all over the picture.  Then a latitude-
 longitude photograph of unknown place and time, if one is given: how many stars fit, and what sky it shows.
-Writes benchmarks/stars.csv, and for a photograph benchmarks/stars_photograph.csv and .png.
+Writes results/stars.csv, and for a photograph results/stars_photograph.csv and .png.
 """
 
 from __future__ import annotations
@@ -18,17 +18,16 @@ import numpy as np
 import results
 from PIL import Image
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "tests"))
+sys.path.insert(0, str(results.ROOT / "tests"))
 
-from star_pictures import render_stars  # noqa: E402
+from star_pictures import render_stars
 
-from twilight.studies.camera import CameraModel  # noqa: E402
-from twilight.studies.camera.image import read_image  # noqa: E402
-from twilight.studies.validate.stars.calibrate import calibrate  # noqa: E402
-from twilight.studies.validate.stars.coordinates import StarSite, horizontal  # noqa: E402
-from twilight.studies.validate.stars.picture import draw  # noqa: E402
-from twilight.studies.validate.stars.planets import date_by_planets  # noqa: E402
+from twilight.studies.camera import CameraModel
+from twilight.studies.camera.image import read_image
+from twilight.studies.validate.stars.calibrate import calibrate
+from twilight.studies.validate.stars.coordinates import StarSite, horizontal
+from twilight.studies.validate.stars.picture import draw
+from twilight.studies.validate.stars.planets import date_by_planets
 
 PLACE = StarSite(48.2, 16.4, 0.2)
 """Vienna: latitude and longitude [deg], altitude [km]."""
@@ -92,7 +91,7 @@ def main() -> None:
                 )
             )
             print(*rows[-1], sep="\t", flush=True)
-    results.write(HERE / "stars.csv", HEADER, rows)
+    results.write(results.FOLDER / "stars.csv", HEADER, rows)
     if len(sys.argv) > 1:
         photograph(Path(sys.argv[1]))
 
@@ -116,8 +115,8 @@ def photograph(path: Path) -> None:
         facts["other_dates_2000_to_2036"] = dating.others
     for key, value in facts.items():
         print(key, value, sep="\t")
-    results.write(HERE / "stars_photograph.csv", ("figure", "value"), list(facts.items()))
-    drawn = HERE / "stars_photograph.png"
+    results.write(results.FOLDER / "stars_photograph.csv", ("figure", "value"), list(facts.items()))
+    drawn = results.FOLDER / "stars_photograph.png"
     draw(light, made, drawn)
     with Image.open(drawn) as whole:
         sky = whole.crop((0, 0, whole.width, round(0.53 * whole.height))).quantize(256, Image.Quantize.MAXCOVERAGE)

@@ -2,7 +2,7 @@
 
     python benchmarks/tables.py [AIR ...]
 
-Writes benchmarks/tables.csv, a row for each quantity: errors of radiance at 95 % and at most in 1,000 directions from
+Writes results/tables.csv, a row for each quantity: errors of radiance at 95 % and at most in 1,000 directions from
 0.3 deg above the horizon, 0.3 deg and more from the sun's disc, of `field.table(sun)` and of the table of many suns
 half-way between two of them (`between suns`); sizes; the aureole's axes; processor seconds at eight wavelengths, in one
 process with an empty cache, after a first sky of another air has compiled the kernels.  AIR: these alone are measured,
@@ -31,11 +31,10 @@ from twilight.io import write_outputs
 from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky.table import SkyTable
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "engine"))
+sys.path.insert(0, str(results.ROOT / "tests"))
+sys.path.insert(0, str(results.ROOT / "tests" / "engine"))
 from test_files_beside_field import BESIDE_DEG, DISC_DEG, directions
 
-ROOT = Path(__file__).resolve().parents[1]
 AIRS = ("pure-air", "continental-average", "urban", "desert", "maritime-clean")
 SUNS_DEG = (60.0, 30.0, 10.0, 2.0, -1.0, -2.3, -4.0, -8.0, -14.0)
 AUREOLE_SUNS_DEG = (10.0, 28.0, 30.0, 33.0)
@@ -139,7 +138,7 @@ def main() -> None:
     if sys.argv[1:]:
         csv.writer(sys.stdout, lineterminator="\n").writerows([COLUMNS, *rows])
         return
-    results.write(ROOT / "benchmarks" / "tables.csv", COLUMNS, rows)
+    results.write(results.FOLDER / "tables.csv", COLUMNS, rows)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """Whether `--target-error` is right in air that its errors were not taken from.
 
-    python benchmarks/target_error.py           each climate left out in turn, from benchmarks/zones_error.csv
+    python benchmarks/target_error.py           each climate left out in turn, from results/zones_error.csv
     python benchmarks/target_error.py unseen    airs drawn at random, too: AIRS of them, about a processor minute each
 
-Writes benchmarks/target_error.csv: for every climate, quality and range of suns the error [%] that
+Writes results/target_error.csv: for every climate, quality and range of suns the error [%] that
 `twilight.solvers.zones.solver` would promise, were it to know the other climates of its kind alone (the largest of
 theirs, of this range or a higher sun, times SAFETY_FACTORS), and the one that the climate has beside Monte-Carlo.
 
@@ -14,7 +14,6 @@ error is not in it (`MEASURED_ERRORS`: 0.2 to 0.8 % in continental air).  What w
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,7 +34,7 @@ from twilight.solvers.zones.solver import (
     kind_of,
 )
 
-TABLE = Path(__file__).parent / "target_error.csv"
+TABLE = results.FOLDER / "target_error.csv"
 RANGES = ("day", "twilight", "deep")
 COLUMNS = "climate,kind,quality,suns,beside,promised_percent,got_percent"
 AIRS = 4
@@ -64,7 +63,7 @@ def place(sun_elevation_deg: float) -> int:
 def left_out() -> list[list[str]]:
     """Rows of the thirteen climates, each beside what the others promise."""
     found: dict[tuple[str, str], list[float]] = {}
-    for row in results.read_rows(TABLE.parent / "zones_error.csv"):
+    for row in results.read_rows(results.FOLDER / "zones_error.csv"):
         errors = found.setdefault((row["quality"], row["climate"]), [0.0, 0.0, 0.0])
         k = place(float(row["sun_elevation_deg"]))
         errors[k] = max(errors[k], float(row["excess_percent"]))

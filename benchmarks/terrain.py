@@ -3,15 +3,13 @@
 The two shipped pictures with mountains' shadows (configs/light-shafts.yaml, mountain-shadow.yaml), smaller, at 450, 550
 and 650 nm.  Where shadows darken a line of sight: what they take away, in percent of the light without shadows, exactly
 (sunlight scattered once, out of every dark part) and by cutting the dark length off one end, and how far the second is
-from the first.  Writes benchmarks/terrain.csv.
+from the first.  Writes results/terrain.csv.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
-from results import write
+import results
 
 from twilight.config import load_series
 from twilight.engine import solve
@@ -20,7 +18,7 @@ from twilight.scene import Scene
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 
-OUT = Path(__file__).with_name("terrain.csv")
+OUT = results.FOLDER / "terrain.csv"
 CONFIGS = ("light-shafts", "mountain-shadow")
 WIDTH = 224
 """Of a view [px]."""
@@ -63,7 +61,7 @@ def main() -> None:
         "median_difference_percent", "rms_difference_percent", "p95_difference_percent",
     )  # fmt: skip
     note = f"{WIDTH} x {HEIGHT} pixels, zones draft; darkened: share of the lines that lose over {LEAST_PERCENT} %"
-    write(OUT, columns, rows, notes=[note])
+    results.write(OUT, columns, rows, notes=[note])
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """How few wavelengths do: luminance and colour from some of them against those from 91, and where to place eight.
 
-    python benchmarks/wavelengths.py           writes benchmarks/wavelengths.csv
+    python benchmarks/wavelengths.py           writes results/wavelengths.csv
     python benchmarks/wavelengths.py search    looks for the best places of eight between 380 and 720 nm
 
 Skies of `zones` at quality `draft` every 4 nm from 380 to 740 nm: four climates, nine suns from +30 to -15 deg, 35
@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import results
@@ -104,7 +103,7 @@ def main() -> None:
         chosen = nearest(wavelength_nm)
         rows.append([name, *(f"{x:.2f}" for x in figures(chosen)), " ".join(f"{w:g}" for w in FINE_NM[chosen])])
         print(*rows[-1], sep="\t")
-    results.write(Path(__file__).with_suffix(".csv"), header, rows)
+    results.write(results.FOLDER / "wavelengths.csv", header, rows)
 
 
 if __name__ == "__main__":

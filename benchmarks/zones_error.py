@@ -4,8 +4,8 @@
     python benchmarks/zones_error.py standard             one quality
     python benchmarks/zones_error.py standard urban       and one climate
 
-Writes benchmarks/zones_error.csv after every climate, and keeps rows that were not asked for: relative errors of the
-radiance over all directions and wavelengths of benchmarks/reference/CLIMATE.csv, whose light is polarised, as theirs
+Writes results/zones_error.csv after every climate, and keeps rows that were not asked for: relative errors of the
+radiance over all directions and wavelengths of results/reference/CLIMATE.csv, whose light is polarised, as theirs
 is.  The table's standard error is subtracted in the mean square: `excess_percent` is what 95 % of normally distributed
 errors of the rest would stay below.  Times are of the processor, for all suns and the three wavelengths, which take as
 long as eight do (a block of the solver), compilation apart; memory is the peak of the process while the field is made
@@ -17,7 +17,6 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import results
@@ -27,7 +26,6 @@ from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 
-HERE = Path(__file__).parent
 CLIMATES = {
     name: "pure-air-climate" if name == "pure-air" else name
     for name in (
@@ -36,7 +34,7 @@ CLIMATES = {
         *("maritime-tropical", "arctic", "antarctic"),
     )
 }
-"""Names of the tables of the reference solution in benchmarks/reference, by climate."""
+"""Names of the tables of the reference solution in results/reference, by climate."""
 USUAL = ("draft", "standard")
 HEADER = (
     "climate,quality,sun_elevation_deg,median_percent,p95_percent,max_percent,mean_percent,reference_percent,"
@@ -68,12 +66,12 @@ def compile_kernels() -> None:
 
 
 def main(qualities: list[str], climates: list[str]) -> None:
-    path = HERE / "zones_error.csv"
+    path = results.FOLDER / "zones_error.csv"
     rows = [list(row.values()) for row in results.read_rows(path)]
     compile_kernels()
     for quality in qualities:
         for climate in climates:
-            file = HERE / "reference" / f"{CLIMATES[climate]}.csv"
+            file = results.FOLDER / "reference" / f"{CLIMATES[climate]}.csv"
             if not file.exists():
                 print(f"{climate}: no {file.name} (benchmarks/montecarlo_reference.py {climate} makes it)")
                 continue

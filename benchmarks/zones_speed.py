@@ -1,6 +1,6 @@
 """Processor seconds of `zones`: a field of all suns, line by line, and one more sky of it.
 
-    python benchmarks/zones_speed.py           writes benchmarks/zones_speed.csv
+    python benchmarks/zones_speed.py           writes results/zones_speed.csv
     python benchmarks/zones_speed.py profile   prints where a field's time goes, in two climates
 
 Eight wavelengths, one thread, kernels compiled before; continental air, and desert in the profile.  A sky is 120 x 30
@@ -25,7 +25,6 @@ from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 
-HERE = Path(__file__).parent
 WAVELENGTH_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0)
 SUNS_DEG = (60.0, 30.0, 5.0, 0.0, -2.0, -4.0, -6.0, -8.0, -10.0, -12.0, -15.0, -18.0)
 AZIMUTH_DEG = np.arange(120) * 3.0 + 1.5
@@ -101,8 +100,8 @@ def main() -> None:
             times.append(time.process_time() - begin)
         rows.append([f"one more sky, sun at {sun:g} deg", f"{min(times):.3f}"])
     notes = ["one thread; fields of all suns at 8 wavelengths, skies of 120 x 30"]
-    results.write(HERE / "zones_speed.csv", ["what", "processor_s"], rows, notes=notes)
-    print((HERE / "zones_speed.csv").read_text(), end="")
+    results.write(results.FOLDER / "zones_speed.csv", ["what", "processor_s"], rows, notes=notes)
+    print((results.FOLDER / "zones_speed.csv").read_text(), end="")
 
 
 if __name__ == "__main__":

@@ -29,6 +29,16 @@ HANDS_UP = {
 }
 """Classes that the data is in when it leaves a room."""
 
+STOREYS = (
+    ("cli", "api"),
+    ("show", "studies"),
+    ("engine", "scene", "terrain", "config"),
+    ("io", "sky", "solvers"),
+    ("transport", "atmosphere"),
+    ("numerics", "jit", "base"),
+)
+"""Rooms of the six storeys, from the top."""
+
 
 def modules() -> dict[str, Path]:
     """All modules of the package by name; a package's is its `__init__`."""
@@ -87,6 +97,7 @@ def takes() -> set[tuple[str, str]]:
 def drawing() -> str:
     """A row for each room.  Below its name a line goes down: every dot on it is a room from which it takes."""
     order, pairs, names = layers(), takes(), modules()
+    storeys = {room: n for n, rooms in enumerate(STOREYS, 1) for room in rooms}
     lowest = {room: max([i for i, below in enumerate(order) if (room, below) in pairs], default=-1) for room in order}
     rows = []
     for i, room in enumerate(order):
@@ -95,8 +106,9 @@ def drawing() -> str:
         marks = ["●" if (above, room) in pairs else "│" if i < lowest[above] else " " for above in order[:i]]
         head = "┐" if lowest[room] > i else " "
         up = ", ".join(HANDS_UP.get(room, ()))
-        rows.append(f"{room:<11}{len(files):4}{lines:8,}   {'  '.join([*marks, head]):<{3 * len(order)}}{up}".rstrip())
-    return "\n".join([f"{'room':<11}files  lines   {'takes from':<{3 * len(order)}}hands up", *rows])
+        name = f"{storeys[room]} {room:<11}{len(files):4}{lines:8,}"
+        rows.append(f"{name}   {'  '.join([*marks, head]):<{3 * len(order)}}{up}".rstrip())
+    return "\n".join([f"  {'room':<11}files  lines   {'takes from':<{3 * len(order)}}hands up", *rows])
 
 
 def drawn(text: str) -> str:

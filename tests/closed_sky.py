@@ -12,9 +12,9 @@ from airs import scene_of_field, turbid
 
 from twilight.engine import Field, solve
 from twilight.numerics.directions import scattering_angle_rad
+from twilight.show.tables import PageNodes
+from twilight.show.tones import Channels
 from twilight.solvers.base import BareField
-from twilight.viewer.tables import PageNodes
-from twilight.viewer.tones import Channels
 
 EIGHT_NM = np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0])
 """Wavelengths of pages and shaders [nm]."""

@@ -53,8 +53,8 @@ LONG = (
 others are done; the first two compile different solvers, so that two processes do not compile the same one at once."""
 
 PARTS = 3
-COSTS = Path(__file__).parents[1] / "benchmarks" / "slow_tests.csv"
-"""Processor time [s] of each file's long tests, written by `python benchmarks/reliability.py tests`."""
+COSTS = Path(__file__).parents[1] / "benchmarks" / "results" / "slow_tests.csv"
+"""Processor time [s] of each file's long tests, written by `python benchmarks/reliability.py`."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -6,8 +6,8 @@ import numpy as np
 from airs import scene_of_field, turbid
 from closed_sky import FIVE_NM, ClosedSky
 
-from twilight.animation.film import Animation
 from twilight.config import load
+from twilight.show.film import Animation
 
 FIVE = {"from_deg": 0.0, "to_deg": -10.0, "speed": 600.0, "frames_per_second": 1.0, "nodes": (17, 13)}
 """Of five pictures."""

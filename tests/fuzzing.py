@@ -12,12 +12,11 @@ import signal
 import threading
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from copy import deepcopy
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin
 
-import yaml
+from pydantic import BaseModel
 
 from twilight.base.errors import TwilightError
 
@@ -126,158 +125,20 @@ def check_message(message: str, what: str) -> None:
         raise Fault(f"{what}: a refusal that cannot be printed: {message[:300]!r}") from error
 
 
-# --- configurations ---
+def dotted_keys(model: type[BaseModel], before: str = "") -> Iterator[str]:
+    """Every key of a section and of the sections in it, as `--set` takes them."""
+    for name, info in model.model_fields.items():
+        yield before + name
+        for section in _sections(info.annotation):
+            yield from dotted_keys(section, f"{before}{name}.")
 
 
-def seeds(root: Path) -> list[dict[str, Any]]:
-    """Valid documents: those in `climates/` and `configs/`, and some that use what these do not."""
-    files = sorted([*root.glob("climates/*.yaml"), *root.glob("configs/*.yaml")])
-    found = [yaml.load(file.read_text(encoding="utf-8"), Loader=yaml.BaseLoader) for file in files]
-    documents = [_typed(document) for document in found]
-    documents += [
-        {
-            "version": 1, "name": "all", "climate": {
-                "version": 1, "name": "own",
-                "atmosphere": {"profile": "tropical", "top_km": 90, "layers": {"equal_air_mass": 40}},
-                "gases": {"ozone": {"column_du": 300, "treatment": "layer"}, "no2": False, "o4": True},
-                "refraction": {"model": "haber", "co2_ppm": 400},
-                "aerosol": {"components": {"waso": 7000, "inso": 0.4}, "relative_humidity_percent": 80,
-                            "optical_depth_550nm": 0.2, "phase_function": "henyey_greenstein",
-                            "mineral_transported": {"bottom_km": 2, "top_km": 4, "optical_depth_550nm": 0.1}},
-                "stratosphere": {"kind": "background", "season": "fall_winter"},
-                "ground": {"albedo": {"wavelength_nm": [400, 700], "albedo": [0.1, 0.2]}}},
-            "sun": {"start": "2003-12-08T16:00", "stop": "2003-12-08T18:00", "step_minutes": 30,
-                    "latitude_deg": 49, "longitude_deg": 7, "time_zone": "Europe/Berlin"},
-            "observer": {"altitude_km": 0.5}, "wavelengths": {"list_nm": [450, 550, 650]},
-            "solar_spectrum": "sao2010", "solver": {"name": "cells", "quality": "draft", "max_orders": 4},
-            "texture": {"azimuth_count": 36, "elevation_count": 9},
-            "output": {"renderer": "blender", "width": 64, "spectral_width": 32, "views": ["fisheye"],
-                       "exposure_ev100": 3, "tone_mapping": "gamma"},
-            "omit_negligible": False,
-        },
-        {"version": 1, "climate": "pure-air", "sun": {"elevations_deg": [30, 3]}, "solver": {"name": "cie"},
-         "texture": {"resolution_deg": 45}, "output": {"width": 16, "spectral_width": 8},
-         "vary": {"ground.albedo": [0, 0.5], "observer.altitude_km": [0, 0.1]}},
-        {"version": 1, "medium": {"table": "t1.csv", "depolarisation": 0.03}, "ground": {"albedo": 0.3}},
-        {"version": 1, "climate": "pure-air", "solver": {"name": "montecarlo", "samples": 8, "target_stderr": None}},
-        {"version": 1, "climate": "pure-air",
-         "solver": {"name": "zones", "quality": "draft", "expert": {"degree": 6, "late_degree": 5}}},
-        {"version": 1, "climate": "pure-air", "solver": {"name": "preetham", "turbidity": 3.0}},
-    ]  # fmt: skip
-    return documents
-
-
-def _typed(value: Any) -> Any:
-    """YAML 1.2 scalars of a document that was read as text."""
-    if isinstance(value, dict):
-        return {key: _typed(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_typed(item) for item in value]
-    for kind in (int, float):
-        with suppress(ValueError):
-            return kind(value)
-    return {"true": True, "false": False, "null": None}.get(value, value)
-
-
-def mutated_document(rng: random.Random, documents: list[dict[str, Any]]) -> str:
-    """The text of a valid document with one to four faults in its data, or in its text, or in both."""
-    data: Any = deepcopy(rng.choice(documents))
-    kind = rng.random()
-    for _ in range(rng.choice((1, 1, 1, 2, 4))):
-        if kind < 0.85:
-            data = _mutate(rng, data, documents)
-    text = yaml.safe_dump(_printable(data), allow_unicode=rng.random() < 0.5, default_flow_style=None, sort_keys=False)
-    if kind > 0.7:
-        for _ in range(rng.choice((1, 1, 2, 8))):
-            text = _mutate_text(rng, text)
-    return text
-
-
-def _printable(value: Any) -> Any:
-    """Without what YAML cannot write."""
-    if isinstance(value, dict):
-        return {str(key): _printable(item) for key, item in value.items()}
-    return [_printable(item) for item in value] if isinstance(value, list) else value
-
-
-def _places(value: Any, path: tuple = ()) -> Iterator[tuple]:
-    yield path
-    items = value.items() if isinstance(value, dict) else enumerate(value[:20]) if isinstance(value, list) else ()
-    for key, item in items:
-        yield from _places(item, (*path, key))
-
-
-def _mutate(rng: random.Random, data: Any, documents: list[dict[str, Any]]) -> Any:
-    path = rng.choice(list(_places(data)))
-    if not path:
-        if rng.random() < 0.9:
-            return data if not isinstance(data, dict) else data | {_key(rng, documents): _value(rng, documents)}
-        return deepcopy(rng.choice(NASTY))
-    parent = data
-    for part in path[:-1]:
-        parent = parent[part]
-    last = path[-1]
-    how = rng.randrange(7)
-    if how <= 2:
-        parent[last] = _value(rng, documents)
-    elif how == 3:
-        del parent[last]
-    elif how == 4 and isinstance(parent, dict):
-        parent[_key(rng, documents)] = parent.pop(last)
-    elif how == 5 and isinstance(parent[last], int | float) and not isinstance(parent[last], bool):
-        parent[last] = _near(rng, parent[last])
-    elif how == 6:
-        parent[last] = [deepcopy(parent[last])] if rng.random() < 0.5 else {_key(rng, documents): parent[last]}
-    return data
-
-
-def _near(rng: random.Random, number: float) -> float:
-    try:
-        return rng.choice((-number, number * 10, number / 10, number + 1, number - 1, number * 1e6, float(number), -1))
-    except OverflowError:
-        return -1
-
-
-def _value(rng: random.Random, documents: list[dict[str, Any]]) -> Any:
-    if rng.random() < 0.7:
-        return deepcopy(rng.choice(NASTY))
-    if rng.random() < 0.1:
-        deep: Any = 1
-        for _ in range(rng.choice((5, 20, 80))):
-            deep = [deep] if rng.random() < 0.5 else {"a": deep}
-        return deep
-    other: Any = rng.choice(documents)
-    for part in rng.choice(list(_places(other))):
-        other = other[part]
-    return deepcopy(other)
-
-
-def _key(rng: random.Random, documents: list[dict[str, Any]]) -> str:
-    names = [part for path in _places(rng.choice(documents)) for part in path if isinstance(part, str)]
-    return rng.choice(
-        [*names, "", "x", "a.b", "é漢字", "0", "vary", "solver", "sun", "\0", "x" * 500, "..", "<elevation>"]
-    )
-
-
-def _mutate_text(rng: random.Random, text: str) -> str:
-    how = rng.randrange(6)
-    at = rng.randrange(len(text) + 1)
-    lines = text.split("\n")
-    if how == 0:
-        return text[:at] + rng.choice(ODD_YAML) + text[at:]
-    if how == 1:
-        return text[:at] + chr(rng.choice((rng.randrange(128), rng.randrange(0xD800)))) + text[at + 1 :]
-    if how == 2:
-        return text[:at]
-    if how == 3:
-        line = rng.randrange(len(lines))
-        lines[line] = lines[line].partition(":")[0] + ": " + rng.choice(ODD_YAML)
-    elif how == 4:
-        lines.insert(rng.randrange(len(lines) + 1), rng.choice(lines))
-    else:
-        line = rng.randrange(len(lines))
-        lines[line] = " " * rng.randrange(6) + lines[line].lstrip()
-    return "\n".join(lines)
+def _sections(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    elif get_origin(annotation) is not tuple:
+        for part in get_args(annotation):
+            yield from _sections(part)
 
 
 # --- files ---

@@ -9,7 +9,7 @@ import numpy as np
 
 from twilight.solvers import zones
 
-REFERENCE = Path(__file__).parents[1] / "benchmarks" / "reference"
+REFERENCE = Path(__file__).parents[1] / "benchmarks" / "results" / "reference"
 QUICK = zones.ZonesSettings(
     degree=12, max_degree=20, polar_directions=9, azimuth_directions=9, late_degree=5, late_polar_directions=6,
     late_azimuth_directions=6, altitude_density=0.5, zenith_density=0.6, step_density=0.4,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import types
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from typer.testing import CliRunner
 
 from twilight import solvers
 from twilight.base.errors import TwilightError
+from twilight.base.sections import option, settings
 from twilight.cli.app import app
 from twilight.io import picture
 from twilight.solvers.base import BareField, Capabilities
@@ -24,14 +24,10 @@ TABLE_NM = (420, 495, 570, 645)
 SMALL = ["texture={azimuth_count: 36, elevation_count: 9}", "output.width=64", "output.spectral_width=32"]
 
 
-@dataclass(frozen=True)
+@settings
 class PlainSettings:
-    """brightness: of the sky above the horizon towards the sun [sr^-1]
-    fail_at_deg: a sun that cannot be computed
-    """
-
-    brightness: float = 0.01
-    fail_at_deg: float = 99.0
+    brightness: float = option("of the sky above the horizon towards the sun [sr^-1]", default=0.01)
+    fail_at_deg: float = option("a sun that cannot be computed", default=99.0)
 
 
 class PlainField(BareField):

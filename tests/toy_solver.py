@@ -3,25 +3,23 @@ request."""
 
 import os
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from twilight import solvers
 from twilight.base.errors import TwilightError
+from twilight.base.sections import option, settings
 from twilight.solvers.base import BareField, Capabilities
 
 solvers.SOLVERS["toy"] = "toy_solver"
 
 
-@dataclass(frozen=True)
+@settings
 class Settings:
-    """wait_s: for each sky; factor: on its light, 13 fails; hold_mib: memory during each sky"""
-
-    wait_s: float = 0.0
-    factor: float = 1.0
-    hold_mib: int = 0
+    wait_s: float = option("for each sky", default=0.0)
+    factor: float = option("on its light, 13 fails", default=1.0)
+    hold_mib: int = option("memory during each sky", default=0)
 
 
 CAPABILITIES = Capabilities(every_observer=True)

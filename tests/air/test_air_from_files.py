@@ -59,25 +59,6 @@ def test_the_climate_of_an_inversion_is_read_back(tmp_path):
     assert (aerosol.boundary_layer_top_km, aerosol.scale_height_km) == (2.0, 8.0)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ([], "needs a file, or --ozone climatology"),
-        (["missing.txt"], "missing.txt: cannot be read: No such file"),
-        (["--ozone", "climatology"], "needs a place and a date"),
-        (["--ozone", "all"], "must be climatology"),
-        (["--ozone", "climatology", "--at", "2026-06-21T18:30Z"], "a time needs a place"),
-        (["--ozone", "climatology", *ASKED, "--base", "bruneton2008"], "is a table of coefficients"),
-        (["--ozone", "climatology", "--at", "2026-06-21T18:30", *ASKED[2:]], "needs time_zone"),
-    ],
-)
-def test_the_command_refuses_in_one_sentence(arguments, words, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    result = run(*arguments)
-    assert result.exit_code == 2 and words in result.stderr
-    assert len(result.stderr.splitlines()) == 1 and result.stdout == ""
-
-
 def test_the_section_air_reads_beside_its_file_and_its_record_needs_no_files(tmp_path):
     """Paths count from the climate's folder, the place is the sun's; its record gives the same air without them."""
     air_files.wyoming(tmp_path / "w.txt")
@@ -106,11 +87,6 @@ def test_the_section_air_reads_beside_its_file_and_its_record_needs_no_files(tmp
     ("air", "words"),
     [
         ({"sounding": "a.lev15", **PLACE}, "; air.sounding takes a sounding"),
-        ({"sounding": "gone.txt"}, "air.sounding: there is no file"),
-        ({"sondage": "a.lev15"}, "sondage is not a key; did you mean sounding"),
-        ({"ozone": "climatology", "at": "2026-06-21T18:30"}, "at needs its offset"),
-        ({"ozone": "climatology", "latitude_deg": 3.0}, "both latitude_deg and longitude_deg"),
-        ({"ozone": "climatology"}, "needs a place and a date"),
     ],
 )
 def test_the_section_air_refuses_in_one_sentence(tmp_path, air, words):

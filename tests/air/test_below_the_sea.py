@@ -98,10 +98,3 @@ def test_tables_and_montecarlo_see_the_dead_sea_alike():
     # draft has 5 % of noise at most, much of it the same in both
     np.testing.assert_allclose(change["tables"], change["montecarlo"], atol=0.03)
     assert (change["tables"][0, 1:] > 0.01).all()
-
-
-def test_an_observer_under_the_ground_is_refused():
-    with pytest.raises(TwilightError, match="set both where land lies below it"):
-        twilight.render("pure-air", sun_elevation_deg=5.0, altitude_km=DEAD_SEA_KM)
-    with pytest.raises(TwilightError, match=r"altitude_km"):
-        twilight.render("pure-air", sun_elevation_deg=5.0, settings={"climate.ground.altitude_km": -0.6})

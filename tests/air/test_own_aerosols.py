@@ -160,15 +160,6 @@ def test_files_are_found_beside_the_climate_and_recorded_by_their_content(tables
 @pytest.mark.parametrize(
     ("aerosol", "says"),
     [
-        ("type: urban, modes: [{}]", "needs one of type, components, modes, angstrom, table, got type and modes"),
-        ("optical_depth_550nm: 0.1", "needs one of type, .* got none"),
-        ("angstrom: {exponent: 1}", "angstrom needs optical_depth_550nm"),
-        ("modes: [{}], relative_humidity_percent: 50", "relative_humidity_percent has no meaning for modes"),
-        ("modes: [{sigma: 0.5}]", r"aerosol\.modes.*sigma must be a number from 1\.05 to 5"),
-        ("modes: [{refractive_index: {real: [1.4, 1.5]}}]", "has 1 wavelength_nm, 2 real and 1 imaginary"),
-        ("modes: [{min_radius_um: 2, max_radius_um: 1}]", "max_radius_um must be above min_radius_um"),
-        ("modes: [{median_radius: 1}]", "did you mean median_radius_um"),
-        ("table: {file: nowhere.csv}", r"aerosol\.table\.file: there is no file .*nowhere\.csv"),
         ("table: {file: optics.csv}", "column asymmetry is missing"),
         ("table: {file: with_g.csv, phase_function: phase.csv}", "column `asymmetry` is not known"),
         ("table: {file: optics.csv, phase_function: half.csv}", "angle_deg must go from 0 to 180"),

@@ -99,28 +99,6 @@ def test_only_the_files_asked_for_are_written(plain, table, tmp_path):
     assert {p.name for p in (tmp_path / "one").iterdir()} == {"sky.h5", "skies.jsonl"}
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        (
-            ["--only", "png,jpg"],
-            "--only: output.files holds 'jpg', which is not a file of a render; allowed are png, rgb",
-        ),
-        (["--only", "png,png"], "lists the same file twice"),
-        (
-            ["--only", "polarisation"],
-            "output.files: polarisation needs polarised light, and plain (standard) computes none",
-        ),
-        (["--polariser", "30"], "output.polariser_deg needs polarised light"),
-        (["--polariser", "300"], "--polariser: output.polariser_deg must be a number from -180"),
-    ],
-)
-def test_files_that_cannot_be_are_refused_before_anything_is_computed(plain, table, tmp_path, options, says):
-    result = call("render", table, *options, "--output", tmp_path / "out")
-    assert result.exit_code == 2 and says in result.stderr, result.stderr
-    assert not plain.calls and not (tmp_path / "out").exists()
-
-
 def test_options_take_the_place_of_keys(plain, table, tmp_path):
     options = ["--quality", "bright", "--solver", "plain", "--altitude-km", "1.5", "--renderer", "blender"]
     result = call("render", table, *options, "--set", "solver.brightness=0.2", "--output", tmp_path)

@@ -39,22 +39,6 @@ def test_a_picture_of_every_shape_has_sky_above_ground(kind, tmp_path):
         assert pixels[: len(pixels) // 4].mean() > 2.0 * pixels[-3:].mean()
 
 
-@pytest.mark.parametrize(
-    ("more", "sentence"),
-    [
-        (("--projection", "cubic"), "--projection: observer.view.kind must be one of perspective"),
-        (("--projection", "fisheye", "--size", "99999"), "--projection, --size: observer.view.width must be"),
-        (("--projection", "fisheye", "--size", "wide"), "--size: wide must be WIDTHxHEIGHT or WIDTH in pixels"),
-        (("--size", "640x480"), "--size: is the size of the picture of --projection; give both"),
-        (("--projection", "fisheye", "--only", "png"), "which --only png leaves out"),
-    ],
-)
-def test_what_cannot_be_is_one_sentence(more, sentence, tmp_path):
-    refused = call(*USUAL, *more, "--output", tmp_path / "out")
-    assert refused.exit_code == 2 and sentence in refused.stderr and "Traceback" not in refused.stderr
-    assert not (tmp_path / "out").exists()
-
-
 def test_size_fits_the_view_of_a_configuration(tmp_path):
     """A configuration with a view could not be tried small."""
     view = "observer.view={kind: perspective, width: 1024, height: 700, elevation_deg: 15}"

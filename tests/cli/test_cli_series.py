@@ -148,30 +148,3 @@ def test_an_evening_is_one_file_where_one_is_asked_for(plain, table, tmp_path):
             datetime(2026, 6, 21, 20), datetime(2026, 6, 21, 20, 30), datetime(2026, 6, 21, 21)
         ]  # fmt: skip
         assert data.sky.illuminance_lux().dims == ("time",) and data.solar_azimuth_angle.dims == ("time",)
-
-
-@pytest.mark.parametrize(
-    ("more", "says"),
-    [
-        (["--tone", "eye"], "evening.nc: holds radiances alone, and --tone is of other files; leave it out"),
-        (["--only", "png"], "--only is of other files"),
-        (["--disc"], "--disc is of other files"),
-        (["--set", "output.width=64"], "--set output.width is of other files"),
-        (["--set", "vary={ground.albedo: [0, 1]}"], "is a series of 2 (vary); give a folder, or take `twilight sweep`"),
-    ],
-)
-def test_what_one_file_does_not_hold_is_refused_before_anything_is_computed(plain, table, tmp_path, more, says):
-    result = call("render", table, "--output", tmp_path / "evening.nc", "--set", "texture={}", *more)
-    assert result.exit_code == 2 and says in result.stderr and len(result.stderr.splitlines()) == 1
-    assert not (tmp_path / "evening.nc").exists() and not plain.calls
-
-
-@pytest.mark.parametrize("command", ["animate", "compare", "export shader", "fit perez", "view"])
-def test_commands_of_one_scene_refuse_a_series_before_anything_is_computed(plain, table, tmp_path, command):
-    """A film, a page or a fit of the first of several scenes would look like that of all."""
-    output = {"animate": ["--output", tmp_path / "film.mp4"]}.get(command, [])
-    series = tmp_path / "series.yaml"
-    series.write_text(f"version: 1\nclimate: {table}\nvary: {{ground.albedo: [0, 1]}}\n")
-    result = call(*command.split(), series, *output)
-    assert result.exit_code == 2 and f"is a series of 2 scenes (vary); {command} takes one" in result.stderr
-    assert not plain.calls

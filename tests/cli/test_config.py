@@ -15,10 +15,10 @@ from pydantic import BaseModel
 
 from twilight import solvers
 from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.sections import Origins, validate
 from twilight.config import Climate, Config, load, load_climate, load_series
 from twilight.config.document import parse_yaml
 from twilight.config.load import parse_setting, shipped
-from twilight.config.validate import Origins, validate
 
 OPAC_TYPES = (
     "continental-clean continental-average continental-polluted urban desert "
@@ -96,113 +96,6 @@ def test_all_shipped_documents_load_and_are_named_like_their_files():
         assert aerosol.stratosphere == "measured"
 
 
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        (
-            "aerosol: {type: urban, relative_humidty_percent: 3}",
-            ["aerosol.relative_humidty_percent is not a key; did you mean relative_humidity_percent?"],
-        ),
-        (
-            "aerosol: {type: urban, relative_humidity_percent: 300}",
-            ["aerosol.relative_humidity_percent", "from 0 to 99 (%)", "300"],
-        ),
-        ("aerosol: {type: urbn}", ["aerosol.type", "urban", "'urbn'"]),
-        ("aerosol: {}", ["aerosol", "type", "components"]),
-        ("aerosol: {components: {wasso: 3}}", ["aerosol.components.wasso is not a key; did you mean waso?"]),
-        ("aerosol: {components: {waso: -3}}", ["aerosol.components.waso", "from 0", "-3"]),
-        ("atmosphere: {profle: tropical}", ["atmosphere.profle is not a key; did you mean profile?"]),
-        (
-            "atmosphere: {layers: {equal_air_mas: 3}}",
-            ["atmosphere.layers.equal_air_mas is not a key; did you mean equal_air_mass?"],
-        ),
-        ("atmosphere: {layers: {boundaries_km: [0, 5, 5]}}", ["atmosphere.layers", "increase"]),
-        ("atmosphere: {layers: {boundaries_km: [0, 5, 50]}}", ["atmosphere", "top_km", "100"]),
-        ("atmosphere: {top_km: tall}", ["atmosphere.top_km", "a number from 10 to 120 (km)", "'tall'"]),
-        ("gases: {ozone: {column_du: 300, day_of_year: 5}}", ["gases.ozone", "column_du", "day_of_year"]),
-        ("gases: {ozone: {colum_du: 300}}", ["gases.ozone.colum_du is not a key; did you mean column_du?"]),
-        ("gases: {no2: 1}", ["gases.no2", "true or false"]),
-        ("gases: {o3: true}", ["gases.o3 is not a key", "ozone"]),
-        ("refraction: {modl: ciddor}", ["refraction.modl is not a key; did you mean model?"]),
-        ("refraction: none", ["refraction", "mapping with the keys model, relative_humidity_percent, co2_ppm"]),
-        ("ground: {albedo: 1.5}", ["ground.albedo", "0 to 1", "1.5"]),
-        ("ground: {albedo: bright}", ["ground.albedo", "0 to 1", "'bright'"]),
-        (
-            "ground: {albedo: {wavelength_nm: [400, 500], albedo: [0.1]}}",
-            ["ground.albedo", "2 wavelength_nm", "1 albedo"],
-        ),
-        (
-            "ground: {albedo: {wavelength: [400, 500]}}",
-            ["ground.albedo.wavelength is not a key; did you mean wavelength_nm?"],
-        ),
-        ("stratosphere: {kind: volcanic}", ["stratosphere.kind", "moderate_volcanic", "'volcanic'"]),
-        ("stratosphere: {kind: tropical_low, season: fall_winter}", ["stratosphere", "season", "tropical_low"]),
-        ("medium: {table: a.csv}\ngases: {no2: false}", ["medium", "gases"]),
-        ("medium: {tabel: a.csv}", ["medium.tabel is not a key; did you mean table?"]),
-        ("medium: {}", ["medium.table"]),
-        ("sky: blue", ["sky is not a key", "allowed are"]),
-    ],
-)
-def test_a_wrong_climate_is_refused_in_one_sentence(tmp_path, text, parts):
-    sentence = refused(tmp_path, CLIMATE + text)
-    for part in parts:
-        assert part in sentence
-
-
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        ("sun: {elevation: 3}", ["sun.elevation is not a key; did you mean elevation_deg?"]),
-        ("sun: {elevation_deg: 91}", ["sun.elevation_deg", "from -90 to 90 (deg)", "91"]),
-        ("sun: {elevations_deg: [3, 100]}", ["sun.elevations_deg[1]", "from -90 to 90 (deg)", "100"]),
-        ("sun: {elevations_deg: []}", ["sun.elevations_deg"]),
-        ("sun: {at: 2003-12-08T16:00, latitude_deg: 49, longitude_deg: 7}", ["sun", "time_zone"]),
-        ("sun: {at: 2003-12-08T16:00+01:00, latitude_deg: 49}", ["sun.longitude_deg is missing"]),
-        ("sun: {at: noon, latitude_deg: 49, longitude_deg: 7}", ["sun.at", "2003-12-08T16:30"]),
-        (
-            "sun: {at: 2003-12-08T16:00, latitude_deg: 49, longitude_deg: 7, time_zone: Europe/Berln}",
-            ["sun.time_zone", "Europe/Berlin", "Europe/Berln"],
-        ),
-        (
-            "sun: {start: 2003-12-08T16:00Z, stop: 2003-12-08T15:00Z, latitude_deg: 49, longitude_deg: 7}",
-            ["sun", "stop", "start"],
-        ),
-        (
-            "sun: {start: 2003-12-08T16:00Z, step_minute: 4, latitude_deg: 49, longitude_deg: 7}",
-            ["sun.step_minute is not a key; did you mean step_minutes?"],
-        ),
-        ("sun: up", ["sun", "elevation_deg"]),
-        ("observer: {altitud_km: 3}", ["observer.altitud_km is not a key; did you mean altitude_km?"]),
-        ("observer: {altitude_km: -1}", ["observer.altitude_km", "-0.5 to 40000 (km)"]),
-        ("wavelengths: {list_nm: [500, 400]}", ["wavelengths", "increase"]),
-        ("wavelengths: {list_nm: [100, 400]}", ["wavelengths.list_nm[0]", "280 to 1000 (nm)"]),
-        ("wavelengths: {list_nm: [400], count: 3}", ["wavelengths", "list_nm", "count"]),
-        ("wavelengths: {cont: 3}", ["wavelengths.cont is not a key; did you mean count?"]),
-        ("texture: {resolution_deg: 7}", ["texture", "resolution_deg", "7"]),
-        ("texture: {azimuth_count: 2}", ["texture", "azimuth_count", "2"]),
-        ("output: {rendrer: mitsuba}", ["output.rendrer is not a key; did you mean renderer?"]),
-        ("output: {renderer: maya}", ["output.renderer", "mitsuba", "'maya'"]),
-        ("solver: {name: cels}", ["cels is not a solver; did you mean cells?"]),
-        ("solver: {name: cells, quality: drft}", ["drft is not a quality of cells; did you mean draft?"]),
-        (
-            "solver: {name: cells, azimuth_cell: 72}",
-            ["solver.azimuth_cell is not a key of cells; did you mean azimuth_cells?"],
-        ),
-        ("solver: {name: cells, azimuth_cells: many}", ["solver.azimuth_cells", "a whole number", "'many'"]),
-        ("solver: {name: cells, azimuth_cells: 3000}", ["solver.azimuth_cells", "3000", "allowed"]),
-        ("solver: cells", ["solver", "mapping"]),
-        ("vary: {aerosol.type: []}", ["vary", "lists"]),
-        ("vary: [1]", ["vary", "dotted keys"]),
-        ("vary: {aersol.type: [urban]}", ["aersol is not a key; did you mean aerosol?"]),
-        ("aerosol: {type: urban}", ["aerosol is not a key"]),
-    ],
-)
-def test_a_wrong_configuration_is_refused_in_one_sentence(tmp_path, text, parts):
-    sentence = refused(tmp_path, "version: 1\nclimate: pure-air\n" + text)
-    for part in parts:
-        assert part in sentence
-
-
 SECTIONS = [pytest.param(model, id=model.__name__) for model in models(Config)]
 
 
@@ -260,46 +153,6 @@ def test_the_json_schema_has_the_options_of_every_solver():
     assert orders["type"] == "integer" and orders["default"] == solvers.load("zones").QUALITIES["standard"].max_orders
 
 
-@pytest.mark.parametrize(
-    ("text", "part"),
-    [
-        ("version: 1\nname: [a", ":2:"),
-        ("version: 1\nversion: 1", ":2:1: not valid YAML: key version is given twice (first on line 1)"),
-        ("a: &x 1\nb: *x", "aliases"),
-        ("ground: {albedo: .nan}", "ground.albedo must be a finite number"),
-        ("ground: {albedo: -.inf}", "ground.albedo must be a finite number"),
-        ("1: 2", "must be text"),
-        ("a: !!python/object/apply:os.getcwd []", "not valid YAML"),
-        ("[" * 3000, "nested too deeply"),
-        ("just text", "keys and values"),
-        ("", "keys and values"),
-        ("name: x", "version is missing"),
-        ("version: 2\nname: x", "version must be 1, got 2"),
-        ("version: '1'\nname: x", "version must be 1, got '1'"),
-    ],
-)
-def test_yaml_that_is_not_a_document_is_refused_with_its_place(tmp_path, text, part):
-    assert part in refused(tmp_path, text)
-
-
-def test_files_that_cannot_be_read_are_refused(tmp_path):
-    (tmp_path / "long.yaml").write_text("a: " + "x" * 2_000_000)
-    (tmp_path / "latin.yaml").write_bytes(b"name: \xff\xfe")
-    for name, part in (
-        ("long.yaml", "larger than"),
-        ("latin.yaml", "UTF-8"),
-        ("none.yaml", "no such file"),
-        (".", "folder"),
-    ):
-        with pytest.raises(TwilightError, match=part):
-            load(tmp_path / name)
-
-
-def test_unknown_names_of_climates_name_the_nearest():
-    with pytest.raises(TwilightError, match=r"continetal-average is not .*did you mean continental-average\?"):
-        load("continetal-average")
-
-
 def test_scalars_are_those_of_yaml_1_2():
     text = "a: 1e-3\nb: 16:00\nc: 2003-12-08\nd: no\ne: -4\nf: .5\ng: ~\nh: true\n"
     assert parse_yaml(text, "x") == {
@@ -344,11 +197,6 @@ def test_series_are_products_and_each_member_has_its_own_name(tmp_path):
     path.write_text("version: 1\nclimate: urban\nvary: {observer.altitude_km: [1, 1]}\n")
     with pytest.raises(TwilightError, match="twice"):
         load_series(path)
-
-
-def test_a_number_is_not_text_and_not_a_switch(tmp_path):
-    assert "got True" in refused(tmp_path, CLIMATE + "ground: {albedo: true}")
-    assert "got '80'" in refused(tmp_path, CLIMATE + "aerosol: {type: urban, relative_humidity_percent: '80'}")
 
 
 def test_models_are_frozen():

@@ -8,7 +8,7 @@ from twilight import solvers
 from twilight.cli.options import SENTENCE, announce_compiling, must_compile
 
 KERNEL = """
-from numba import njit
+from twilight.jit.kernels import njit
 
 @njit(cache=True)
 def double(x):

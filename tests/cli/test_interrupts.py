@@ -123,14 +123,6 @@ def interrupted_render(folder: Path, number: int, rng: random.Random) -> dict[st
 
 
 @pytest.mark.parametrize("number", list(CODES))
-def test_a_sequence_interrupted_while_it_writes(tmp_path, number):
-    before = interrupted_render(tmp_path, number, random.Random(int(number)))
-    assert before  # what was finished is there
-    if number == signal.SIGKILL:
-        check_next_run(tmp_path, before)
-
-
-@pytest.mark.parametrize("number", list(CODES))
 @pytest.mark.parametrize("seed", range(2))
 def test_random_moments(tmp_path, number, seed):
     before = interrupted_render(tmp_path, number, random.Random(f"{number} {seed}"))
@@ -149,18 +141,3 @@ def test_moments_while_it_starts(tmp_path, number, seed):
     finished(tmp_path / "sky")
     if number != signal.SIGKILL:
         assert not leftovers(tmp_path / "sky")
-
-
-def test_an_interrupted_file_keeps_what_was_there(tmp_path):
-    """Whatever raises while a file is written: the old file stays, the temporary one goes."""
-    from twilight.io import whole_file
-
-    path = tmp_path / "sky.h5"
-    path.write_text("before")
-    for error in (KeyboardInterrupt, SystemExit(143), MemoryError, ValueError):
-        with pytest.raises(BaseException) as raised, whole_file(path) as temporary:
-            temporary.write_text("half")
-            raise error
-        assert raised.type is (error if isinstance(error, type) else type(error))
-        assert path.read_text() == "before"
-        assert [p.name for p in tmp_path.iterdir()] == ["sky.h5"]

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
-from click.testing import CliRunner
 
 import twilight
 from twilight.atmosphere.csv_columns import read_columns
@@ -18,7 +17,6 @@ from twilight.base.conventions import YEARS
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
-from twilight.config.sun import SunAt
 from twilight.scene.scene import suns_of
 from twilight.sky.ephemeris import Sites, sun_position
 from twilight.sky.quantities.responses import response
@@ -90,20 +88,6 @@ NO_ZONE = "2026-06-21T21:00"
 def test_a_time_without_a_zone_is_refused_everywhere(ask):
     with pytest.raises(TwilightError, match=r"time.?zone"):
         ask()
-
-
-@pytest.mark.parametrize("command", [["light"], ["timeline", "--start"], ["render"], ["climate", "from", "x.txt"]])
-def test_commands_refuse_a_time_without_a_zone(command, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    place = ["--latitude", "48.1", "--longitude", "11.5"]
-    words = {
-        "light": ["light", "pure-air", "--at", NO_ZONE, *place],
-        "timeline": ["timeline", "pure-air", "--at", "2026-06-21", "--start", NO_ZONE, *place],
-        "render": ["render", "pure-air", "--at", NO_ZONE, *place],
-        "climate": ["climate", "from", "x.txt", "--at", NO_ZONE, *place],
-    }[command[0]]
-    result = CliRunner().invoke(COMMANDS, words)
-    assert result.exit_code == 2 and "zone" in result.stderr and not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("year", [YEARS[0] - 1, YEARS[1] + 1])
@@ -192,8 +176,3 @@ def test_the_response_as_met():
         pytest.skip(f"{AS_MET} is not here")
     found = response(str(AS_MET / "resp-de.csv"))
     assert found.wavelength_nm[[0, -1]].tolist() == [400.0, 700.0] and found.value.max() == pytest.approx(0.9931)
-
-
-def test_sun_at_names_the_years():
-    with pytest.raises(ValueError, match="outside the years 1000 to 3000"):
-        SunAt(at="0999-06-21T12:00+00:00", latitude_deg=0, longitude_deg=0)

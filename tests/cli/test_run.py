@@ -190,23 +190,6 @@ def test_air_by_turbidity_and_by_visibility(name):
     assert told(**high)["turbidity at 550 nm (Preetham 1999)"] == "2.50"
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        ({"aerosol.turbidity": 3, "aerosol.visibility_km": 20}, "takes either turbidity or visibility_km, not both"),
-        ({"aerosol.turbidity": 0.5}, "turbidity must be"),
-        (
-            {"atmosphere.profile": "subarctic_winter", "aerosol.visibility_km": 330},
-            r"visibility_km is 330; allowed is 3\d\d, that of pure air",
-        ),
-    ],
-)
-def test_air_that_no_turbidity_or_visibility_has_is_one_sentence(settings, words):
-    """It would be taken in silence, or end in a traceback."""
-    with pytest.raises(TwilightError, match=words):
-        climate_medium(load("urban", settings).climate, np.array([550.0]))
-
-
 def test_keys_of_gases_layers_and_refraction_reach_the_medium():
     at = np.array([600.0])
     medium = climate_medium(load_climate("haber2005-air"), at)

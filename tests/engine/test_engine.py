@@ -157,10 +157,10 @@ def test_a_sweep_gives_a_formula_all_wavelengths_at_once():
     forget()
     keys = {**AIR, "climate": "continental-average", "solver": {"name": "preetham"}, "wavelengths": {"count": 40}}
     made = Sweep(load_axes({**keys, "vary": {"sun.elevation_deg": [30.0, 50.0]}}))
-    block = compute(made.payload(made.tasks[0]), threads=1).blocks[0]
-    scene = load(keys, {"sun.elevation_deg": made.position((0,)).sun_elevation_deg})
+    radiance = compute(made.payload(made.tasks[0]), threads=1).arrays["sun_normalised_radiance"]
+    scene = load(keys, {"sun.elevation_deg": made.sun((0,))[0].elevation_deg})
     half = run(resolve(scene)).sun_normalised_radiance[:, : made.azimuth_deg.size]
-    np.testing.assert_array_equal(block.radiance[0], half.astype(np.float32))
+    np.testing.assert_array_equal(radiance[0], half.astype(np.float32))
     forget()
 
 

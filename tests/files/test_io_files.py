@@ -150,21 +150,6 @@ def test_a_file_is_whole_or_what_it_was(tmp_path):
         pass
 
 
-def test_an_interrupted_h5_leaves_nothing(tmp_path, monkeypatch):
-    real, made = h5netcdf.File.create_variable, []
-
-    def interrupted(self, name, *arguments, **options):
-        if len(made) == 5:
-            raise KeyboardInterrupt
-        made.append(name)
-        return real(self, name, *arguments, **options)
-
-    monkeypatch.setattr(h5netcdf.File, "create_variable", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        write_sky(glow_sky(), tmp_path / "sky.h5")
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(
     "work", ["write", *(pytest.param(work, marks=pytest.mark.slow) for work in ("read", "series"))]
 )

@@ -24,7 +24,7 @@ from twilight.studies.camera import CameraModel, write_camera
 from twilight.studies.camera.image import write_exr
 from twilight.studies.validate.photographs.airs import OTHERS, SUN, Airs, Design, with_settings
 from twilight.studies.validate.photographs.estimate import Options, find_air
-from twilight.studies.validate.photographs.estimated import sun_range
+from twilight.studies.validate.photographs.estimating import sun_range
 from twilight.studies.validate.photographs.fit import Frame, Freedom
 from twilight.studies.validate.photographs.photo import OBSERVER, Cells
 from twilight.studies.validate.photographs.photograph import Photograph, read_photograph

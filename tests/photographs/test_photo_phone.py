@@ -7,8 +7,11 @@ from PIL import ExifTags, Image
 
 import twilight
 from twilight.base.errors import TwilightError
+from twilight.numerics.spectrum import xyz_to_rgb_matrix
 from twilight.sky import colour
 from twilight.studies.camera.exif import read_stated
+from twilight.studies.validate.photographs.fit import Errors, Frame, Freedom
+from twilight.studies.validate.photographs.photo import Cells
 from twilight.studies.validate.photographs.photograph import Photograph, check_sky, check_upright, read_photograph
 
 BASE, GPS = ExifTags.Base, ExifTags.GPS
@@ -132,3 +135,58 @@ def test_a_night_s_exposure_is_refused(tmp_path):
                 check_sky("a.jpg", found, seen)
         else:
             assert not any("night" in line for line in check_sky("a.jpg", found, seen))
+
+
+def test_a_camera_that_was_used_turns():
+    """Fails if what was derived of the camera as it was held before stayed with it."""
+    before = shot(np.full((60, 80, 3), 0.3), perspective(80, 60, elevation_deg=10.0))
+    middle = before.camera.principal_point_px
+    assert before.camera.azimuth_elevation(middle)[1] == pytest.approx(10.0)
+    after = before.turned(5.0, 0.0, (0.0, 0.0, 0.0), 2.0)
+    assert after.camera.azimuth_elevation(middle)[1] == pytest.approx(15.0)
+    assert after.camera.focal_length_px == pytest.approx(before.camera.focal_length_px / 1.02)
+
+
+def test_whole_steps_are_an_error_of_dark_colours():
+    """A step of chroma is 2 % of red and blue in a dark sky, less in a bright one, and none of floats."""
+    xyz = np.linalg.inv(xyz_to_rgb_matrix("cie1931_2deg")) @ np.array([[0.05, 0.06, 0.1], [0.4, 0.45, 0.5]]).T
+    cells = Cells(np.array([30.0, 10.0]), np.zeros(2), xyz.T, np.ones(2))
+    luma, blue, red = (step for step, _ in Frame(cells, eight_bits=True).rounded())
+    assert 0.01 < abs(red[1, 0]) < 0.12 and abs(blue[2, 0]) > 0.02
+    assert (np.abs(luma[0]) > 0.005).all() and abs(red[1, 1]) < 0.5 * abs(red[1, 0])
+    free = Freedom(curve=True, white_balance=True)
+    wide, narrow = (Errors([Frame(cells, sun_deg=5.0, eight_bits=e)], free, 0.02, [5.0]) for e in (True, False))
+    assert np.diag(wide.covariance(1.0))[2] > np.diag(narrow.covariance(1.0))[2]
+
+
+def no_sky(y, x):
+    """Leaves, or a page of text."""
+    return np.random.default_rng(1).uniform(0.02, 0.6, (*y.shape, 3))
+
+
+def moon(y, x):
+    """A disc in a black sky."""
+    return np.repeat(np.where(np.hypot(y - 40, x - 80) < 5, 0.9, 2e-5)[..., None], 3, axis=-1)
+
+
+def burnt(y, x):
+    """White above black ground."""
+    return np.repeat(np.where(y < 90, 1.0, 0.01)[..., None], 3, axis=-1)
+
+
+@pytest.mark.parametrize(
+    ("made", "taken", "said"),
+    [
+        (no_sky, {}, "hold clear sky"),
+        (moon, {BASE.ISOSpeedRatings: 1600}, "a night, or moonlight|hold clear sky"),
+        (burnt, {}, "over-exposed|hold clear sky"),
+        (lambda y, x: no_sky(y, x)[::-1] * (y < 90)[..., None] + burnt(90 - y, x), {}, "stands on its head|hold clear"),
+    ],
+    ids=["no sky", "moon", "burnt", "screenshot with a bright half"],
+)
+def test_pictures_that_say_nothing_are_refused_in_a_sentence(tmp_path, made, taken, said):
+    y, x = np.indices((120, 160))
+    path = jpeg(tmp_path / "a.jpg", made(y, x), taken=TAKEN | taken)
+    with pytest.raises(TwilightError, match=said) as refused:
+        twilight.estimate(path, sun_elevation_deg=5.0, sun_azimuth_deg=301.5)
+    assert len(str(refused.value).splitlines()) == 1

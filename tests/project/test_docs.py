@@ -52,46 +52,6 @@ def installed(tmp_path_factory):
     return run
 
 
-PAGE = """# Page
-
-```yaml
-version: 1
-name: given
-```
-
-```sh
-twilight show solvers
-cd elsewhere
-```
-
-    twilight show configs
-
-```python
-from pathlib import Path
-kept = Path("given.yaml").read_text().count("name")
-```
-
-```python
-print("kept", kept)
-```
-
-```python no-run
-raise SystemExit(1)
-```
-"""
-
-
-def test_what_a_page_shows_is_what_is_printed(executed):
-    found = executed.run_page(PAGE)
-    said = re.findall(r"^```text\n(.*?)^```$", found, flags=re.MULTILINE | re.DOTALL)
-    assert len(said) == 2 and "zones" in said[0] and said[1] == "kept 1\n"
-    assert re.sub(r"\n\n```text\n.*?\n```", "", found, flags=re.DOTALL) == PAGE
-    assert [executed.commands(code) for kind, code in executed.blocks(PAGE) if kind in ("sh", "read")] == [
-        ["twilight show solvers"],
-        ["twilight show configs"],
-    ]
-
-
 @pytest.mark.parametrize(
     "block", ["```python\nimport nothing_of_this_name\n```\n", "```sh\ntwilight render no-such-climate\n```\n"]
 )
@@ -155,9 +115,6 @@ def test_figures_of_pages_are_those_of_their_tables(monkeypatch):
     """A table was renewed and the page was not: `python benchmarks/pages.py`."""
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
     import pages
-    import reliability
 
     for name in pages.PARTS:
         assert pages.filled(name) == (ROOT / name).read_text(encoding="utf-8"), name
-    page = (DOCS / "reliability.md").read_text(encoding="utf-8")
-    assert reliability.tried() in page and reliability.long_tests() in page

@@ -8,16 +8,16 @@ from airs import scene_of_field, turbid
 from closed_sky import FIVE_NM as NM
 from closed_sky import ClosedSky
 
-from twilight.animation.draw import MoonDiscPainter
-from twilight.animation.film import Animation
 from twilight.config import load
 from twilight.engine import solve
 from twilight.io.exr import read_latlong_exr
 from twilight.scene import resolve
+from twilight.show.draw import MoonDiscPainter
+from twilight.show.film import Animation
+from twilight.show.moonlight import MoonColours, sky_elevations
+from twilight.show.tones import Channels
 from twilight.sky.colour import REC709_LUMINANCE
 from twilight.sky.moon import Moon
-from twilight.viewer.moonlight import MoonColours, sky_elevations
-from twilight.viewer.tones import Channels
 
 MEDIUM = turbid(wavelength_nm=NM)
 SKY = ClosedSky(

@@ -10,7 +10,7 @@ from toy_sky import glow_sky
 
 from twilight.base.errors import TwilightError
 from twilight.config.pictures import View
-from twilight.config.scene import Config, Observer
+from twilight.config.scene import Observer
 from twilight.engine import solve
 from twilight.engine.night import NightLight
 from twilight.engine.sunbeam import Direct
@@ -116,29 +116,6 @@ def test_the_night_of_a_view_is_behind_the_sky_and_on_the_ground():
     hidden = replace(plain.whole(), hidden=np.ones(view.shape, bool))
     lit = with_night(hidden, night).radiance - hidden.radiance
     assert lit == pytest.approx(np.broadcast_to([0.3, 0.4], lit.shape), rel=1e-4)
-
-
-def configuration(**more):
-    return {"version": 1, "climate": {"version": 1, "name": "x"}, **more}
-
-
-@pytest.mark.parametrize(
-    ("view", "message"),
-    [
-        ({"kind": "mercator"}, "must be one of perspective"),
-        ({"kind": "latlong", "width": 100, "height": 40}, "2 times as wide as high"),
-        ({"kind": "perspective", "field_of_view_deg": 175.0}, "above 0 to 170"),
-        ({"kind": "fisheye", "band_deg": [0.0, 1.0]}, "has no band"),
-    ],
-)
-def test_wrong_views_are_refused(view, message):
-    with pytest.raises(ValueError, match=message):
-        Config.model_validate(configuration(observer={"view": view}))
-
-
-def test_terrain_needs_a_view():
-    with pytest.raises(ValueError, match="is seen in a view alone"):
-        Config.model_validate(configuration(terrain={}))
 
 
 def test_files_of_a_view_need_one(tmp_path):

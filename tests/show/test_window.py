@@ -12,17 +12,15 @@ from airs import as_sky
 from browser import light_of, open_page, until
 from closed_sky import ALL_SKY, COARSE, ClosedSky, closed, gone_at_17_deg
 from closed_sky import EIGHT_NM as NM
-from typer.testing import CliRunner
 
 import twilight
 from twilight.api import calls  # noqa: F401 - attaches `view` to skies and fields
 from twilight.base.errors import TwilightError
-from twilight.cli.app import app
 from twilight.numerics.projections import view_directions
+from twilight.show.skies import view_fields, view_sky
+from twilight.show.tones import Channels
 from twilight.sky.ephemeris import parse_time, sun_position
 from twilight.sky.night import NightLevels, Place, night_radiance
-from twilight.viewer import view_fields, view_sky
-from twilight.viewer.tones import Channels
 
 BARE = {"disc": False, "night": False, "stars": False, "path": False}
 UP_DEG = 4.0
@@ -35,20 +33,13 @@ def field():
 
 
 @pytest.fixture(scope="module")
-def pages(field, tmp_path_factory):
+def pages(field, page_of_two, tmp_path_factory):
     folder = tmp_path_factory.mktemp("pages")
-    two = view_fields(
-        [field, closed("other", 2.0)],
-        names=["one", "other"],
-        scenes=["one", "other"],
-        altitudes_km=[0.0, 5.0, 60.0],
-        nodes=COARSE,
-    )
     return SimpleNamespace(
         one=view_fields([field], nodes=COARSE, names=["closed"], scenes=["continental-average"]).save(
             folder / "one.html"
         ),
-        two=two.save(folder / "two.html"),
+        two=page_of_two,
         sky=view_sky(as_sky(ClosedSky(field.medium, gone_at_17_deg), -4.0, 5.0)).save(folder / "sky.html"),
     )
 
@@ -136,7 +127,7 @@ def test_the_suns_place_and_the_night_are_those_of_twilight(field, pages):
 
 
 def test_every_control_does_what_it_says(pages):
-    with open_page(pages.two, 420, 600, accept_downloads=True, device_scale_factor=0.35) as (page, errors):
+    with open_page(pages.two, 420, 600, accept_downloads=True, device_scale_factor=0.2) as (page, errors):
         page.click("#toggle")
 
         def state(key):
@@ -288,18 +279,8 @@ def test_the_file_needs_no_network(pages):
     assert pages.two.stat().st_size < 25e6
 
 
-def test_what_view_refuses(field, tmp_path):
-    run = CliRunner().invoke
-    cases = {
-        ("pure-air", "--output", "x.png"): "--output: x.png must end in .html",
-        ("pure-air", "--altitudes-km", "0,50000"): "50000 is not allowed",
-        ("pure-air", "--altitudes-km", "3,1"): "must increase",
-        ("pure-air", "--set", "solver.name=montecarlo"): "has no sky for every sun and direction",
-        (str(tmp_path / "none.h5"),): "no such file",
-    }
-    for words, sentence in cases.items():
-        result = run(app, ["view", *words])
-        assert result.exit_code == 2 and sentence in result.stderr, words
+def test_a_page_of_three_fields_is_refused(field):
+    """The third would not be shown."""
     with pytest.raises(TwilightError, match="shows 1 or 2 fields"):
         view_fields([field] * 3)
 

@@ -7,32 +7,17 @@ import re
 import numpy as np
 import pytest
 from browser import open_page
-from closed_sky import COARSE, closed
-
-from twilight.viewer import view_fields
 
 PHONE = (390, 844)
 """Width and height of the window on a phone [px]."""
 DESK = (1280, 800)
 """Width and height of the window on a desk [px]."""
-COARSE_PIXELS = {"device_scale_factor": 1 / 3}
-"""A third of the pixels each way, drawn by the processor: layout, names and keys are the same."""
+COARSE_PIXELS = {"device_scale_factor": 1 / 8}
+"""An eighth of the pixels each way, drawn by the processor: layout, names and keys are the same."""
 FINGER_PX = 44
 """Least height of what is pressed (WCAG 2.2, criterion 2.5.5)."""
 RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
 STATES = {"elevation": {}, "clock": {"mode": "clock"}, "by hand": {"exposure": "manual"}, "eye": {"tone": "eye"}}
-
-
-@pytest.fixture(scope="module")
-def page_file(tmp_path_factory):
-    made = view_fields(
-        [closed(level=0.1), closed("other", 0.2)],
-        names=["one", "other"],
-        scenes=["continental-average --quality draft", "'my air.yaml' --set aerosol.load=2"],
-        altitudes_km=[0.0, 5.0],
-        nodes=COARSE,
-    )
-    return made.save(tmp_path_factory.mktemp("access") / "two.html")
 
 
 def open_all(page, wanted=True):
@@ -41,10 +26,10 @@ def open_all(page, wanted=True):
 
 
 @pytest.mark.parametrize("size", (PHONE, DESK), ids=("phone", "desk"))
-def test_axe_finds_nothing(page_file, size):
+def test_axe_finds_nothing(page_of_two, size):
     """Names, roles, contrast, focus order and target sizes, by axe-core, in every state of the panel."""
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="needs axe-playwright-python").Axe()
-    with open_page(page_file, *size, **COARSE_PIXELS) as (page, errors):
+    with open_page(page_of_two, *size, **COARSE_PIXELS) as (page, errors):
         open_all(page)
         for name, state in STATES.items():
             page.evaluate("s => { twilight.set(s); twilight.draw(); }", state)
@@ -59,9 +44,9 @@ def test_axe_finds_nothing(page_file, size):
 
 
 @pytest.mark.parametrize("size", (PHONE, DESK), ids=("phone", "desk"))
-def test_whatever_is_pressed_has_44_px_and_lies_within(page_file, size):
+def test_whatever_is_pressed_has_44_px_and_lies_within(page_of_two, size):
     """Buttons, sliders, selects, inputs, labels of ticks; nothing is cut off, nothing overlaps."""
-    with open_page(page_file, *size, **COARSE_PIXELS) as (page, errors):
+    with open_page(page_of_two, *size, **COARSE_PIXELS) as (page, errors):
         open_all(page)
         for name, state in STATES.items():
             page.evaluate("s => { twilight.set(s); twilight.draw(); }", state)
@@ -86,9 +71,9 @@ def test_whatever_is_pressed_has_44_px_and_lies_within(page_file, size):
         assert errors == []
 
 
-def test_a_phone_shows_the_sky(page_file):
+def test_a_phone_shows_the_sky(page_of_two):
     """Closed the sheet covers less than a quarter, open less than half; the sun's slider is as wide as the sheet."""
-    with open_page(page_file, *PHONE, has_touch=True, is_mobile=True, **COARSE_PIXELS) as (page, errors):
+    with open_page(page_of_two, *PHONE, has_touch=True, is_mobile=True, **COARSE_PIXELS) as (page, errors):
 
         def covered():
             return page.evaluate("document.getElementById('panel').getBoundingClientRect().height / innerHeight")
@@ -111,9 +96,9 @@ def test_a_phone_shows_the_sky(page_file):
         assert errors == []
 
 
-def test_keys_step_finely_and_coarsely(page_file):
+def test_keys_step_finely_and_coarsely(page_of_two):
     """On a slider: arrows 0.1 deg, Page keys 1 deg, Home and End; on the sky: comma, full stop and the Page keys."""
-    with open_page(page_file, *DESK, **COARSE_PIXELS) as (page, errors):
+    with open_page(page_of_two, *DESK, **COARSE_PIXELS) as (page, errors):
 
         def after(key, where="#sun", name="sun"):
             page.focus(where)
@@ -150,8 +135,8 @@ def test_keys_step_finely_and_coarsely(page_file):
         assert errors == []
 
 
-def test_every_control_has_a_name_of_its_own(page_file):
-    with open_page(page_file, *DESK, **COARSE_PIXELS) as (page, errors):
+def test_every_control_has_a_name_of_its_own(page_of_two):
+    with open_page(page_of_two, *DESK, **COARSE_PIXELS) as (page, errors):
         for state in STATES.values():
             page.evaluate("s => twilight.set(s)", state)
             names = page.evaluate(
@@ -163,9 +148,9 @@ def test_every_control_has_a_name_of_its_own(page_file):
         assert errors == []
 
 
-def test_azimuths_count_as_in_the_picture(page_file):
+def test_azimuths_count_as_in_the_picture(page_of_two):
     """To both sides of the sun where the picture's directions do, from north where there is a place."""
-    with open_page(page_file, *DESK, **COARSE_PIXELS) as (page, errors):
+    with open_page(page_of_two, *DESK, **COARSE_PIXELS) as (page, errors):
         page.evaluate("twilight.set({ azimuth: -54, elevation: 20 }); twilight.draw()")
         page.focus("#sky")
         page.keyboard.press("Enter")
@@ -179,7 +164,7 @@ def test_azimuths_count_as_in_the_picture(page_file):
         assert errors == []
 
 
-def test_the_command_is_the_picture(page_file):
+def test_the_command_is_the_picture(page_of_two):
     """Both skies, their options, projection, field of view, direction, size and tone; and `render` understands it."""
     import shlex
 
@@ -187,7 +172,7 @@ def test_the_command_is_the_picture(page_file):
 
     from twilight.cli.app import app
 
-    with open_page(page_file, 300, 200) as (page, errors):
+    with open_page(page_of_two, 300, 200) as (page, errors):
         page.evaluate("twilight.set({ sun: -4.5, azimuth: -54, elevation: 20, fov: 70, exposure: 'manual', ev: 5.25 })")
         photograph = page.evaluate("twilight.draw() ?? twilight.command()")
         page.evaluate("twilight.set({ projection: 'fisheye', fov: 180, elevation: 90, tone: 'eye' })")

@@ -12,10 +12,10 @@ from closed_sky import EIGHT_NM as NM
 
 from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import view_directions
+from twilight.show.skies import view_fields
+from twilight.show.tones import Channels
 from twilight.sky.ephemeris import Sites
 from twilight.sky.moon import Moon, moon_over
-from twilight.viewer import view_fields
-from twilight.viewer.tones import Channels
 
 BARE = {"disc": False, "night": False, "stars": False, "path": False, "moon": True}
 

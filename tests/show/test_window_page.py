@@ -11,9 +11,9 @@ from airs import as_sky, scene_of_field, turbid
 from browser import open_page, until
 
 from twilight.engine import solve
+from twilight.show.skies import view_fields, view_sky
+from twilight.show.tables import PageNodes
 from twilight.solvers.base import BareField
-from twilight.viewer import view_fields, view_sky
-from twilight.viewer.tables import PageNodes
 
 NM = np.array([420.0, 500.0, 580.0, 660.0])
 COARSE = PageNodes(ground=5, haze=5, sky=9, limb=9, columns=7)

@@ -24,9 +24,9 @@ from twilight.engine.table import first_columns, first_rows
 from twilight.numerics import spectrum
 from twilight.numerics.directions import PHASE_COUNT, direction
 from twilight.scene import resolve
+from twilight.show.shader import shader_sky
 from twilight.sky.colour import REC709_LUMINANCE
 from twilight.studies.export.prague import write_folder
-from twilight.viewer.shader import shader_sky
 
 MOST_LINES = 200
 """Of a shader: what its page in the manual promises."""

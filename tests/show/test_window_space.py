@@ -16,12 +16,11 @@ from twilight.base.errors import TwilightError
 from twilight.engine import solve
 from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.numerics.projections import view_directions, view_rays
+from twilight.show.skies import ground_to_orbit, view_fields, within_air
+from twilight.show.space import at_entry
+from twilight.show.tables import USUAL_HAZE_TOP_KM, PageNodes
+from twilight.show.tones import Channels
 from twilight.solvers.base import BareField
-from twilight.viewer import ground_to_orbit, view_fields
-from twilight.viewer.scene import within_air
-from twilight.viewer.space import at_entry
-from twilight.viewer.tables import USUAL_HAZE_TOP_KM, PageNodes
-from twilight.viewer.tones import Channels
 
 NM = np.array([400.0, 450.0, 520.0, 580.0, 640.0, 700.0])
 NODES = PageNodes(ground=9, haze=13, sky=9, limb=25, columns=13)

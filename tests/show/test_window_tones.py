@@ -13,8 +13,8 @@ from closed_sky import COARSE, closed
 from PIL import Image
 
 from twilight.io.view import view_exposure_ev100
+from twilight.show.skies import view_fields
 from twilight.sky.tone import Shot, Tone, tone_of
-from twilight.viewer import view_fields
 
 SUNS_DEG = (-18.0, -9.0, 0.0, 20.0)
 WIDTH = 120

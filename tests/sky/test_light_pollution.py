@@ -52,18 +52,3 @@ def test_it_is_added_to_the_night():
     lamps = pollution_radiance(NM, where[1], artificial_zenith_cd_per_m2(18.1))
     assert_allclose(with_lamps - natural, np.repeat(lamps[:, None], 2, axis=1), rtol=1e-9)
     assert np.all(np.diff(BORTLE_ZENITH_MAG) < 0)
-
-
-@pytest.mark.parametrize(
-    ("more", "sentence"),
-    [
-        ({"night.light_pollution": {}}, "takes one of zenith_mag_per_arcsec2 and bortle_class"),
-        ({"night.light_pollution": {"bortle_class": 10}}, "bortle_class"),
-        ({"night.light_pollution": {"zenith_mag_per_arcsec2": 23.0}}, "zenith_mag_per_arcsec2"),
-        ({**CITY, "observer.altitude_km": 11.0}, "observers on the ground"),
-    ],
-)
-def test_what_is_refused(more, sentence):
-    """One sentence that names the key."""
-    with pytest.raises(TwilightError, match=sentence):
-        load("pure-air", more)

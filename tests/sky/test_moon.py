@@ -235,33 +235,11 @@ def test_eclipses_are_not_computed():
         warn_of_the_moon(made.configuration, moon)
 
 
-@pytest.mark.parametrize(
-    ("sun", "moon", "more", "sentence"),
-    [
-        ({"elevation_deg": -30.0}, {}, {}, "moon: needs a place and a time"),
-        ({"elevation_deg": -30.0}, {"azimuth_deg": 20.0}, {}, "azimuth_deg needs elevation_deg"),
-        ({"elevation_deg": -30.0}, {"elevation_deg": 95.0}, {}, "moon.elevation_deg"),
-        ({"elevation_deg": -30.0}, {"elevation_deg": 5.0, "phase_angle_deg": 190.0}, {}, "moon.phase_angle_deg"),
-        (
-            {"at": "2026-03-20T18:50Z", "latitude_deg": 52.0, "longitude_deg": 13.0},
-            {"elevation_deg": 5.0},
-            {},
-            "leave out elevation_deg",
-        ),
-        ({"elevation_deg": -30.0}, None, {"output.files": ["moon"]}, "output.files: moon needs the moon"),
-    ],
-)
-def test_what_is_refused(sun, moon, more, sentence):
-    """One sentence that names the key."""
-    with pytest.raises(TwilightError, match=sentence):
-        scene(sun, moon, **more)
-
-
 def test_zenith_of_moonlit_nights():
     """A dark site's zenith under the moon within 0.2 mag.
 
     Seven years at Cosmic Campground, 1634 m, the clear quarter (Dark Sky Network, soazcomms.github.io), its moonless
-    21.92 added; benchmarks/moonlight.csv has all of them.
+    21.92 added; benchmarks/results/moonlight.csv has all of them.
     """
     settings = {"ground.altitude_km": 1.634, "gases.ozone.column_du": 285.0, "solver.quality": "draft"}
     solved = solve(resolve(load("continental-average", settings)), cached=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
@@ -12,6 +12,7 @@ from hazy_zones import QUICK
 
 from twilight import solvers
 from twilight.base.errors import TwilightError
+from twilight.base.sections import option, settings
 from twilight.config import load
 from twilight.engine import parts, plan, solve
 from twilight.io import read_latlong_exr, read_sky, read_spectral_exr, write_outputs, write_sky, write_spectral_exr
@@ -196,9 +197,9 @@ def test_a_polariser_changes_the_pictures_and_not_the_radiance(sky, tmp_path):
     np.testing.assert_allclose(ratio[1:, :, 1], passed[1:], atol=0.03)
 
 
-@dataclass(frozen=True)
+@settings
 class RayleighSettings:
-    polarisation: bool = True
+    polarisation: bool = option("Q and U too", default=True)
 
 
 def test_a_sweep_keeps_q_and_u_and_gives_them_back_for_both_halves(tmp_path, monkeypatch):

@@ -100,14 +100,6 @@ def test_the_end_of_a_day_and_a_leap_second_are_understood(at, utc):
     assert sun.time.astimezone(dt.UTC).replace(tzinfo=None) == dt.datetime.fromisoformat(utc)
 
 
-@pytest.mark.parametrize(
-    "at", ["2026-06-21", "2026-06-21 tea", "2026-06-21T24:01", "2026-02-30T24:00", "2026-02-30 sunset"]
-)
-def test_what_is_no_time_is_one_sentence(at):
-    with pytest.raises(TwilightError, match=r"sun.*at"):
-        load("pure-air", {"sun": {"at": at, **BERLIN}})
-
-
 def test_a_longitude_beyond_a_turn_is_the_same_place():
     suns = [
         next(iter(suns_of(load("pure-air", {"sun": {"at": "2026-06-21T12:00", **BERLIN, "longitude_deg": degrees}}))))

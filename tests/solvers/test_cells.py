@@ -104,22 +104,6 @@ def test_observer_above_the_air_is_refused():
         cells.prepare(air(), COARSE, observer_altitude_km=80.0)
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"azimuth_cells": 7}, "azimuth_cells is 7"),
-        ({"azimuth_cells": 61}, "even"),
-        ({"multiple_scattering": "both"}, "multiple_scattering"),
-        ({"degree": 12}, "azimuth_directions"),
-        ({"azimuth_nodes": 30}, "multiple"),
-    ],
-)
-def test_settings_out_of_range_are_one_sentence(change, words):
-    """Impossible settings would end in a traceback of numpy."""
-    with pytest.raises(TwilightError, match=words):
-        CellsSettings(**change)
-
-
 # --- single scattering ---
 
 

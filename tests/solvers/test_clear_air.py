@@ -269,7 +269,7 @@ def test_its_file_is_small_and_a_damaged_one_is_one_sentence(tmp_path):
     assert SHIPPED.stat().st_size < 12e6
     model = load_model(SHIPPED)
     (tmp_path / "half.npz").write_bytes(SHIPPED.read_bytes()[:100000])
-    with pytest.raises(TwilightError, match=r"half\.npz: is no model of clear air"):
+    with pytest.raises(TwilightError, match=r"half\.npz: is not a model of clear air"):
         load_model(tmp_path / "half.npz")
     np.savez(tmp_path / "other.npz", format="another")
     with pytest.raises(TwilightError, match="of this version"):

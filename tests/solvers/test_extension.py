@@ -64,7 +64,7 @@ def test_a_solver_and_a_format_of_another_package_are_used_by_their_names(instal
     assert again[0] == 0 and "1 of 1 were there already" in again[2]
     assert "sun-normalised [sr^-1]" in listed[1]
     # a slip in its options is one sentence
-    assert wrong[0] == 2 and "allowed is 0 and more" in wrong[2] and "Traceback" not in wrong[2]
+    assert wrong[0] == 2 and "solver.radiance must be a number of at least 0, got -1" in wrong[2]
     assert misspelt[0] == 2 and "did you mean radiance" in misspelt[2]
 
 

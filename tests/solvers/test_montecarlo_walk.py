@@ -241,21 +241,6 @@ def test_empty_air_is_black():
     assert np.all(r.radiance == 0) and np.all(r.standard_error == 0)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (dict(target_stderr=2.0), r"solver\.target_stderr is .*; allowed is"),
-        (dict(samples=1), r"solver\.samples is .*; allowed is"),
-        (dict(approximation="isotropic"), r"solver\.approximation is 'isotropic'; allowed is none, isotropic_after"),
-        (dict(importance_direction_fraction=1.0), r"solver\.importance_direction_fraction is .*; allowed is"),
-    ],
-)
-def test_bad_settings_are_refused(change, message):
-    """A setting out of range is refused by its name."""
-    with pytest.raises(TwilightError, match=message):
-        MonteCarloSettings(**change)
-
-
 def test_bad_questions_are_refused(field):
     """Angles, distances and altitudes out of range are refused by their name."""
     with pytest.raises(TwilightError, match="elevation_deg must be between"):

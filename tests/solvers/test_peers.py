@@ -57,7 +57,7 @@ def test_sunsky_refuses_what_it_cannot_do(air):
             field.radiance(sun, [elevation], [0.0])
     with pytest.raises(TwilightError, match="800 nm"):
         module.prepare(climate_medium(load_climate("pure-air"), np.array([550.0, 800.0])))
-    with pytest.raises(TwilightError, match=r"solver\.turbidity is 11"):
+    with pytest.raises(TwilightError, match=r"solver\.turbidity must be a number from 1 to 10"):
         module.SunskySettings(turbidity=11.0)
 
 

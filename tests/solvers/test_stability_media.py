@@ -29,7 +29,6 @@ from twilight.engine import solve
 from twilight.scene import Scene
 from twilight.solvers.cells import CellsSettings
 from twilight.solvers.montecarlo import MonteCarloSettings
-from twilight.solvers.zones import ZonesSettings
 
 ZONES = replace(QUICK, altitude_density=0.3, zenith_density=0.4)
 CELLS = CellsSettings(
@@ -361,9 +360,3 @@ def test_the_coarsest_nodes_that_are_allowed_still_make_the_sky():
     sky, coarse = (radiances("zones", medium, (20.0, -6.0), settings=s) for s in (plain, coarsest))
     np.testing.assert_allclose(coarse[0], sky[0], rtol=0.02)
     np.testing.assert_allclose(coarse[1], sky[1], rtol=0.2)
-
-
-def test_settings_are_numbers_in_their_range():
-    for key, value in (("degree", 1), ("zenith_density", 0.29), ("tolerance", -1.0), ("step_density", float("nan"))):
-        with pytest.raises(TwilightError, match=key):
-            ZonesSettings(**{key: value})

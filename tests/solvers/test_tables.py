@@ -307,20 +307,6 @@ def test_one_thread_gives_what_two_give(air):
     np.testing.assert_array_equal(one.tables.irradiance, two.tables.irradiance)
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"scattering_mu": 33}, "must be even"),
-        ({"scattering_r": 1}, "allowed is 4 to 256"),
-        ({"degree": 16}, "azimuth_directions"),
-    ],
-)
-def test_settings_that_cannot_be_are_one_sentence(change, words):
-    """Impossible settings would be computed."""
-    with pytest.raises(TwilightError, match=words):
-        replace(tables.TablesSettings(), **change)
-
-
 def test_places_and_suns_that_cannot_be_are_one_sentence(once):
     """Impossible suns, observers or distances would be computed."""
     with pytest.raises(TwilightError, match=r"sun\.elevation_deg is 91"):

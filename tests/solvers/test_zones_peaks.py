@@ -54,7 +54,7 @@ def test_the_glow_does_not_depend_on_how_much_of_the_peak_is_scaled_away(desert)
 def test_red_light_beside_a_sun_on_the_horizon_needs_a_higher_degree_in_dust(desert):
     """What the peak moves into the dark horizon from the sky above it is lost where too much of it is scaled away.
 
-    The reference solution (benchmarks/reference/desert.csv) at 550 and 680 nm, 1 deg above a sun at 0 deg; with few
+    The reference solution (benchmarks/results/reference) at 550 and 680 nm, 1 deg above a sun at 0 deg; with few
     nodes, and without polarisation, the limit of high degrees is 1.5 and 1.9 % too dark.
     """
     medium = climate_medium(load_climate("desert"), np.array([550.0, 680.0]))

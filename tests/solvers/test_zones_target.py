@@ -18,7 +18,7 @@ from twilight.solvers import zones
 from twilight.solvers.zones import solver
 from twilight.solvers.zones.solver import MEASURED_ERRORS, Errors, expected_error, kind_of, quality_for
 
-TABLE = Path(__file__).parents[2] / "benchmarks" / "zones_error.csv"
+TABLE = Path(__file__).parents[2] / "benchmarks" / "results" / "zones_error.csv"
 KINDS = {
     "fine": ("pure-air", "continental-average", "continental-clean", "continental-polluted", "urban"),
     "coarse": ("desert", "maritime-clean", "maritime-polluted", "maritime-tropical"),

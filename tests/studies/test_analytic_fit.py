@@ -186,32 +186,6 @@ def test_the_command_fits_one_sky_and_reads_one(small, tmp_path):
     np.testing.assert_allclose(reread, made.parameters("x", 1.0), rtol=0.1, atol=0.02)
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (["--output", "set.json"], "--output: set.json must end in .yaml"),
-        (["--per-sky", "--haze", "climate"], "--haze: takes part in the fit over turbidities"),
-        (["--sun-elevation", "3"], "--sun-elevation: is for --per-sky"),
-        (["pure-air"], "pure-air: has no aerosol"),
-        (["--haze", "fog"], "haze: fog is not known"),
-        (["no-such-air"], "no-such-air"),
-        (["none.h5", "--per-sky"], "none.h5: no such file"),
-        (["none.h5", "--per-sky", "--sun-elevation", "3"], "--sun-elevation: none.h5 is computed"),
-        (
-            ["pure-air", "--per-sky", "--solver", "preetham", "--sun-elevation", "-3"],
-            "there is no sun from 0 to 90 deg to fit to; those of the scene are at -3",
-        ),
-    ],
-)
-def test_what_cannot_be_fitted_is_one_sentence(words, sentence, small, monkeypatch, tmp_path):
-    """A fit that cannot be made would end in a traceback or leave a file."""
-    monkeypatch.chdir(tmp_path)
-    result = small.run(*words)
-    assert result.exit_code == 2
-    assert sentence in result.output and "Traceback" not in result.output
-    assert not list(tmp_path.rglob("*.yaml"))
-
-
 def test_each_sky_of_a_scene_and_of_a_data_set(small, monkeypatch, tmp_path):
     """Suns below the horizon are left out with a word, before anything is computed; a sweep's Zarr is read."""
     import yaml

@@ -217,22 +217,6 @@ def test_tables_and_picture(tmp_path):
     assert (tmp_path / "picture.png").read_bytes()[:4] == b"\x89PNG"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["nowhere"], "nowhere"),
-        (["urban", "urban"], "different names"),
-        (["urban", "--set", "solver.name=cells"], "zones"),
-        (["urban", "--quality", "superb"], "superb"),
-    ],
-)
-def test_command_refuses_in_one_sentence(arguments, says, tmp_path):
-    done = CliRunner().invoke(app, ["validate", "photometry", *arguments, "--output", str(tmp_path / "out")])
-    text = done.output + (done.stderr or "")
-    assert done.exit_code == 2 and says in text and "Traceback" not in text
-    assert not list(tmp_path.glob("out/*.csv"))
-
-
 @pytest.mark.slow
 def test_command_writes_tables_and_picture(tmp_path):
     words = ["pure-air", "--quality", "draft", "--set", "night=null", "--output", str(tmp_path)]

@@ -12,7 +12,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rendering import call
 
 from twilight.base.errors import TwilightError
 from twilight.base.progress import silent
@@ -215,24 +214,6 @@ def test_a_file_that_is_not_whole_is_refused(made, tmp_path):
         (tmp_path / name).write_bytes(wrong)
         with pytest.raises(TwilightError, match=r"no whole file|behind its end"):
             read_prague(tmp_path / name)
-
-
-@pytest.mark.parametrize(
-    "options, said",
-    [
-        (["continental-average", "--output", "sky.bin"], "must end in .dat"),
-        (["continental-average", "--output", "sky.dat", "--channels", "55"], "from 320 to 2520 nm; allowed is 280 to"),
-        (["continental-average", "--output", "sky.dat", "--start-nm", "nan"], "from nan to nan nm; allowed is 280 to"),
-        (["continental-average", "--output", "sky.dat", "--visibility", "20,far"], "--visibility: 20,far"),
-        (["continental-average", "--output", "sky.dat", "--albedo", "1.5"], "--albedo: 1.5 is not allowed"),
-        (["bruneton2008", "--output", "sky.dat"], "knows computed air, no table"),
-        (["continental-average", "--output", "sky.dat", "--quality", "best"], "best"),
-    ],
-)
-def test_the_command_refuses_in_a_sentence(options, said, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    found = call("export", "prague", *options)
-    assert found.exit_code == 2 and said in found.output and not list(tmp_path.iterdir())
 
 
 MAIN = """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
 
@@ -170,18 +169,3 @@ def test_tonight_into_one_file(tmp_path, monkeypatch):
     rows = (tmp_path / "night.csv").read_text().splitlines()
     assert len(rows) == 27 or len(rows) == 26  # noon to noon, 24 hours and some seconds
     assert float(rows[2].split(",")[2]) > 1000.0 > float(rows[14].split(",")[2])
-
-
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [(["--at", "soon"], "--at: soon is not a date"), (["--for", "tea"], "--for: tea"), (["--step", "x"], "--step"),
-     (["--when", "V"], "--when"),
-     (["--output", __file__ + "/night"], "is not a folder"),
-     (["--quantity", "y"], "y: .* beyond the wavelengths of the air")],
-)  # fmt: skip
-def test_bad_input_is_one_sentence(change, sentence, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(
-        app, ["timeline", "urban", "--at", "2026-03-20", "--latitude", "28", "--longitude", "0", *change]
-    )
-    assert done.exit_code == 2 and re.search(sentence, done.output)

@@ -203,28 +203,6 @@ def test_haze_takes_more_blue():
         assert np.allclose(one / other, expected, rtol=2e-4)
 
 
-@pytest.mark.parametrize(
-    ("screen", "words"),
-    [
-        ({}, "takes one of heights_km with transmission, clouds, and skyline"),
-        ({"clouds": {}, "skyline": {}}, "takes one of heights_km with transmission, clouds, and skyline"),
-        ({"heights_km": [3, 5]}, "needs both heights_km and transmission"),
-        ({"heights_km": [3, 5], "transmission": [0.1]}, "heights_km has 2 values and transmission 1"),
-        ({"heights_km": [5, 3], "transmission": [0.1, 1]}, "heights_km must increase"),
-        ({"heights_km": [5], "transmission": [1.5]}, "transmission"),
-        ({"clouds": {"cover": 1.2}}, "cover"),
-        ({"clouds": {}, "from_km": 3}, "from_km belongs to heights_km"),
-        ({"skyline": {}, "angstrom_exponent": 1}, "a skyline is opaque"),
-        ({"skyline": {"height_km": 1, "sun_azimuth_deg": 3}}, "sun_azimuth_deg is not a key"),
-    ],
-)
-def test_what_no_screen_can_be_is_one_sentence(screen, words):
-    """A section that means nothing would be computed as something."""
-    with pytest.raises(TwilightError) as error:
-        load(scene(screen))
-    assert words in str(error.value) and "horizon" in str(error.value) and "\n" not in str(error.value)
-
-
 @pytest.mark.parametrize("name", ["cells", "preetham", "compact", "sunsky"])
 def test_other_solvers_refuse(name):
     """A solver that ignored the screen would give another evening without a word."""

@@ -80,8 +80,8 @@ class SkyAccessor:
             return chosen[name].transpose(*_GRID).values[:, column]
 
         def one(*names: str) -> float | None:
-            found = next((float(chosen[name]) for name in names if name in chosen), None)
-            return None if found is None or np.isnan(found) else found
+            number = next((float(chosen[name]) for name in names if name in chosen), None)
+            return None if number is None or np.isnan(number) else number
 
         def stokes(q: str, u: str) -> np.ndarray | None:
             both = grid(q), grid(u)
@@ -145,14 +145,14 @@ class SkyAccessor:
         wanted = {name: _coordinate(name, data[name] if v is None else v) for name, v in given.items()}
         towards = _Towards(data, wanted["elevation"], wanted["azimuth"])
         kept = data.drop_vars(["elevation_bnds", *_DERIVED], errors="ignore")
-        made = kept.drop_dims(["elevation", "azimuth"])
-        made = made.assign({str(n): towards.read(v) for n, v in kept.data_vars.items() if _over_sky(v)})
+        result = kept.drop_dims(["elevation", "azimuth"])
+        result = result.assign({str(n): towards.read(v) for n, v in kept.data_vars.items() if _over_sky(v)})
         for name, values in wanted.items():
             attrs = {k: v for k, v in self._dataset[name].attrs.items() if k != "bounds"}
-            made = made.assign_coords({name: values.assign_attrs(attrs)})
+            result = result.assign_coords({name: values.assign_attrs(attrs)})
         if azimuth is not None:
-            made.attrs.pop("azimuth_count", None)
-        return _with_polarisation(made.assign_attrs({k: v for k, v in data.attrs.items() if k in made.attrs}))
+            result.attrs.pop("azimuth_count", None)
+        return _with_polarisation(result.assign_attrs({k: v for k, v in data.attrs.items() if k in result.attrs}))
 
     def luminance(self) -> xarray.DataArray:
         """Luminance [cd m^-2] in every direction of the dataset."""
@@ -188,10 +188,10 @@ class SkyAccessor:
         self, name: str, elevation_deg: float | None = None, azimuth_deg: float = 0.0, *, horizontal: bool = True
     ) -> xarray.DataArray:
         """Any quantity of a direction, or of the sky's light on a plane or sphere: `Sky.measure`."""
-        found = quantity(name)
-        unit, where = unit_of(found, "surface" if elevation_deg is None else "direction"), (elevation_deg, azimuth_deg)
+        asked = quantity(name)
+        unit, where = unit_of(asked, "surface" if elevation_deg is None else "direction"), (elevation_deg, azimuth_deg)
         return self._each(
-            found.variable, lambda sky: sky.measure(name, *where, horizontal=horizontal), unit, found.about
+            asked.variable, lambda sky: sky.measure(name, *where, horizontal=horizontal), unit, asked.about
         )
 
     def plot(self, projection: str = "wide", ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Figure:
@@ -222,7 +222,7 @@ class SkyAccessor:
             )
             return np.asarray(figure(sky), float)
 
-        made = xarray.apply_ufunc(
+        result = xarray.apply_ufunc(
             one,
             data[_RADIANCE],
             data["earth_sun_distance"] if "earth_sun_distance" in data else 1.0,
@@ -234,15 +234,15 @@ class SkyAccessor:
             dask="parallelized",
             output_dtypes=[float],
         )
-        return made.rename(name).assign_attrs(units=unit, long_name=about)
+        return result.rename(name).assign_attrs(units=unit, long_name=about)
 
 
 def _coordinate(name: str, values: Any) -> xarray.DataArray:
     """Angles as a DataArray: numbers without a dimension, arrays along their own name."""
     if isinstance(values, xarray.DataArray):
         return values.drop_vars(list(values.coords)).astype(float)
-    found = np.asarray(values, float)
-    return xarray.DataArray(found, dims=[name] if found.ndim else [])
+    array = np.asarray(values, float)
+    return xarray.DataArray(array, dims=[name] if array.ndim else [])
 
 
 def _over_sky(values: xarray.DataArray) -> bool:
@@ -278,12 +278,12 @@ class _Towards:
             kinds = (positive & ~negative, SkyTable.of_samples), (negative, SkyTable.of_signed)
             for which, table in (*kinds, (~positive & ~negative, SkyTable.of_samples)):
                 if which.any():
-                    made = table(self._rows, self._columns, whole[..., which])
-                    out[:, which] = made.light(self._elevation, self._turn)
+                    sky_table = table(self._rows, self._columns, whole[..., which])
+                    out[:, which] = sky_table.light(self._elevation, self._turn)
             out[self._outside] = np.nan
             return out.T.reshape((*skies.shape[:-2], *self._shape)).astype(skies.dtype)
 
-        made = xarray.apply_ufunc(
+        result = xarray.apply_ufunc(
             one,
             values.drop_vars(["elevation", "azimuth"], errors="ignore"),
             input_core_dims=[["elevation", "azimuth"]],
@@ -295,25 +295,25 @@ class _Towards:
         )
         order = [d for old in values.dims for d in (self._dims if old == "elevation" else [old])]
         others = [str(d) for d in order if d in self._dims or d not in ("elevation", "azimuth")]
-        return made.transpose(*dict.fromkeys(others)).assign_attrs(values.attrs)
+        return result.transpose(*dict.fromkeys(others)).assign_attrs(values.attrs)
 
 
-def _with_polarisation(made: xarray.Dataset) -> xarray.Dataset:
+def _with_polarisation(dataset: xarray.Dataset) -> xarray.Dataset:
     """Degree and angle of the polarisation, of Q and U that were interpolated."""
     q, u = _Q[0], _U[0]
-    if q in made and u in made and "radiance" in made:
-        total = made["radiance"] / made["solar_irradiance"]
-        derived: Any = (np.hypot(made[q], made[u]) / total, 0.5 * np.degrees(np.arctan2(made[u], made[q])))
+    if q in dataset and u in dataset and "radiance" in dataset:
+        total = dataset["radiance"] / dataset["solar_irradiance"]
+        derived: Any = (np.hypot(dataset[q], dataset[u]) / total, 0.5 * np.degrees(np.arctan2(dataset[u], dataset[q])))
         for name, values in zip(_DERIVED, derived, strict=True):
-            made[name] = values.assign_attrs(attributes(name))
-    return made
+            dataset[name] = values.assign_attrs(attributes(name))
+    return dataset
 
 
 def _whole(data: xarray.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Azimuths over the whole circle [deg], and the column of the dataset that each one is in."""
-    here = data.azimuth.values
+    own = data.azimuth.values
     if "azimuth_count" not in data.attrs:
-        return here, np.arange(here.size)
+        return own, np.arange(own.size)
     count = int(data.attrs["azimuth_count"])
     azimuth = np.arange(count) * (360.0 / count)
-    return azimuth, np.abs(np.minimum(azimuth, 360.0 - azimuth)[:, None] - here).argmin(axis=1)
+    return azimuth, np.abs(np.minimum(azimuth, 360.0 - azimuth)[:, None] - own).argmin(axis=1)

@@ -82,9 +82,9 @@ def place_of(
             altitude_km = float(getattr(location, "altitude", None) or 0.0) / 1e3
             time_zone = time_zone or str(location.tz)
         elif hasattr(place, "to_geodetic"):  # astropy
-            found = place.to_geodetic()
-            latitude_deg, longitude_deg = float(found.lat.to_value("deg")), float(found.lon.to_value("deg"))
-            altitude_km = float(found.height.to_value("km"))
+            geodetic = place.to_geodetic()
+            latitude_deg, longitude_deg = float(geodetic.lat.to_value("deg")), float(geodetic.lon.to_value("deg"))
+            altitude_km = float(geodetic.height.to_value("km"))
         else:
             raise TwilightError(
                 "place: must be (latitude, longitude), pvlib's Location or astropy's EarthLocation, "

@@ -27,16 +27,16 @@ from twilight.api.arguments import (
 from twilight.api.representation import Sky, SkySeries
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.sections import unknown
 from twilight.config import Climate, load_climate
 from twilight.config.sun import SunAt, SunElevation
-from twilight.config.validate import unknown
 from twilight.engine import Field, check_size, frames
 from twilight.engine import solve as solve_scene
 from twilight.engine.night import check_stars
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
+from twilight.show.page import Page
 from twilight.solvers.base import Solver
-from twilight.viewer.page import Page
 
 
 @overload
@@ -235,14 +235,14 @@ def view(self: Field, **options: Any) -> Page:
     Parameters
     ----------
     **options
-        Of `twilight.viewer.view_fields`, e.g. altitudes_km.
+        Of `twilight.show.view_fields`, e.g. altitudes_km.
 
     Returns
     -------
-    twilight.viewer.Page
+    twilight.show.Page
         A page that a notebook shows and whose `save(path)` writes it as HTML.
     """
-    from twilight.viewer import view_fields  # start-up
+    from twilight.show.skies import view_fields  # start-up
 
     return view_fields([self], **options)
 

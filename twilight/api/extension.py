@@ -2,6 +2,7 @@
 
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
+from twilight.base.sections import option, settings
 from twilight.base.whole_files import whole_file
 from twilight.io.rendered import Options, Rendered
 from twilight.solvers.base import (
@@ -32,5 +33,7 @@ __all__ = [
     "StochasticField",
     "TwilightError",
     "observer_at",
+    "option",
+    "settings",
     "whole_file",
 ]

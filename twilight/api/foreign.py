@@ -26,12 +26,12 @@ def quantities_of(
         raise missing("astropy", "light: returns astropy")
     from astropy import units  # optional
 
-    made = {}
-    for one in found:
-        text = unit_of(one, of)
+    quantities = {}
+    for item in found:
+        text = unit_of(item, of)
         unit = units.dimensionless_unscaled if text == "1" else units.Unit(text.replace("s-1 m-2", "ph s-1 m-2"))
-        made[one.variable] = arrays[one.variable] * unit
-    return next(iter(made.values())) if len(made) == 1 else made
+        quantities[item.variable] = arrays[item.variable] * unit
+    return next(iter(quantities.values())) if len(quantities) == 1 else quantities
 
 
 def frame_of(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Unpack, overload
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,13 +32,13 @@ from twilight.engine.surfaces import Direction, Surface, towards
 from twilight.sky.ephemeris import parse_time
 from twilight.sky.quantities.measure import Of, Quantity, check_of, unit_of
 from twilight.sky.quantities.measure import quantity as quantity_of
-from twilight.sky.twilight_times import time_of
+from twilight.sky.twilight_times import moment_of
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
-Astropy = AstropyQuantity | dict[str, AstropyQuantity]
+Astropy: TypeAlias = AstropyQuantity | dict[str, AstropyQuantity]
 """astropy's quantity, or one for each of several quantities by its variable."""
 AT_ONCE = 2_000
 """Directions times moments whose spectra are held at once."""
@@ -139,19 +139,19 @@ def light(
     >>> twilight.light((52.5, 13.4), times, "plane:90/180", "illuminance", "urban", returns="pandas")
     """
     names = [quantity] if isinstance(quantity, str | Quantity) else list(quantity)
-    found = [quantity_of(name) for name in names]
+    quantities = [quantity_of(name) for name in names]
     places = _Places.of(place, time_zone)
     altitude_km = places.altitude_km if altitude_km is None else altitude_km
     several_times, times = _times(time, places, altitude_km)
     aim = _Aim.of_targets(towards)
-    for one in found:
-        check_of(one, aim.of)
+    for item in quantities:
+        check_of(item, aim.of)
     check_sources(sources)
     if returns not in ("xarray", "pandas", "astropy"):
         raise TwilightError(f"light: returns is '{returns}'; allowed is xarray, pandas, astropy")
     config = config_of(climate, altitude_km=altitude_km, quality=quality, settings=settings)
     tell = progress or silent
-    chosen = field_for(config, found, part_of(tell, 0.0, 0.5))
+    chosen = field_for(config, quantities, part_of(tell, 0.0, 0.5))
     solved = chosen.field
     count, n_places = len(times), len(places.latitude_deg)
     moments = moments_at(
@@ -160,22 +160,22 @@ def light(
         times * n_places,
         solved.solved.scene.altitude_km,
     )
-    values = _values(solved, moments, aim, found, sources, count, part_of(tell, 0.5, 0.5))
+    values = _values(solved, moments, aim, quantities, sources, count, part_of(tell, 0.5, 0.5))
     sizes = {"place": (n_places, places.several), "time": (count, several_times), aim.of: (aim.size, aim.several)}
     dims = {name: size for name, (size, several) in sizes.items() if several}
-    arrays = {one.variable: v.reshape(list(dims.values())) for one, v in zip(found, values, strict=True)}
+    arrays = {item.variable: v.reshape(list(dims.values())) for item, v in zip(quantities, values, strict=True)}
     if returns == "astropy":
         from twilight.api.foreign import quantities_of  # optional
 
-        return quantities_of(arrays, found, aim.of)
-    made = _dataset(arrays, found, aim, dims, places, times, moments)
-    made.attrs["climate"] = solved.solved.scene.configuration.climate.name
-    made.attrs["solver"] = chosen.solver or solved.solved.scene.solver_name
+        return quantities_of(arrays, quantities, aim.of)
+    dataset = _dataset(arrays, quantities, aim, dims, places, times, moments)
+    dataset.attrs["climate"] = solved.solved.scene.configuration.climate.name
+    dataset.attrs["solver"] = chosen.solver or solved.solved.scene.solver_name
     if returns == "pandas":
         from twilight.api.foreign import frame_of  # start-up
 
-        return frame_of(made, time, [one.variable for one in found], places.time_zone)
-    return made[found[0].variable] if isinstance(quantity, str | Quantity) else made
+        return frame_of(dataset, time, [item.variable for item in quantities], places.time_zone)
+    return dataset[quantities[0].variable] if isinstance(quantity, str | Quantity) else dataset
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,10 +275,10 @@ def _values(
         progress(f"moment {first + 1} of {count}", 0.5 + 0.5 * first / count)
         some = moments.part(slice(first, first + step))
         if aim.of == "surface":
-            made = field.surfaces(some, aim.surfaces, sources)
+            radiance = field.surfaces(some, aim.surfaces, sources)
         else:
-            made = field.directions(some, *aim.angles(some, first, times), sources)
-        spectra = field.spectra(made)
+            radiance = field.directions(some, *aim.angles(some, first, times), sources)
+        spectra = field.spectra(radiance)
         for i, one in enumerate(found):
             parts[i].append(one.value(spectra))
     return [np.concatenate(part) for part in parts]
@@ -316,17 +316,23 @@ def _dataset(
             coords[name] = (["time", "direction"], values) if aim.several else ("time", np.asarray(values)[:, 0])
         else:
             coords[name] = along(aim.of, values)
-    made = xarray.Dataset(
+    dataset = xarray.Dataset(
         {
-            one.variable: (list(dims), arrays[one.variable], {"units": unit_of(one, aim.of), "long_name": one.about})
-            for one in found
+            item.variable: (
+                list(dims),
+                arrays[item.variable],
+                {"units": unit_of(item, aim.of), "long_name": item.about},
+            )
+            for item in found
         },
         coords,
     )
     for name in ("latitude", "longitude", "solar_elevation_angle", "solar_azimuth_angle", "elevation", "azimuth"):
-        if name in made.coords:
-            made[name].attrs["units"] = {"latitude": "degrees_north", "longitude": "degrees_east"}.get(name, "degree")
-    return made
+        if name in dataset.coords:
+            dataset[name].attrs["units"] = {"latitude": "degrees_north", "longitude": "degrees_east"}.get(
+                name, "degree"
+            )
+    return dataset
 
 
 def _degrees(values: AnglesLike) -> ArrayLike:
@@ -348,19 +354,19 @@ class _Places(NamedTuple):
         several = isinstance(place, list) or (isinstance(place, tuple) and not all(map(_is_number, place)))
         if several and isinstance(place, tuple) and len(place) == 2 and all(np.ndim(p) == 1 for p in place):
             place = list(zip(*(numbers(p, "place") for p in place), strict=True))
-        found = [place_of(one, time_zone=time_zone) for one in (place if several else [place])]
-        if not found or any(one.latitude_deg is None for one in found):
+        listed = [place_of(item, time_zone=time_zone) for item in (place if several else [place])]
+        if not listed or any(item.latitude_deg is None for item in listed):
             raise TwilightError("place: none is given")
-        angles = np.array([(one.latitude_deg, one.longitude_deg) for one in found])
+        angles = np.array([(item.latitude_deg, item.longitude_deg) for item in listed])
         for latitude, longitude in angles:
             if not (-90.0 <= latitude <= 90.0 and -180.0 <= longitude <= 360.0):
                 raise TwilightError(
                     f"place: ({latitude:g}, {longitude:g}) is not a latitude from -90 to 90 and a longitude from -180 "
                     "to 360"
                 )
-        if len({one.altitude_km for one in found}) > 1:
+        if len({item.altitude_km for item in listed}) > 1:
             raise TwilightError("place: several places must have one altitude; give altitude_km")
-        return cls(several, angles[:, 0], angles[:, 1], found[0].time_zone, found[0].altitude_km)
+        return cls(several, angles[:, 0], angles[:, 1], listed[0].time_zone, listed[0].altitude_km)
 
 
 def _is_number(value: Any) -> bool:
@@ -373,14 +379,11 @@ def _times(time: TimeLike | TimesLike, places: _Places, altitude_km: float | Non
 
     def one(moment: datetime | str) -> datetime:
         if isinstance(moment, str):
-            try:
-                datetime.fromisoformat(moment.strip())
-            except ValueError:
-                return time_of(moment, places.latitude_deg[0], places.longitude_deg[0], zone, altitude_km or 0.0)
+            return moment_of(moment, places.latitude_deg[0], places.longitude_deg[0], zone, altitude_km or 0.0)
         return parse_time(moment, zone)
 
     several, moments = times_of(time)
-    made = [one(moment) for moment in moments]
-    if not made:
+    moments_of = [one(moment) for moment in moments]
+    if not moments_of:
         raise TwilightError("time: none is given")
-    return several, made
+    return several, moments_of

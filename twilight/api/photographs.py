@@ -13,13 +13,14 @@ from twilight.api.arguments import SceneLike, config_of
 from twilight.api.representation import Sky
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.progress import Progress, silent
+from twilight.base.sections import unknown
 from twilight.config.aerosol import AerosolType
-from twilight.config.validate import unknown
 from twilight.io.netcdf import read_sky as read_stored
 from twilight.studies.camera import CameraModel, read_camera
 from twilight.studies.camera.image import SUFFIXES
 from twilight.studies.validate.photographs.airs import OTHERS
-from twilight.studies.validate.photographs.estimated import Estimate, Given, estimate_air
+from twilight.studies.validate.photographs.estimated import Estimate
+from twilight.studies.validate.photographs.estimating import Given, estimate_air
 from twilight.studies.validate.photographs.photograph import Photograph, read_photograph
 
 __all__ = ["Estimate", "estimate", "read_sky"]
@@ -147,10 +148,10 @@ def estimate(
         colour,
         refine,
     )
-    found = estimate_air(names, photographs, config, says, progress)
-    if not found.fits:
-        warnings.warn(f"{found.picture}: {found.sentences()[0]}", TwilightWarning, stacklevel=2)
-    return found
+    estimated = estimate_air(names, photographs, config, says, progress)
+    if not estimated.fits:
+        warnings.warn(f"{estimated.picture}: {estimated.sentences()[0]}", TwilightWarning, stacklevel=2)
+    return estimated
 
 
 def read_sky(

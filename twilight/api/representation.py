@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from twilight.viewer import Page
+    from twilight.show.page import Page
 
 __all__ = ["Sky", "SkySeries", "facts", "html", "open_dataset", "plot", "read_sky"]
 
@@ -61,14 +61,14 @@ def html(self: Sky) -> str:
 def facts(sky: Sky) -> list[tuple[str, str]]:
     """Name and value of the figures that say which sky this is and how bright, as text with units."""
     climate = (sky.provenance.get("configuration") or {}).get("climate") or {}
-    found = [("climate", str(climate["name"]))] if climate.get("name") else []
+    pairs = [("climate", str(climate["name"]))] if climate.get("name") else []
     if sky.time is not None:
-        found.append(("time", sky.time.isoformat()))
+        pairs.append(("time", sky.time.isoformat()))
     zenith = f"{sky.luminance_at(90.0):.4g} cd m^-2"
     if sky.covers("V"):
         zenith += f" ({sky.magnitude():.2f} V mag arcsec^-2)"
     return [
-        *found,
+        *pairs,
         ("sun elevation (true)", f"{sky.sun_elevation_deg:.2f} deg"),
         ("zenith luminance", zenith),
         ("illuminance of the sky", f"{sky.illuminance_lux():.4g} lx"),
@@ -172,8 +172,8 @@ def plot_comparison(
         largest = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
         norm, label = Normalize(-largest, largest), f"difference of {what} [{unit}]"
     else:
-        seen = values[np.isfinite(values) & (values > 0.0)]
-        largest = max(1.001, float(np.exp(np.abs(np.log(seen)).max(initial=0.0))))
+        valid = values[np.isfinite(values) & (values > 0.0)]
+        largest = max(1.001, float(np.exp(np.abs(np.log(valid)).max(initial=0.0))))
         norm, label = LogNorm(1.0 / largest, largest), f"ratio of {what}"
     ax = ax or _axes(values.shape)
     image = ax.imshow(values, cmap="RdBu_r", norm=norm)
@@ -247,10 +247,10 @@ def view(self: Sky) -> Page:
 
     Returns
     -------
-    twilight.viewer.Page
+    twilight.show.Page
         A page that a notebook shows and whose `save(path)` writes it as HTML.
     """
-    from twilight.viewer import view_sky  # start-up
+    from twilight.show.skies import view_sky  # start-up
 
     return view_sky(self)
 

@@ -213,8 +213,8 @@ def _dust_number(dust: opac.MineralLayer, bottom_km: float) -> float:
     if dust.number_density_per_cm3 is not None:
         return dust.number_density_per_cm3
     assert dust.optical_depth_550nm is not None
-    one = mixture_optics({"mitr": 1.0}, 0.0, _REFERENCE_NM).extinction_per_km[0]
-    return dust.optical_depth_550nm / (one * (dust.top_km - bottom_km))
+    per_particle = mixture_optics({"mitr": 1.0}, 0.0, _REFERENCE_NM).extinction_per_km[0]
+    return dust.optical_depth_550nm / (per_particle * (dust.top_km - bottom_km))
 
 
 def opac_stratosphere(spec: opac.AerosolSpec, wavelength_nm, ground_km: float = 0.0) -> list[AerosolRegion]:

@@ -243,12 +243,12 @@ def make_gas_bands(
     """
     profile = full.above(medium.bottom_km)
     nm = medium.wavelength_nm
-    found = {gas: amounts(gas, profile, nm, water_vapour_mm) for gas in gases}
+    paths = {gas: amounts(gas, profile, nm, water_vapour_mm) for gas in gases}
     wavelength_index, weight, columns = [], [], []
     shapes: dict[tuple[str, int], np.ndarray] = {}
     for w in range(nm.size):
         sums = [(1.0, np.zeros(medium.altitude_km.size))]
-        for gas, x in found.items():
+        for gas, x in paths.items():
             row = int(np.searchsorted([edge for edge, _, _ in PRESSURE_SCALING[gas]], nm[w], side="right")) - 1
             amount = float(x[w])
             if for_plan and amount > 0.0:

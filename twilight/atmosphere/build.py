@@ -184,9 +184,9 @@ def _aerosol_regions(
     def stratospheric(w) -> list[AerosolRegion]:
         if stratosphere is not None:
             cut = [region.between(bottom_km, math.inf) for region in stratosphere.regions(w)]
-            found = [region for region in cut if region is not None]
+            regions = [region for region in cut if region is not None]
             formula = aerosol is not None and aerosol.phase_function == "henyey_greenstein"
-            return [region.henyey_greenstein() for region in found] if formula else found
+            return [region.henyey_greenstein() for region in regions] if formula else regions
         return [] if aerosol is None else aerosols.opac_stratosphere(aerosol, w, ground_km)
 
     below, above = tropospheric(wavelength), stratospheric(wavelength)

@@ -143,6 +143,6 @@ def cirrus_optics(wavelength_nm: np.ndarray) -> MixtureOptics:
     fraction = (place - low)[:, None]
     log_table = np.log(rows[:, 1:].T)
     phase = np.exp((1.0 - fraction) * log_table[low] + fraction * log_table[low + 1])
-    made = PhaseFunction.from_samples(np.radians(rows[:, 0]), phase, "cirrus")
+    phase_function = PhaseFunction.from_samples(np.radians(rows[:, 0]), phase, "cirrus")
     ones = np.ones(place.size)
-    return MixtureOptics(ones, ones, made)
+    return MixtureOptics(ones, ones, phase_function)

@@ -81,12 +81,12 @@ def read_columns(
         raise TwilightError(f"{file}: the table has a header but no rows")
     if len(lines) - 1 > MAX_ROWS:
         raise TwilightError(f"{file}: the table has {len(lines) - 1} rows, at most {MAX_ROWS} are allowed")
-    found = [name for name in known if name in names]
-    order = [(name, names.index(name), known[name]) for name in found]
-    rows = np.empty((len(lines) - 1, len(found)))
+    present = [name for name in known if name in names]
+    order = [(name, names.index(name), known[name]) for name in present]
+    rows = np.empty((len(lines) - 1, len(present)))
     for i, (number, line) in enumerate(lines[1:]):
         rows[i] = _row(file, number, line, delimiter, order, len(names))
-    return found, rows, [number for number, _ in lines[1:]]
+    return present, rows, [number for number, _ in lines[1:]]
 
 
 def cells_of(file: Path) -> list[tuple[int, list[str]]]:
@@ -97,13 +97,13 @@ def cells_of(file: Path) -> list[tuple[int, list[str]]]:
     """
     lines = numbered_lines(file)
     delimiter = delimiter_of(lines[0][1]) if lines else ","
-    found: list[tuple[int, list[str]]] = []
+    rows: list[tuple[int, list[str]]] = []
     for number, line in lines:
         cells = fields_of(file, number, line, delimiter)
-        if found and len(cells) != len(found[0][1]):
-            raise TwilightError(f"{file}: line {number}: has {len(cells)} cells, the header has {len(found[0][1])}")
-        found.append((number, cells if delimiter == "," else [cell.replace(",", ".") for cell in cells]))
-    return found
+        if rows and len(cells) != len(rows[0][1]):
+            raise TwilightError(f"{file}: line {number}: has {len(cells)} cells, the header has {len(rows[0][1])}")
+        rows.append((number, cells if delimiter == "," else [cell.replace(",", ".") for cell in cells]))
+    return rows
 
 
 def fields_of(file: Path, number: int, line: str, delimiter: str) -> list[str]:

@@ -39,8 +39,8 @@ def range_of(wavelength_nm: float) -> int:
 
 def fixed_wavelengths(wavelength_nm: Iterable[float]) -> np.ndarray:
     """The fixed wavelengths [nm] of all ranges that some of these [nm] belong to."""
-    found = sorted({range_of(w) for w in wavelength_nm})
-    return np.array([w for i in found for w in RANGES[i][1]])
+    ranges = sorted({range_of(w) for w in wavelength_nm})
+    return np.array([w for i in ranges for w in RANGES[i][1]])
 
 
 class _OnDemand(Generic[M]):

@@ -266,8 +266,8 @@ class Medium:
             for key in ("aerosol_single_scattering_albedo", "aerosol_phase_fraction"):
                 a = getattr(self, key)
                 rows.setdefault(key, []).append(a[..., lo : lo + 1, :] * (1 - f) + a[..., hi : hi + 1, :] * f)
-        made: dict[str, Any] = {key: np.concatenate(value, axis=-2) for key, value in rows.items()}
-        return replace(self, altitude_km=np.concatenate(pieces), **made)
+        arrays: dict[str, Any] = {key: np.concatenate(value, axis=-2) for key, value in rows.items()}
+        return replace(self, altitude_km=np.concatenate(pieces), **arrays)
 
     def optical_depth(self, part: str = "total") -> np.ndarray:
         """Vertical optical depth (W,) of one part of the air.

@@ -229,13 +229,13 @@ def coefficients(m: complex, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.searchsorted(at, np.arange(at[-1] + 1))
 
     psi = np.empty((last + 1, x.size))
-    above, here = np.zeros(x.size), np.full(x.size, 1e-50)
+    above, current = np.zeros(x.size), np.full(x.size, 1e-50)
     first = begins(x)
     for n in range(first.size - 1, 0, -1):
         i = first[n]
-        above[i:], here[i:] = here[i:], (2 * n + 1) * inverse_x[i:] * here[i:] - above[i:]
+        above[i:], current[i:] = current[i:], (2 * n + 1) * inverse_x[i:] * current[i:] - above[i:]
         if n <= last + 1:
-            psi[n - 1] = here
+            psi[n - 1] = current
     sine, cosine = np.sin(x), np.cos(x)
     psi_1 = sine * inverse_x - cosine
     psi *= np.where(np.abs(sine) > np.abs(psi_1), sine / psi[0], psi_1 / psi[1])  # they are not both small
@@ -259,7 +259,7 @@ def coefficients(m: complex, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     orders = np.arange(1, last + 1)[:, None]
     beyond = orders > terms
-    found = []
+    a_and_b = []
     for factor in (derivative * (1.0 / m), derivative * m):  # in place: what is allocated anew costs most here
         factor += orders * inverse_x
         upper = factor * psi[1:]
@@ -270,8 +270,8 @@ def coefficients(m: complex, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         factor += upper
         factor[beyond] = np.inf
         upper /= factor
-        found.append(np.conj(upper, out=upper).T)
-    return found[0], found[1]
+        a_and_b.append(np.conj(upper, out=upper).T)
+    return a_and_b[0], a_and_b[1]
 
 
 @one_blas_thread()

@@ -17,19 +17,19 @@ HUMIDITY_PERCENT = 80.0
 
 def populations() -> list[tuple[str, float]]:
     """Component and humidity of every population in the ten types and their background."""
-    found = {(c, opac.FREE_TROPOSPHERE_HUMIDITY_PERCENT) for c in opac.FREE_TROPOSPHERE_PER_CM3}
-    found |= {(c, 0.0) for c in (*opac.STRATOSPHERE_PER_CM3, "mitr")}
+    pairs = {(c, opac.FREE_TROPOSPHERE_HUMIDITY_PERCENT) for c in opac.FREE_TROPOSPHERE_PER_CM3}
+    pairs |= {(c, 0.0) for c in (*opac.STRATOSPHERE_PER_CM3, "mitr")}
     for name in opac.opac_types():
-        found |= {(c, HUMIDITY_PERCENT) for c in opac.opac_type(name).number_density_per_cm3}
-    return sorted({(c, rh if opac.takes_up_water(c) else 0.0) for c, rh in found})
+        pairs |= {(c, HUMIDITY_PERCENT) for c in opac.opac_type(name).number_density_per_cm3}
+    return sorted({(c, rh if opac.takes_up_water(c) else 0.0) for c, rh in pairs})
 
 
 def particles() -> list[tuple[LogNormal, np.ndarray]]:
     """Sizes and refractive indices (W,) of those, and of the droplets of measured stratospheres of typical loading."""
     wavelength_nm = shipped_optics.WAVELENGTHS_NM
-    made = [opac.particles(component, humidity, wavelength_nm) for component, humidity in populations()]
+    spheres = [opac.particles(component, humidity, wavelength_nm) for component, humidity in populations()]
     sulphuric_acid = opac.particles("suso", 0.0, wavelength_nm)[1]
-    return made + [(droplets(float(radius)), sulphuric_acid) for radius in SAGE_RADII_UM[1:5]]
+    return spheres + [(droplets(float(radius)), sulphuric_acid) for radius in SAGE_RADII_UM[1:5]]
 
 
 def write(path: Path) -> None:

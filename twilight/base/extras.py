@@ -17,6 +17,7 @@ REQUIREMENTS = {
     "dask_jobqueue": "dask-jobqueue>=0.9,<1",
     "imageio_ffmpeg": "imageio-ffmpeg>=0.5,<1",
     "mitsuba": "mitsuba>=3.6,<4",
+    "pillow_heif": "pillow-heif>=0.22,<2",
     "rasterio": "rasterio>=1.3,<2",
     "rawpy": "rawpy>=0.21,<1",
     "sasktran2": "sasktran2>=2025.10",

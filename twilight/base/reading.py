@@ -32,6 +32,26 @@ def memory_bytes() -> float:
         return float("inf")
 
 
+@contextmanager
+def reading(path: str | os.PathLike, what: str) -> Iterator[None]:
+    """One sentence of all that a library raises while it reads a file, which differs by where the file is damaged.
+
+    what: the file as it should be, e.g. `a complete OpenEXR file`.
+    Errors: TwilightError where the path is no file, where the system does not let it be read, and for any other
+    exception within the block.
+    """
+    if not isfile(path):
+        raise TwilightError(f"{path}: {'is a folder, not a file' if os.path.isdir(path) else 'no such file'}")
+    try:
+        yield
+    except TwilightError:
+        raise
+    except PermissionError as error:
+        raise TwilightError(f"{path}: cannot be read (Permission denied)") from error
+    except Exception as error:
+        raise TwilightError(f"{path}: is not {what} ({first_line(error)})") from error
+
+
 def check_expansion(path: Path, n_bytes: float, largest_expansion: float = LARGEST_EXPANSION) -> None:
     """Raise TwilightError where a file says that it holds more than it can, or than this machine's memory should.
 
@@ -49,17 +69,14 @@ def check_expansion(path: Path, n_bytes: float, largest_expansion: float = LARGE
 
 
 def read_text(path: Path, most_bytes: int) -> str:
-    """A text file in UTF-8 of at most `most_bytes`; errors: TwilightError."""
-    try:
-        if not isfile(path):  # a pipe or a device could go on for ever
-            raise TwilightError(f"{path}: no such file")
+    """A text file in UTF-8 of at most `most_bytes`, and no pipe or device, which could go on for ever.
+
+    Errors: TwilightError.
+    """
+    with reading(path, "a text file in UTF-8"):
         if path.stat().st_size > most_bytes:
-            raise TwilightError(f"{path}: is larger than {most_bytes / 1e6:g} MB, which no such file is")
+            raise TwilightError(f"{path}: is larger than {most_bytes / 1e3:g} kB, which no such file is")
         return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise TwilightError(f"{path}: is not a text file in UTF-8") from None
-    except OSError as error:
-        raise TwilightError(f"{path}: cannot be read ({error.strerror or error})") from None
 
 
 @contextmanager

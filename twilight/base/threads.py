@@ -11,15 +11,18 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
-import numba
-
 SLICES_PER_THREAD = 8
 """More slices than threads, so that no thread waits long for the last one."""
 
 
 def in_slices(work: Callable[[int, int], None], n: int) -> None:
     """Call `work(first, end)` for slices that cover range(n), on as many threads as numba is set to use."""
-    threads = numba.get_num_threads()
+    try:
+        import numba  # start-up
+
+        threads = numba.get_num_threads()
+    except ImportError:  # kernels are Python, one at a time
+        threads = 1
     if threads == 1 or n < 2:
         work(0, n)
         return

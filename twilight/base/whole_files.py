@@ -101,10 +101,16 @@ def whole_file(path: str | os.PathLike) -> Iterator[Path]:
     if path.is_dir():
         raise TwilightError(f"{path}: is a folder, not a file")
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part{path.suffix}")
+    with writing(path), unfinished(temporary):
+        yield temporary
+        os.replace(temporary, path)
+
+
+@contextmanager
+def writing(path: str | os.PathLike) -> Iterator[None]:
+    """TwilightError with the path and the system's words where it refuses to write within the block."""
     try:
-        with unfinished(temporary):
-            yield temporary
-            os.replace(temporary, path)
+        yield
     except Exception as error:
         if (reason := refusal(error)) is None:
             raise
@@ -129,16 +135,12 @@ def whole_folder(path: str | os.PathLike) -> Iterator[Path]:
     """
     path = Path(path)
     _check_name(path)
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         with unfinished(path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")) as temporary:
             temporary.mkdir()
             yield temporary
             os.replace(temporary, path)
-    except Exception as error:
-        if (reason := refusal(error)) is None:
-            raise
-        raise TwilightError(f"{path}: cannot be written ({reason})") from error
 
 
 _REFUSALS = tuple(

@@ -63,7 +63,7 @@ def animate(
     chosen |= _usual_view(scene, chosen)
     config = options.load_one_scene(scene, chosen, names, "animate")
 
-    from twilight.animation.film import SPEED, Animation
+    from twilight.show.film import SPEED, Animation
 
     film = Animation(
         config,
@@ -84,16 +84,22 @@ def animate(
     )
     begin = time.perf_counter()
     with progress_bar() as bar:
-        made = film.make(bar)
-    there = f", {n - made.drawn} were there" if made.drawn < n else ""
-    rate = f", {made.drawn / made.processor_s:.1f} in a second of processor time" if made.drawn else ""
-    print(f"wrote {output}: {made.drawn} pictures drawn{rate}{there}; {time.perf_counter() - begin:.0f} s in all")
+        film_result = film.make(bar)
+    there = f", {n - film_result.drawn} were there" if film_result.drawn < n else ""
+    rate = (
+        f", {film_result.drawn / film_result.processor_s:.1f} in a second of processor time"
+        if film_result.drawn
+        else ""
+    )
+    print(
+        f"wrote {output}: {film_result.drawn} pictures drawn{rate}{there}; {time.perf_counter() - begin:.0f} s in all"
+    )
 
 
 def _usual_view(scene: str, chosen: dict[str, Any]) -> dict[str, Any]:
     """What completes a view of which only some keys are chosen, where the configuration has none."""
-    from twilight.animation.film import USUAL_VIEW
     from twilight.config import load_series
+    from twilight.show.film import USUAL_VIEW
 
     some = {key for key in chosen if key.startswith("observer.view.")}
     rest = {key: value for key, value in chosen.items() if key not in some}

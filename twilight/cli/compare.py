@@ -109,8 +109,8 @@ def compare(
         for table in tables:
             rows += added.rows_of(table, references, config)
         part = part_of(progress, done, 1.0 - done)
-        for found in comparison.compare(config, presets, references, bench, repeats=repeats, progress=part):
-            rows += found
+        for results in comparison.compare(config, presets, references, bench, repeats=repeats, progress=part):
+            rows += results
             report.write_tables(rows, folder)
     drawn = report.draw(report.points(rows), folder / "error-against-time.png", title=config.title)
     print_table(list(report.PRINTED), report.printed(rows), right=tuple(range(2, len(report.PRINTED))))
@@ -130,9 +130,11 @@ def _ablate(
     folder.mkdir(parents=True, exist_ok=True)
     rows: list[ablations.AblationRow] = []
     with progress_bar() as progress:
-        made = ablations.ablate(scene, chosen, tuple(suns), bench, ablations=wanted, repeats=repeats, progress=progress)
-        for found in made:
-            rows += found
+        batches = ablations.ablate(
+            scene, chosen, tuple(suns), bench, ablations=wanted, repeats=repeats, progress=progress
+        )
+        for batch in batches:
+            rows += batch
             write_csv(folder / "ablations.csv", ablations.COLUMNS, ablations.lines(rows))
     print_table(list(ablations.PRINTED), ablations.printed(rows), right=tuple(range(1, len(ablations.PRINTED))))
     for name, reason in dict.fromkeys((row.name, row.reason) for row in rows if row.reason):

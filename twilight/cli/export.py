@@ -95,8 +95,8 @@ def prague(
 
     begin = time.process_time()
     with progress_bar() as bar:
-        made = PragueMaker(axes, asked, rank, polarisation).make(field_of, bar)
-    size = write_prague(output, made)
+        data = PragueMaker(axes, asked, rank, polarisation).make(field_of, bar)
+    size = write_prague(output, data)
     for air in airs:
         depth = "its own aerosol" if air.depth is None else f"aerosol optical depth {air.depth:.3g}"
         print(f"visibility {air.visibility_km:.4g} km: {air.series.config({}).title}, {depth}")
@@ -115,9 +115,9 @@ def shader(
     from twilight.cli.options import announce_compiling
     from twilight.engine import solve
     from twilight.scene import resolve
+    from twilight.show.shader import shader_sky
+    from twilight.show.skies import check_altitudes
     from twilight.studies.export.prague import check_new, write_folder
-    from twilight.viewer import check_altitudes
-    from twilight.viewer.shader import shader_sky
 
     chosen, names = options.settings_of(settings)
     options.put_options(chosen, names, {"solver.quality": (quality, "--quality")})

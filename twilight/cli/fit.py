@@ -87,8 +87,8 @@ def _set(scene: str, chosen: dict[str, Any], names: dict[str, str], haze: str, o
             part_of(bar, 0.9 * fraction, 0.9 * (1.0 - fraction), "held out:"),
         )
         bar("least squares", 0.9)
-        made = fit_set(truth.skies, name, f"twilight fit perez, {solver} ({quality}), haze: {haze}")
-    sets = {"preetham1999": load_coefficients("preetham1999"), "this fit": made}
+        fitted = fit_set(truth.skies, name, f"twilight fit perez, {solver} ({quality}), haze: {haze}")
+    sets = {"preetham1999": load_coefficients("preetham1999"), "this fit": fitted}
     groups = {"fitted skies": truth.skies, "held-out skies": held_out.skies}
     errors = {(s, g): error_of(coefficients, skies) for s, coefficients in sets.items() for g, skies in groups.items()}
     facts = {
@@ -106,7 +106,7 @@ def _set(scene: str, chosen: dict[str, Any], names: dict[str, str], haze: str, o
             for (s, g), error in errors.items()
         },
     }
-    write_set(made, facts, path)
+    write_set(fitted, facts, path)
     columns = ["coefficients", "skies", "mean", "luminance", "distribution", "u'v'"]
     rows = [[s, g, *_error_cells(error)] for (s, g), error in errors.items()]
     print_table(columns, rows, right=(2, 3, 4, 5))
@@ -136,7 +136,7 @@ def _each_sky(scene: str, chosen: dict[str, Any], names: dict[str, str], output:
 
     title, skies = _skies(scene, chosen, names)
     _path(output, title)
-    rows, made = [], []
+    rows, sets = [], []
     for label, sky in skies:
         colours = from_sky(sky)
         fits = fit_sky(colours)
@@ -149,11 +149,11 @@ def _each_sky(scene: str, chosen: dict[str, Any], names: dict[str, str], output:
             "sky": label,
             "errors": {f.quantity: {"median": round(f.median_error, 5), "p95": round(f.p95_error, 5)} for f in fits},
         }
-        made.append((single_set(colours, fits, label, f"twilight fit perez --per-sky {scene}"), facts))
+        sets.append((single_set(colours, fits, label, f"twilight fit perez --per-sky {scene}"), facts))
     written = []
-    for number, (one, facts) in enumerate(made, start=1):
+    for number, (one, facts) in enumerate(sets, start=1):
         path = _path(output, title)
-        path = path if len(made) == 1 else path.with_stem(f"{path.stem}_{number:0{len(str(len(made)))}d}")
+        path = path if len(sets) == 1 else path.with_stem(f"{path.stem}_{number:0{len(str(len(sets)))}d}")
         write_set(one, facts, path)
         written.append(path)
     print_table(["sky", "quantity", "A", "B", "C", "D", "E", "zenith", "error"], rows, right=tuple(range(2, 9)))

@@ -52,8 +52,8 @@ def light(
     options.check_range(latitude, "--latitude", -90.0, 90.0)
     options.check_range(longitude, "--longitude", -180.0, 360.0)
     where = towards or ["zenith"]
-    surfaces = [one for one in where if isinstance(read(one), Surface)]
-    directions = [one for one in where if one not in surfaces]
+    surfaces = [item for item in where if isinstance(read(item), Surface)]
+    directions = [item for item in where if item not in surfaces]
     asked = [known(name) for name in quantity] if quantity else None
     rows: list[list[str]] = []
     said: dict[str, None] = {}
@@ -62,22 +62,22 @@ def light(
             continue
         wanted = asked or [known(name) for name in usual]
         if len(directions) and len(surfaces) and asked:
-            wanted = [one for one in asked if of in one.of]
+            wanted = [item for item in asked if of in item.of]
             if not wanted:
                 continue
         with progress_bar() as progress:
-            made = light_of(
+            values = light_of(
                 (latitude, longitude), list(at), some, wanted, climate, sources=source, time_zone=time_zone,
                 altitude_km=altitude_km, quality=quality, settings=options.settings_of(settings)[0], progress=progress,
             )  # fmt: skip
-        if " " in made.attrs["solver"]:
-            said[made.attrs["solver"]] = None
+        if " " in values.attrs["solver"]:
+            said[values.attrs["solver"]] = None
         for t, text in enumerate(at):
             for d, target in enumerate(some):
-                for one in wanted:
-                    cell = made[one.variable].isel({"time": t, of: d})
-                    sun = float(made["solar_elevation_angle"].isel(time=t))
-                    rows.append([text, f"{sun:.2f}", target, one.name, f"{float(cell):.5g}", str(cell.attrs["units"])])
+                for item in wanted:
+                    cell = values[item.variable].isel({"time": t, of: d})
+                    sun = float(values["solar_elevation_angle"].isel(time=t))
+                    rows.append([text, f"{sun:.2f}", target, item.name, f"{float(cell):.5g}", str(cell.attrs["units"])])
     for sentence in said:
         print(f"twilight: {sentence}", file=sys.stderr)
     print_table(["time", "sun [deg]", "towards", "quantity", "value", "unit"], rows, right=(1, 4))

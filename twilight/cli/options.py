@@ -173,8 +173,8 @@ def load_one_scene(scene: str, chosen: dict[str, Any], names: dict[str, str], co
 
 def sun_at(at: str | None, latitude: float | None, longitude: float | None, time_zone: str | None) -> SunAt:
     """The section `sun` of a place and time; errors name the options."""
+    from twilight.base.sections import Origins, validate
     from twilight.config.sun import SunAt
-    from twilight.config.validate import Origins, validate
 
     section = {"at": at, "latitude_deg": latitude, "longitude_deg": longitude, "time_zone": time_zone}
     names = {"latitude_deg": "--latitude", "longitude_deg": "--longitude", "at": "--at", "time_zone": "--time-zone"}
@@ -206,13 +206,13 @@ SENTENCE = "the first run compiles its kernels, which takes a minute or two; the
 
 def must_compile(package: str) -> bool:
     """Whether numba keeps no machine code yet of any kernel of a package that is imported (and has kernels to keep)."""
-    from numba.core.dispatcher import Dispatcher
+    from twilight.jit.kernels import Kernel
 
     kernels = []
     for name, module in list(sys.modules.items()):
         if name == package or name.startswith(f"{package}."):
-            found = [value for value in vars(module).values() if isinstance(value, Dispatcher)]
-            kernels += [one for one in found if one.py_func.__module__ == name and one.stats.cache_path]
+            dispatchers = [value for value in vars(module).values() if isinstance(value, Kernel)]
+            kernels += [one for one in dispatchers if one.py_func.__module__ == name and one.stats.cache_path]
     for kernel in kernels:
         if any(Path(str(kernel.stats.cache_path)).glob(f"*.{kernel.py_func.__name__}-*.nbi")):
             return False
@@ -220,11 +220,13 @@ def must_compile(package: str) -> bool:
 
 
 def announce_compiling(solver: str) -> None:
-    """One sentence on stderr where a solver has to be compiled."""
+    """One sentence on stderr where a solver has to be compiled, which begins then."""
     from twilight import solvers
     from twilight.cli import terminal
+    from twilight.jit.ahead import compile_ahead
 
     solvers.load(solver)
     if must_compile(solvers.SOLVERS[solver]):
         terminal.compiling = True
-        print(f"twilight: {SENTENCE}", file=sys.stderr)
+        print(f"twilight: {SENTENCE}", file=sys.stderr, flush=True)
+        compile_ahead(solver)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 PREVIEW = "sky.preview.png"
 COMPILING_S = 30.0
-"""Processor seconds that compiling takes, about (benchmarks/cold_start.csv)."""
+"""Processor seconds that compiling takes, about (benchmarks/results/cold_start.csv)."""
 LONG_S = 8.0
 """Processor seconds of a sky from which on it has a preview though nothing is compiled."""
 
@@ -98,14 +98,14 @@ def show_preview(config: Config, sun: str, folder: Path) -> Iterator[None]:
     """Write the preview of a sky into its folder where it has one, say so, and take it away at the end."""
     path = folder / PREVIEW
     seconds = wait_s(config, terminal.compiling)
-    made = None if seconds is None else preview_of(config, sun)
+    preview = None if seconds is None else preview_of(config, sun)
     try:
-        if made is not None:
+        if preview is not None:
             folder.mkdir(parents=True, exist_ok=True)
-            draw(made, config.output, path)
+            draw(preview, config.output, path)
             print(
-                f"twilight: {path} is a preview: {made.sentence}; the sky itself follows in about {seconds:.0f} s of "
-                "processor time",
+                f"twilight: {path} is a preview: {preview.sentence}; the sky itself follows in about {seconds:.0f} s "
+                "of processor time",
                 file=sys.stderr,
                 flush=True,
             )

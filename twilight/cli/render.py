@@ -175,10 +175,10 @@ def _view(projection: str, size: str | None) -> dict[str, Any]:
 
 def _size(size: str) -> tuple[int, int | None]:
     """Width and height [pixel] of --size; None: the height that the projection has at that width."""
-    found = re.fullmatch(r"(\d{1,9})(?:[xX](\d{1,9}))?", size)
-    if found is None:
+    match = re.fullmatch(r"(\d{1,9})(?:[xX](\d{1,9}))?", size)
+    if match is None:
         raise TwilightError(f"--size: {size} must be WIDTHxHEIGHT or WIDTH in pixels, e.g. 1920x1080")
-    return int(found[1]), int(found[2]) if found[2] else None
+    return int(match[1]), int(match[2]) if match[2] else None
 
 
 def _check_target(cases: list[Any], option: str, setting: str) -> None:

@@ -222,18 +222,18 @@ def _write_series_files(
     root = folder.root
     folder.begin_series_files()
     folders = dict(zip(labels, (root / one.folder for one in skies), strict=True))
-    made, notes = ["series.csv"], []
+    names, notes = ["series.csv"], []
     write_table(labels, root / "series.csv")
     if all((folder / "sky.png").is_file() for folder in folders.values()):
         contact_sheet([(label, folder / "sky.png") for label, folder in folders.items()], root / "contact-sheet.png")
-        made.append("contact-sheet.png")
+        names.append("contact-sheet.png")
     if all((folder / "sky.h5").is_file() for folder in folders.values()):
         why = write_dataset({label: folder / "sky.h5" for label, folder in folders.items()}, root / "series.nc")
-        made += [] if why else ["series.nc"]
+        names += [] if why else ["series.nc"]
         notes += [f"no series.nc: {why}"] if why else []
     if number_files(list(folders.values()), root / FRAMES):
-        made.append(f"{FRAMES}/")
-    return made, notes
+        names.append(f"{FRAMES}/")
+    return names, notes
 
 
 def _default_folder(

@@ -84,8 +84,8 @@ def _solvers(name: str | None) -> None:
     """The solvers, their qualities and first options with the values at quality `standard`; or all options of one."""
     from dataclasses import asdict
 
-    from twilight.config.solver import explain_options, option_names
-    from twilight.config.validate import unknown
+    from twilight.base.sections import option_fields, unknown
+    from twilight.config.solver import option_names
     from twilight.solvers import DEFAULT, SOLVERS, load
 
     if name is None:
@@ -95,7 +95,7 @@ def _solvers(name: str | None) -> None:
             title = f"{one} (default)" if one == DEFAULT else one
             rows.append([title, "quality", ", ".join(qualities)])
             values = asdict(qualities["standard"])
-            rows += [[one, key, str(values[key])] for key in option_names(type(qualities["standard"]))[0]]
+            rows += [[one, key, str(values[key])] for key in option_names(qualities["standard"])[0]]
         print_table(["solver", "option", "value"], rows)
         print("solver.OPTION sets an option; `twilight show solvers NAME` explains one solver's, those for experts too")
         return
@@ -103,9 +103,11 @@ def _solvers(name: str | None) -> None:
         raise TwilightError(f"show solvers: {name} {unknown(name, SOLVERS, 'solver')}")
     qualities = load(name).QUALITIES
     presets = {quality: asdict(settings) for quality, settings in qualities.items()}
-    why = explain_options(type(qualities["standard"]))
-    for title, keys in zip(("option", "solver.expert"), option_names(type(qualities["standard"])), strict=True):
-        rows = [[key, *(_as_text(preset[key]) for preset in presets.values()), why.get(key, "")] for key in keys]
+    why = option_fields(qualities["standard"])
+    for title, keys in zip(("option", "solver.expert"), option_names(qualities["standard"]), strict=True):
+        rows = [
+            [key, *(_as_text(preset[key]) for preset in presets.values()), why[key].description or ""] for key in keys
+        ]
         if rows:
             print_table([title, *presets, "what it is"], rows, right=tuple(range(1, 1 + len(presets))))
     tuned = getattr(load(name), "tuned_numbers", None)

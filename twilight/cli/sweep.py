@@ -46,25 +46,25 @@ def sweep(
             "{aerosol.relative_humidity_percent: [50, 80, 95]}, or several suns; `twilight render` computes one sky"
         )
     with progress_bar() as bar:
-        made = Sweep(series, bar)
-    warn_of_slips(*made.ends())
-    if (drawn := made.drawn) is not None and drawn.axis is not None:
-        held = len(drawn.axis.held_out)
+        job = Sweep(series, bar)
+    warn_of_slips(*job.ends())
+    if (drawn := job.drawn) is not None:
+        held = len(drawn.held_out)
         print(f"{drawn.size - held:,} draws to train with, {held:,} for validation", file=sys.stderr if plan else None)
-    name = options.file_stem(made.first.name or Path(scene).stem, "sweep")
+    name = options.file_stem(job.first.name or Path(scene).stem, "sweep")
     path = output or Path("out") / f"{name}.zarr"
     if plan:
-        print_plan(made, path)
+        print_plan(job, path)
         return
     check_folder(path.parent)
-    run_sweep_into(made, path, resources)
+    run_sweep_into(job, path, resources)
 
 
 def resources_of(
     scheduler: str | None, batch_system: str | None, workers: int | None, threads: int | None, output: Path | None
 ) -> Any:
     """Where to compute, as `Resources`.  Errors: TwilightError for options that do not go together, or no .zarr."""
-    from twilight.config.validate import unknown
+    from twilight.base.sections import unknown
     from twilight.studies.sweep.resources import BATCH_SYSTEMS, Resources, check_installed
 
     options.check_range(workers, "--workers", 1, options.MAX_WORKERS)
@@ -79,24 +79,24 @@ def resources_of(
     return resources
 
 
-def run_sweep_into(made: Any, path: Path, resources: Any) -> None:
+def run_sweep_into(job: Any, path: Path, resources: Any) -> None:
     """Compute what the dataset of a sweep lacks and say how it went."""
     from twilight.studies.sweep.resources import connect
     from twilight.studies.sweep.run import SweepOutcome, failures, run_sweep
     from twilight.studies.sweep.store import open_store
 
-    with open_store(path, made) as store, progress_bar() as bar:
+    with open_store(path, job) as store, progress_bar() as bar:
         had = len(store.done)
         if store.damaged:
             print(f"twilight: {store.damaged:,} tasks whose files are damaged are computed again", file=sys.stderr)
         bar("starting workers", 0.0)
         outcome = SweepOutcome()
-        if had < len(made.tasks):
+        if had < len(job.tasks):
             with connect(resources) as client:
                 outcome = run_sweep(client, store, threads=resources.threads, progress=bar)
-        found = list(failures(store, outcome))
-    if found:
-        rows = [[str(len(scenes)), _examples(made, scenes), reason] for reason, scenes in found]
+        reasons = list(failures(store, outcome))
+    if reasons:
+        rows = [[str(len(scenes)), _examples(job, scenes), reason] for reason, scenes in reasons]
         print_table(["scenes", "such as", "failed because"], rows, right=(0,))
     before = f" ({had} tasks were there)" if had else ""
     print(
@@ -104,33 +104,33 @@ def run_sweep_into(made: Any, path: Path, resources: Any) -> None:
         f"{outcome.cpu_s:.1f} s of processor time"
     )
     print(f"wrote {path}: xarray.open_zarr({str(path)!r})")
-    failed = sum(len(scenes) for _, scenes in found)
+    failed = sum(len(scenes) for _, scenes in reasons)
     if failed:
-        print(f"twilight: {failed:,} of {made.scenes:,} scenes failed", file=sys.stderr)
+        print(f"twilight: {failed:,} of {job.scenes:,} scenes failed", file=sys.stderr)
         raise typer.Exit(1)
 
 
-def _examples(made: Any, scenes: list[tuple[int, ...]]) -> str:
-    text = ", ".join(made.label(scene) for scene in scenes[:LISTED_SCENES])
+def _examples(job: Any, scenes: list[tuple[int, ...]]) -> str:
+    text = ", ".join(job.label(scene) for scene in scenes[:LISTED_SCENES])
     return text + (", ..." if len(scenes) > LISTED_SCENES else "")
 
 
-def print_plan(made: Any, path: Path) -> None:
+def print_plan(job: Any, path: Path) -> None:
     """Say what a sweep computes and what of it is there."""
     from twilight.studies.sweep.store import finished_tasks
 
-    there = finished_tasks(path, made)
-    rows = [[d.name, f"{d.size:,}", "shared field" if d.shares_field else "own field"] for d in made.dimensions]
+    there = finished_tasks(path, job)
+    rows = [[d.name, f"{d.size:,}", "shared field" if d.shares_field else "own field"] for d in job.dimensions]
     print_table(["dimension", "size", "each value has"], rows, right=(1,))
-    print(f"{made.scenes:,} skies of {made.fields:,} fields in {len(made.tasks):,} tasks")
-    print(f"up to {made.bytes / 1e9:.3g} GB in {path}")
-    missing = len(made.tasks) - len(there)
+    print(f"{job.scenes:,} skies of {job.fields:,} fields in {len(job.tasks):,} tasks")
+    print(f"up to {job.bytes / 1e9:.3g} GB in {path}")
+    missing = len(job.tasks) - len(there)
     if there:
-        print(f"{len(there):,} of {len(made.tasks):,} tasks are there already")
+        print(f"{len(there):,} of {len(job.tasks):,} tasks are there already")
         if missing:
             seconds = sum(there) / len(there) * missing
             print(f"the rest takes some {time_of(seconds)} of processor time, as those did")
-    elif (planned := made.planned_cpu_s()) is not None:
+    elif (planned := job.planned_cpu_s()) is not None:
         print(f"some {time_of(planned)} of processor time, by what its solver says of its fields")
     else:
         print("how long it takes is not known before a task is finished; interrupt the sweep and ask again")

@@ -51,12 +51,11 @@ def timeline(
     import datetime as dt
 
     from twilight.base.progress import part_of
+    from twilight.base.sections import unknown
     from twilight.base.whole_files import check_file
     from twilight.config.load import load
-    from twilight.config.validate import unknown
     from twilight.engine.light import field_for
-    from twilight.sky.ephemeris import parse_time
-    from twilight.sky.twilight_times import time_of, today_at, twilight_times
+    from twilight.sky.twilight_times import moment_of, today_at, twilight_times
     from twilight.studies.timeline import timeline as work
     from twilight.studies.timeline.files import WRITERS
     from twilight.studies.timeline.timeline import PRESETS, column
@@ -80,11 +79,7 @@ def timeline(
     place = latitude, longitude, time_zone, config.observer.altitude_km
 
     def moment(text: str) -> dt.datetime:
-        try:
-            dt.datetime.fromisoformat(text)
-        except ValueError:
-            return time_of(text, *place)
-        return parse_time(text, time_zone).astimezone(marks[0].time.tzinfo)  # type: ignore[union-attr]
+        return moment_of(text, *place).astimezone(marks[0].time.tzinfo)  # type: ignore[union-attr]
 
     noon = "solar noon"
     marks = [m for d in (day, day + dt.timedelta(days=1)) for m in twilight_times(d, *place) if m.event == noon]
@@ -99,31 +94,31 @@ def timeline(
     for path in paths:
         check_file(path)
     stem.parent.mkdir(parents=True, exist_ok=True)
-    needs = [one.needs for one in (*columns, *(c.column for c in wanted))]
+    needs = [item.needs for item in (*columns, *(c.column for c in wanted))]
     with progress_bar() as progress:
         chosen = field_for(config, needs, part_of(progress, 0.0, 0.5))
         if chosen.solver:
             print(f"twilight: {chosen.solver}", file=sys.stderr, flush=True)
         rest = part_of(progress, 0.5, 0.5)
-        made = work.timeline(chosen.field, latitude, longitude, times, columns, wanted, time_zone, rest)
+        result = work.timeline(chosen.field, latitude, longitude, times, columns, wanted, time_zone, rest)
     about = f"{config.climate.name}, {latitude:g} {longitude:g}, {day.isoformat()}"
     for path in paths:
-        WRITERS[path.suffix.lower()](made, path, about)
-    _print(made)
+        WRITERS[path.suffix.lower()](result, path, about)
+    _print(result)
     if preset is not None:
         print(preset.about)
     for path in paths:
         print(f"wrote {path}")
 
 
-def _print(made: Any) -> None:
+def _print(result: Any) -> None:
     rows = []
-    for mark in made.marks:
+    for mark in result.marks:
         if mark.time is None:
             rows.append([mark.event, "the sun does not get there", f"{mark.elevation_deg:.2f}"])
         else:
             rows.append([mark.event, _clock(mark.time), f"{mark.elevation_deg:.2f}"])
-    for outcome in made.outcomes:
+    for outcome in result.outcomes:
         text = outcome.condition.text
         if outcome.sentence:
             rows.append([text, outcome.sentence, ""])

@@ -96,7 +96,7 @@ def estimate(
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with progress_bar() as bar:
-        found = twilight.estimate(
+        estimated = twilight.estimate(
             photographs,
             loaded,
             sun_elevation_deg=suns,
@@ -112,17 +112,17 @@ def estimate(
             progress=part_of(bar, 0.0, 0.9),
         )
         bar("comparing", 0.9)
-        write_json(folder / "estimate.json", found.facts())
+        write_json(folder / "estimate.json", estimated.facts())
         with whole_file(folder / "climate.yaml") as temporary:
-            temporary.write_text(found.climate_yaml(), encoding="utf-8")
-        others = found.other_suns()
-        for k, shown in enumerate(found.shown):
+            temporary.write_text(estimated.climate_yaml(), encoding="utf-8")
+        others = estimated.other_suns()
+        for k, shown in enumerate(estimated.shown):
             where = folder if len(images) == 1 else folder / f"{k + 1:02d}-{Path(shown.name).stem}"
             where.mkdir(parents=True, exist_ok=True)
-            write_comparison(found, shown, where, others)
-    for line in found.sentences():
+            write_comparison(estimated, shown, where, others)
+    for line in estimated.sentences():
         print(line)
-    _print_tables(found)
+    _print_tables(estimated)
     print(f"wrote estimate.json, climate.yaml and the comparison to {folder}/")
 
 
@@ -130,31 +130,33 @@ def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-def write_comparison(found: Any, shown: Any, folder: Path, others: Any) -> None:
+def write_comparison(estimated: Any, shown: Any, folder: Path, others: Any) -> None:
     """Write what `twilight validate photo` writes of the estimate's own sky of one picture."""
     from twilight.studies.validate.photographs.figure import write_dataset, write_figure, write_json, write_profiles
 
-    sky = found.sky if shown is found.shown[0] else found.sky_of(shown)
-    seen, comparison = (found.seen, found.comparison) if shown is found.shown[0] else found.compared(shown, sky)
+    sky = estimated.sky if shown is estimated.shown[0] else estimated.sky_of(shown)
+    photographed, comparison = (
+        (estimated.seen, estimated.comparison) if shown is estimated.shown[0] else estimated.compared(shown, sky)
+    )
     facts = {
         "photograph": shown.name,
-        "scene": found.given.title,
+        "scene": estimated.given.title,
         "sun_elevation_deg": shown.sun_elevation_deg,
         "sun_azimuth_deg": shown.sun_azimuth_deg,
-        "masked": seen.mask.taken,
+        "masked": photographed.mask.taken,
         "figures": comparison.figures,
         "computed_sky": sky.provenance,
     }
-    lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {found.best.aerosol_type}", *found.remarks)
-    drawn = (comparison, seen.panorama, seen.mask)
+    lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {estimated.best.aerosol_type}", *estimated.remarks)
+    drawn = (comparison, photographed.panorama, photographed.mask)
     write_figure(folder / "comparison.png", *drawn, title=shown.name, lines=lines, others=others)
     write_json(folder / "figures.json", facts)
     write_profiles(folder / "profiles.csv", comparison)
     write_dataset(folder / "comparison.h5", comparison, facts)
 
 
-def _print_tables(found: Any) -> None:
-    types = [[e.aerosol_type, f"{e.misfit:.3g}", f"{e.chi2_above_best:.3g}"] for e in found.types]
+def _print_tables(estimated: Any) -> None:
+    types = [[e.aerosol_type, f"{e.misfit:.3g}", f"{e.chi2_above_best:.3g}"] for e in estimated.types]
     print_table(["type", "misfit", "chi2 above best"], types, right=(1, 2))
     rows = [
         [
@@ -165,7 +167,7 @@ def _print_tables(found: Any) -> None:
             p.unit,
             "yes" if p.constrained else "no",
         ]
-        for p in found.best.parameters
+        for p in estimated.best.parameters
     ]
     print_table(["parameter", "value", "68 %", "95 %", "unit", "told"], rows, right=(1,))
 

@@ -99,31 +99,38 @@ def compare_with_sky(
             apparent = (
                 sky.sun_elevation_deg if sky.apparent_sun_elevation_deg is None else sky.apparent_sun_elevation_deg
             )
-            seen = photograph.seen(azimuth, apparent)
-            found = comparing.compare(seen.sky, sky, white_balance=white_balance)
-            residuals = comparing.residual_vector(seen.sky, found.simulated, white_balance=white_balance)
+            photographed = photograph.seen(azimuth, apparent)
+            comparison = comparing.compare(photographed.sky, sky, white_balance=white_balance)
+            residuals = comparing.residual_vector(photographed.sky, comparison.simulated, white_balance=white_balance)
             misfit = float(residuals @ residuals)
-            rows.append((frame.name, sky.sun_elevation_deg, misfit, found.figures))
+            rows.append((frame.name, sky.sun_elevation_deg, misfit, comparison.figures))
             of_disc = disc is not None and sky.sun_elevation_deg == disc
             if best is None or of_disc or (misfit < best[0] and best[1].sun_elevation_deg != disc):
-                best = (misfit, sky, seen, found, azimuth)
+                best = (misfit, sky, photographed, comparison, azimuth)
         bar("drawing", 0.92)
-        _, sky, seen, found, azimuth = best
+        _, sky, photographed, comparison, azimuth = best
         facts = {
             "photograph": image.name,
             "scene": config.title,
             "sun_elevation_deg": sky.sun_elevation_deg,
             "sun_azimuth_deg": azimuth,
             "sun_azimuth": note,
-            "masked": seen.mask.taken,
-            "figures": found.figures,
+            "masked": photographed.mask.taken,
+            "figures": comparison.figures,
             "computed_sky": sky.provenance,
         }
         lines = (f"scene: {config.title}, sun {sky.sun_elevation_deg:+.2f} deg", note)
-        write_figure(folder / "comparison.png", found, seen.panorama, seen.mask, title=image.name, lines=lines)
+        write_figure(
+            folder / "comparison.png",
+            comparison,
+            photographed.panorama,
+            photographed.mask,
+            title=image.name,
+            lines=lines,
+        )
         write_json(folder / "figures.json", facts)
-        write_profiles(folder / "profiles.csv", found)
-        write_dataset(folder / "comparison.h5", found, facts)
+        write_profiles(folder / "profiles.csv", comparison)
+        write_dataset(folder / "comparison.h5", comparison, facts)
         if count_suns(config) > 1:
             write_suns(folder / "suns.csv", rows)
     if len(rows) > 1:
@@ -134,9 +141,9 @@ def compare_with_sky(
     elif _disc_differs(photograph, sun_azimuth, sky):
         print(_disc_differs(photograph, sun_azimuth, sky))
     print(note)
-    for cause, fraction in seen.mask.taken.items():
+    for cause, fraction in photographed.mask.taken.items():
         print(f"masked, {cause}: {100 * fraction:.1f} % of the sky")
-    for line in summary(found.figures):
+    for line in summary(comparison.figures):
         print(line)
     names = "comparison.png, figures.json, profiles.csv, comparison.h5" + (", suns.csv" if len(rows) > 1 else "")
     print(f"wrote {names} to {folder}/")
@@ -151,10 +158,10 @@ def _with_disc(config: Any, photograph: Any, sun_azimuth: float | None) -> tuple
 
     if not isinstance(config.sun, SunElevations) or sun_azimuth is not None:
         return config, None
-    found = photograph.sun.true_elevation_deg
-    if found is None:
+    elevation_deg = photograph.sun.true_elevation_deg
+    if elevation_deg is None:
         return config, None
-    disc = round(float(found), 2)
+    disc = round(float(elevation_deg), 2)
     suns = tuple(sorted({*config.sun.elevations_deg, disc}))
     return config.model_copy(update={"sun": config.sun.model_copy(update={"elevations_deg": suns})}), disc
 
@@ -223,11 +230,11 @@ def response(
     if output is not None and not recovers:
         raise TwilightError("--output: the pictures are linear, and there is no curve to recover")
     if recovers:
-        found = recover_response(pictures, seconds)
-        write_response(target, found)
-        print(f"rms of ln(exposure): {found.residual:.4f} over {found.pairs} samples")
+        recovered = recover_response(pictures, seconds)
+        write_response(target, recovered)
+        print(f"rms of ln(exposure): {recovered.residual:.4f} over {recovered.pairs} samples")
         print(f"wrote {target}")
-        undo: Any = found
+        undo: Any = recovered
     else:
         undo = None if curve is None else load_response(_number_or_text(curve))
     if merge is not None:

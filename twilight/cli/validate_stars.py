@@ -66,7 +66,7 @@ def stars(
     guess = read_camera(camera)
     light = read_image(image, load_response(guess.response)).samples
     try:
-        made = calibrate(
+        calibration = calibrate(
             light,
             guess,
             place,
@@ -82,14 +82,16 @@ def stars(
     for path in (target, picture):
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
-    dating = _dated(made) if planets else None
-    solved = made.camera
+    dating = _dated(calibration) if planets else None
+    solved = calibration.camera
     if dating is not None:
-        solved = CameraModel.model_validate({**solved.model_dump(), "calibration": {**made.facts(), **_facts(dating)}})
+        solved = CameraModel.model_validate(
+            {**solved.model_dump(), "calibration": {**calibration.facts(), **_facts(dating)}}
+        )
     write_camera(target, solved)
     if picture is not None:
-        draw(light, made, picture)
-    _report(made)
+        draw(light, calibration, picture)
+    _report(calibration)
     if planets:
         print(_sentence(dating))
     print(f"wrote {target}" + (f", {picture}" if picture is not None else ""))
@@ -113,13 +115,13 @@ def _place_and_time(
     return StarSite(where.latitude_deg, where.longitude_deg, altitude_km), where.aware(where.at)
 
 
-def _dated(made: Any) -> Any:
+def _dated(calibration: Any) -> Any:
     """The date by planets, from the first digital cameras to now."""
     from datetime import UTC, datetime
 
     from twilight.studies.validate.stars.planets import date_by_planets
 
-    return date_by_planets(made, FIRST_DIGITAL_YEAR, datetime.now(UTC).year + 1.0)
+    return date_by_planets(calibration, FIRST_DIGITAL_YEAR, datetime.now(UTC).year + 1.0)
 
 
 def _facts(dating: Any) -> dict[str, Any]:
@@ -138,9 +140,9 @@ def _sentence(dating: Any) -> str:
     return f"planets: {dating.first:%Y-%m-%d} to {dating.last:%Y-%m-%d} by {where}; {others}"
 
 
-def _report(made: Any) -> None:
+def _report(calibration: Any) -> None:
     """Figures of the calibration on stdout."""
-    camera, fit, facts = made.camera, made.fit, made.facts()
+    camera, fit, facts = calibration.camera, calibration.fit, calibration.facts()
     o = camera.orientation
     rows = [
         ["sources found", str(facts["sources"])],
@@ -148,7 +150,7 @@ def _report(made: Any) -> None:
         ["refused", f"{facts['refused_by_distance']} too far, {facts['refused_by_brightness']} too bright or faint"],
         ["residual", f"{facts['residual_rms_arcmin']:.2f}' rms, {facts['residual_median_arcmin']:.2f}' median"],
         ["azimuth, elevation, roll", f"{o.azimuth_deg:.3f}, {o.elevation_deg:.3f}, {o.roll_deg:.3f} deg"],
-        ["their standard error", f"{made.pointing_error_arcmin:.2f}'"],
+        ["their standard error", f"{calibration.pointing_error_arcmin:.2f}'"],
     ]
     if camera.projection != "latlong":
         x, y = camera.principal_point_px
@@ -158,8 +160,8 @@ def _report(made: Any) -> None:
         rows.append(["principal point", f"{x:.2f}, {y:.2f} px" + _unless("principal_point", fit.free)])
         k = ", ".join(f"{v:.5f}" for v in camera.lens.distortion) or "none"
         rows.append(["distortion", k + _unless("k1", fit.free)])
-    if made.orientation is not None:
-        sky = made.orientation
+    if calibration.orientation is not None:
+        sky = calibration.orientation
         rows.append(["local sidereal time", f"{sky.local_sidereal_time_h:.3f} h"])
         rows.append(["latitude", f"{sky.latitude_deg:.2f} deg, if the guess is level"])
     print_table(["", ""], rows)

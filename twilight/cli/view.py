@@ -42,35 +42,39 @@ def view(
     options.put_options(chosen, names, {"solver.quality": (quality, "--quality")})
     altitudes = None if altitudes_km is None else options.parse_numbers(altitudes_km, "--altitudes-km", 0.0, 40000.0)
     scenes = [scene] if beside is None else [scene, beside]
-    found = [_scene(one, chosen, names) for one in scenes]
+    airs = [_scene(name_given, chosen, names) for name_given in scenes]
     title = [
-        air.title or air.medium.name or options.file_stem(Path(one).stem, "sky")
-        for one, (air, _) in zip(scenes, found, strict=True)
+        air.title or air.medium.name or options.file_stem(Path(name_given).stem, "sky")
+        for name_given, (air, _) in zip(scenes, airs, strict=True)
     ]
     path = output or Path("out") / f"{'-'.join(options.file_stem(name, 'sky') for name in title)}.html"
 
     from twilight.base.whole_files import check_file
     from twilight.engine import solve
-    from twilight.viewer import check_altitudes, ground_to_orbit, view_fields
+    from twilight.show.skies import check_altitudes, ground_to_orbit, view_fields
 
-    first = found[0][0]
+    first = airs[0][0]
     if altitudes is None and first.capabilities.every_observer:
         altitudes = list(ground_to_orbit(first.medium))
-    for name, (air, _) in zip(title, found, strict=True):
+    for name, (air, _) in zip(title, airs, strict=True):
         check_altitudes(air, altitudes, name)
     check_file(path)
-    config = found[0][1]
+    config = airs[0][1]
     with progress_bar() as bar:
         from twilight.base.progress import part_of
 
         solved = []
-        for k, (air, config_of_it) in enumerate(found):
-            part = part_of(bar, 0.4 * k / len(found), 0.4 / len(found), f"{title[k]}: field")
+        for k, (air, config_of_it) in enumerate(airs):
+            part = part_of(bar, 0.4 * k / len(airs), 0.4 / len(airs), f"{title[k]}: field")
             solved.append(solve(air, progress=part, cached=config_of_it is not None))
         page = view_fields(
             solved,
             names=title,
-            scenes=[_render_words(one, quality, settings) for one, case in zip(scenes, found, strict=True) if case[1]],
+            scenes=[
+                _render_words(name_given, quality, settings)
+                for name_given, case in zip(scenes, airs, strict=True)
+                if case[1]
+            ],
             altitudes_km=altitudes,
             start={} if config is None else _start(config),
             progress=part_of(bar, 0.4, 0.6, "tables"),

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from twilight.config.base import FilePath, Flag, Number, Section, increase, key
+from twilight.base.sections import FilePath, Flag, Increasing, Number, Section, check_lengths, key
 
 AerosolType = Literal[
     "continental_clean", "continental_average", "continental_polluted", "urban", "desert",
@@ -47,7 +47,7 @@ class MineralTransported(Section):
 class RefractiveIndex(Section):
     """Refractive index of the particles, for all wavelengths or at some; linear in between and constant outside."""
 
-    wavelength_nm: tuple[Number, ...] = key(
+    wavelength_nm: Annotated[tuple[Number, ...], Increasing] = key(
         (550.0,), "wavelengths, increasing", unit="nm", min_length=1, max_length=2000
     )
     real: tuple[Annotated[Number, Field(gt=0.0, le=10.0)], ...] = key(
@@ -59,14 +59,7 @@ class RefractiveIndex(Section):
 
     @model_validator(mode="after")
     def _match(self) -> RefractiveIndex:
-        w = self.wavelength_nm
-        if not len(w) == len(self.real) == len(self.imaginary):
-            raise ValueError(
-                f"has {len(w)} wavelength_nm, {len(self.real)} real and {len(self.imaginary)} imaginary; all need one "
-                f"number for each wavelength"
-            )
-        if not increase(w):
-            raise ValueError("wavelength_nm must increase")
+        check_lengths(self, "wavelength_nm", "real", "imaginary")
         return self
 
 
@@ -126,7 +119,7 @@ class OpticsTable(Section):
 class OpticalDepths(Section):
     """The optical depth of all aerosol at some wavelengths: a power law between two, and beyond the outermost."""
 
-    wavelength_nm: tuple[Annotated[Number, Field(ge=200.0, le=5000.0)], ...] = key(
+    wavelength_nm: Annotated[tuple[Annotated[Number, Field(ge=200.0, le=5000.0)], ...], Increasing] = key(
         ..., "wavelengths, increasing", unit="nm", min_length=2, max_length=100
     )
     optical_depth: tuple[Annotated[Number, Field(gt=0.0, le=20.0)], ...] = key(
@@ -135,11 +128,7 @@ class OpticalDepths(Section):
 
     @model_validator(mode="after")
     def _match(self) -> OpticalDepths:
-        w = self.wavelength_nm
-        if len(w) != len(self.optical_depth):
-            raise ValueError(f"has {len(w)} wavelength_nm but {len(self.optical_depth)} optical_depth")
-        if not increase(w):
-            raise ValueError("wavelength_nm must increase")
+        check_lengths(self, "wavelength_nm", "optical_depth")
         return self
 
 
@@ -234,8 +223,10 @@ class Aerosol(Section):
 class StratosphereLevels(Section):
     """A measured profile of the stratosphere's extinction; above it the extinction falls as that of `kind` does."""
 
-    altitude_km: tuple[Number, ...] = key(..., "above sea level, increasing", unit="km", min_length=2, max_length=500)
-    wavelength_nm: tuple[Annotated[Number, Field(ge=300.0, le=2000.0)], ...] = key(
+    altitude_km: Annotated[tuple[Number, ...], Increasing] = key(
+        ..., "above sea level, increasing", unit="km", min_length=2, max_length=500
+    )
+    wavelength_nm: Annotated[tuple[Annotated[Number, Field(ge=300.0, le=2000.0)], ...], Increasing] = key(
         ..., "increasing; of a single one the droplets give the spectrum", unit="nm", min_length=1, max_length=50
     )
     extinction_per_km: tuple[tuple[Annotated[Number, Field(gt=0.0, le=10.0)], ...], ...] = key(
@@ -247,15 +238,12 @@ class StratosphereLevels(Section):
 
     @model_validator(mode="after")
     def _match(self) -> StratosphereLevels:
-        for name in ("altitude_km", "wavelength_nm"):
-            if not increase(getattr(self, name)):
-                raise ValueError(f"{name} must increase")
         if len(self.extinction_per_km) != len(self.altitude_km) or any(
             len(row) != len(self.wavelength_nm) for row in self.extinction_per_km
         ):
             raise ValueError("extinction_per_km must hold a list for each altitude, with a number for each wavelength")
-        if self.median_radius_um is not None and len(self.median_radius_um) != len(self.altitude_km):
-            raise ValueError("median_radius_um must hold a number for each altitude")
+        if self.median_radius_um is not None:
+            check_lengths(self, "altitude_km", "median_radius_um")
         return self
 
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import field_validator, model_validator
 
-from twilight.config.base import Number, Section, key, one_line
+from twilight.base.sections import Number, Section, key, one_line
 from twilight.config.sun import Moment
 
 AIR_FILES = ("sounding", "reanalysis", "aeronet")

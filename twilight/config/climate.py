@@ -12,9 +12,9 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from twilight.atmosphere.profiles import AirProfile, load_profile, profile_of_levels
 from twilight.base.conventions import LOWEST_GROUND_KM
 from twilight.base.errors import TwilightError
+from twilight.base.sections import FilePath, Flag, Increasing, Integer, Number, Section, check_lengths, increase, key
 from twilight.config.aerosol import Aerosol, Stratosphere
 from twilight.config.air import Air, air_files
-from twilight.config.base import FilePath, Flag, Integer, Number, Section, increase, key
 
 THINNEST_KM = 0.01
 """Least thickness of a cloud [km]."""
@@ -78,6 +78,7 @@ CLIMATE_FILES: tuple[tuple[tuple[str, ...], str, str | None], ...] = (
     (("medium",), "phase_function", "phase_function_sha256"),
     (("aerosol", "table"), "file", "sha256"),
     (("aerosol", "table"), "phase_function", "phase_function_sha256"),
+    (("ground",), "albedo_map", "albedo_map_sha256"),
 )
 """Keys of a climate that name files, by section, and the keys of their SHA-256."""
 
@@ -144,7 +145,7 @@ class Levels(Section):
         "relative to the folder of the climate's file",
         min_length=1,
     )
-    altitude_km: tuple[Number, ...] = key(
+    altitude_km: Annotated[tuple[Annotated[Number, Field(ge=LOWEST_GROUND_KM, le=120.0)], ...], Increasing] = key(
         ..., "above sea level, increasing, from the ground (or below) to top_km (or above)", unit="km", min_length=2,
         max_length=500,
     )  # fmt: skip
@@ -164,7 +165,7 @@ class Levels(Section):
         if not isinstance(value, dict) or not isinstance(value.get("file"), str):
             return value
         if not isfile(value["file"]):
-            raise ValueError(f"there is no file {value['file']}")
+            raise ValueError(f"file: there is no file {value['file']}")
         if len(value) > 1:
             raise ValueError("takes either file or the columns themselves, not both")
         from twilight.atmosphere.csv_columns import read_columns  # start-up: numpy
@@ -172,17 +173,12 @@ class Levels(Section):
         try:
             names, rows, _ = read_columns(Path(value["file"]), LEVEL_COLUMNS)
         except TwilightError as error:
-            raise ValueError(str(error)) from None
+            raise ValueError(f"file: {error}") from None
         return {name: column.tolist() for name, column in zip(names, rows.T, strict=True)}
 
     @model_validator(mode="after")
     def _match(self) -> Levels:
-        z = self.altitude_km
-        for name in ("pressure_hpa", "temperature_k", "water_vapour_ppm", "ozone_ppm"):
-            if len(getattr(self, name)) != len(z):
-                raise ValueError(f"has {len(z)} altitude_km but {len(getattr(self, name))} {name}")
-        if z[0] < LOWEST_GROUND_KM or z[-1] > 120.0 or not increase(z):
-            raise ValueError(f"altitude_km must increase from {LOWEST_GROUND_KM:g} or more to at most 120 km")
+        check_lengths(self, "altitude_km", "pressure_hpa", "temperature_k", "water_vapour_ppm", "ozone_ppm")
         if not increase(reversed(self.pressure_hpa)):
             raise ValueError("pressure_hpa must decrease")
         return self
@@ -277,18 +273,14 @@ class Refraction(Section):
 class Spectrum(Section):
     """A quantity over wavelength, linear in between and constant outside."""
 
-    wavelength_nm: tuple[Number, ...] = key(
+    wavelength_nm: Annotated[tuple[Number, ...], Increasing] = key(
         (380.0, 720.0), "wavelengths, increasing", unit="nm", min_length=1, max_length=2000
     )
     albedo: tuple[Annotated[Number, Field(ge=0.0, le=1.0)], ...] = key((0.0, 0.0), "one for each wavelength", unit="1")
 
     @model_validator(mode="after")
     def _match(self) -> Spectrum:
-        w = self.wavelength_nm
-        if len(w) != len(self.albedo):
-            raise ValueError(f"has {len(w)} wavelength_nm but {len(self.albedo)} albedo values")
-        if not increase(w):
-            raise ValueError("wavelength_nm must increase")
+        check_lengths(self, "wavelength_nm", "albedo")
         return self
 
 
@@ -304,8 +296,19 @@ class Ground(Section):
         Discriminator(_albedo_kind),
     ] = key(
         0.0,
-        "fraction of light reflected, a number or {wavelength_nm: [...], albedo: [...]}",
+        "fraction of light reflected, a number or {wavelength_nm: [...], albedo: [...]}; with albedo_map: where that "
+        "has none",
         unit="1",
+    )
+    albedo_map: FilePath | None = key(
+        None,
+        "albedo by latitude and longitude: netCDF (over lat, lon and, if it likes, wavelength), or a picture of the "
+        "whole Earth (PNG, JPEG, EXR; north up, 180 deg W at the left); views see it, terrain has it, its mean over "
+        "the ground in sight or within 100 km lights the air; relative to the folder of the climate's file",
+        min_length=1,
+    )
+    albedo_map_sha256: str | None = key(
+        None, "the map's SHA-256; if given, another is an error", pattern="^[0-9a-f]{64}$"
     )
     altitude_km: Number = key(
         0.0,

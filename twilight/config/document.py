@@ -10,6 +10,8 @@ from typing import Any
 import yaml
 
 from twilight.base.errors import TwilightError
+from twilight.base.reading import read_text
+from twilight.base.sections import dotted
 
 MAX_BYTES = 1_000_000
 """A climate or a configuration is a page of text; anything longer is a mistake."""
@@ -72,26 +74,10 @@ def parse_yaml(text: str, source: str) -> Any:
 
 def read_yaml(path: Path) -> dict[str, Any]:
     """The mapping in a YAML file; TwilightError when it cannot be read, is too long, or is not a mapping."""
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise TwilightError(f"{path}: is larger than {MAX_BYTES // 1000} kB, which no climate or configuration is")
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise TwilightError(f"{path}: is not a text file in UTF-8") from None
-    except OSError as error:
-        raise TwilightError(f"{path}: cannot be read: {error.strerror}") from None
-    data = parse_yaml(text, str(path))
+    data = parse_yaml(read_text(path, MAX_BYTES), str(path))
     if not isinstance(data, dict):
         raise TwilightError(f"{path}: must hold keys and values such as `version: 1`")
     return data
-
-
-def dotted(path: tuple) -> str:
-    """`aerosol.components.waso`, `wavelengths.list_nm[2]`."""
-    text = ""
-    for part in path:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
-    return text
 
 
 def _refuse_infinite(data: Any, source: str, path: tuple) -> None:

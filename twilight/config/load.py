@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.sections import Origins, dotted, unknown, validate
 from twilight.config.climate import Climate, climate_files
-from twilight.config.document import dotted, parse_yaml, read_yaml
+from twilight.config.document import parse_yaml, read_yaml
 from twilight.config.scene import Config
 from twilight.config.solver import choose_solver
-from twilight.config.validate import Origins, unknown, validate
 from twilight.config.vary import DRAWING, Axis, axes_of
 
 
@@ -80,7 +80,11 @@ def find(
 def _files_beside(path: Path) -> dict[str, str]:
     """Names of the documents in the folder of a path by their stems; none where it cannot be read."""
     try:
-        return {one.stem: one.name for one in path.parent.iterdir() if one.suffix in (".yaml", ".yml", ".json")}
+        return {
+            one.stem: one.name
+            for one in path.parent.iterdir()
+            if one.suffix in (".yaml", ".yml", ".json") and one.name != path.name
+        }
     except OSError:
         return {}
 

@@ -36,6 +36,7 @@ from twilight.atmosphere.measured.parts import (
 from twilight.atmosphere.opac import opac_type
 from twilight.atmosphere.stratosphere import measured_kind
 from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.reading import reading as reading_file
 from twilight.config.air import Air
 from twilight.config.climate import Climate, air_profile
 from twilight.config.scene import Config
@@ -83,10 +84,8 @@ def with_measured_air(climate: Climate, wanted: PlaceAndTime) -> dict[str, Any]:
 
 def read(path: str, wanted: PlaceAndTime) -> Reading:
     """What a file holds; read once as long as it does not change."""
-    try:
+    with reading_file(path, "a file of measurements"):
         at = stat(path)
-    except OSError as error:
-        raise TwilightError(f"{path}: cannot be read: {error.strerror}") from None
     return _read(path, at.st_mtime_ns, at.st_size, wanted)
 
 

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from twilight.base.errors import TwilightError
 from twilight.base.formats import FORMATS, check_names
-from twilight.config.base import Flag, Integer, Number, Section, key
+from twilight.base.sections import Flag, Integer, Number, Section, key
 from twilight.numerics.projections import PROJECTIONS, projection_of, shape_of, view_rays
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from twilight.base.conventions import LOWEST_GROUND_KM
-from twilight.config.base import Flag, Integer, Number, Section, increase, key
+from twilight.base.sections import Flag, Increasing, Integer, Number, Section, check_lengths, key
 from twilight.config.climate import Climate
 from twilight.config.pictures import Output, Terrain, View
 from twilight.config.solver import ChosenSolver, SolverOptions, choose_solver
@@ -38,7 +38,7 @@ class Skyline(Section):
 class HorizonScreen(Section):
     """Which part of the direct sunbeams passes: a table by altitude, clouds, or a skyline; one of the three."""
 
-    heights_km: tuple[Annotated[Number, Field(ge=-1.0, le=200.0)], ...] | None = key(
+    heights_km: Annotated[tuple[Annotated[Number, Field(ge=-1.0, le=200.0)], ...], Increasing] | None = key(
         None, "least altitudes of a beam on its way, increasing", unit="km", min_length=1, max_length=1000
     )
     transmission: tuple[Annotated[Number, Field(ge=0.0, le=1.0)], ...] | None = key(
@@ -70,13 +70,7 @@ class HorizonScreen(Section):
         if table and (self.heights_km is None or self.transmission is None):
             raise ValueError("needs both heights_km and transmission")
         if self.heights_km is not None and self.transmission is not None:
-            if len(self.heights_km) != len(self.transmission):
-                raise ValueError(
-                    f"heights_km has {len(self.heights_km)} values and transmission {len(self.transmission)}; they "
-                    "must be as many"
-                )
-            if not increase(self.heights_km):
-                raise ValueError("heights_km must increase")
+            check_lengths(self, "heights_km", "transmission")
         elif "from_km" in self.model_fields_set:
             raise ValueError("from_km belongs to heights_km; clouds have their own")
         if self.skyline is not None and self.angstrom_exponent != 0.0:
@@ -135,7 +129,7 @@ class Wavelengths(Section):
     min_nm: Number | None = key(None, "first of `count` equidistant wavelengths; 380", unit="nm", ge=280.0, le=1000.0)
     max_nm: Number | None = key(None, "last of `count` equidistant wavelengths; 720", unit="nm", ge=280.0, le=1000.0)
     count: Integer | None = key(None, "number of equidistant wavelengths; 8", unit="1", ge=1, le=2000)
-    list_nm: tuple[Annotated[Number, Field(ge=280.0, le=1000.0)], ...] | None = key(
+    list_nm: Annotated[tuple[Annotated[Number, Field(ge=280.0, le=1000.0)], ...], Increasing] | None = key(
         None,
         "the wavelengths themselves, increasing, instead of min_nm, max_nm and count; where none of the four is set, "
         "eight that are placed so that colours come out right",
@@ -149,8 +143,6 @@ class Wavelengths(Section):
         w = self.list_nm
         if w is not None and (self.min_nm, self.max_nm, self.count) != (None, None, None):
             raise ValueError("takes either list_nm or min_nm, max_nm and count, not both")
-        if w is not None and not increase(w):
-            raise ValueError("list_nm must increase")
         low, high, count = self._equidistant
         if high < low or (count > 1 and high == low):
             raise ValueError("max_nm must be above min_nm")
@@ -336,6 +328,19 @@ class Config(Section):
                 f"observer.altitude_km is {self.observer.altitude_km:g}, below the ground (ground.altitude_km, "
                 f"{ground_km:g} km); both count from sea level; set both where land lies below it"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _lies_on_the_map(self) -> Config:
+        if self.climate.ground.albedo_map is None:
+            return self
+        if self.observer.view is not None and isinstance(self.sun, SunElevation | SunElevations):
+            raise ValueError(
+                "ground.albedo_map: needs to know which ground is seen: give the sun a time and a place (sun.at, "
+                "sun.latitude_deg, sun.longitude_deg)"
+            )
+        if self.terrain is not None and "albedo" in self.terrain.model_fields_set:
+            raise ValueError("terrain.albedo: ground.albedo_map says what the terrain reflects; leave one of them out")
         return self
 
     @model_validator(mode="after")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, fields, replace
-from typing import Any, NamedTuple, get_type_hints
+from dataclasses import asdict, replace
+from typing import Any, NamedTuple
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from twilight import solvers
 from twilight.base.errors import TwilightError
-from twilight.config.validate import Origins, allowed, unknown
+from twilight.base.sections import Origins, option_fields, option_name, unknown
 
 
 class ChosenSolver(NamedTuple):
@@ -22,14 +22,10 @@ class ChosenSolver(NamedTuple):
     settings: Any
 
 
-def option_names(settings: type) -> tuple[list[str], list[str]]:
-    """(options that stand right under `solver`, options under `solver.expert`), of a solver's class of settings.
-
-    The former are those that the class lists in `COMMON`, in that order; without such a list all are.
-    """
-    known = [f.name for f in fields(settings)]
-    common = list(getattr(settings, "COMMON", known))
-    return common, [name for name in known if name not in common]
+def option_names(settings: Any) -> tuple[list[str], list[str]]:
+    """(options that stand right under `solver`, options under `solver.expert`), of a solver's settings."""
+    expert = [name for name in option_fields(settings) if option_name(settings, name).startswith("solver.expert.")]
+    return [name for name in option_fields(settings) if name not in expert], expert
 
 
 def choose_solver(section: Mapping[str, Any], origins: Origins | None = None) -> ChosenSolver:
@@ -48,7 +44,7 @@ def choose_solver(section: Mapping[str, Any], origins: Origins | None = None) ->
     if not isinstance(quality, str) or quality not in qualities:
         raise _error(origins, ("quality",), f"{quality} {unknown(str(quality), qualities, f'quality of {name}')}")
     preset = qualities[quality]
-    common, expert = option_names(type(preset))
+    common, expert = option_names(preset)
     given = options.pop("expert", {}) if expert else {}
     if not isinstance(given, Mapping):
         raise _error(origins, ("expert",), f"solver.expert must be a mapping of options of {name}, got {given!r}")
@@ -63,25 +59,14 @@ def choose_solver(section: Mapping[str, Any], origins: Origins | None = None) ->
             raise _error(origins, ("expert", key), f"solver.expert.{key} stands among the first: write solver.{key}")
         if key not in expert:
             raise _error(origins, ("expert", key), f"solver.expert.{key} {unknown(key, expert, f'key of {name}')}")
-    hints = get_type_hints(type(preset), include_extras=True)
-    chosen: dict[str, Any] = {}
-    for path, value in [
-        *(((key,), v) for key, v in options.items()),
-        *((("expert", key), v) for key, v in given.items()),
-    ]:
-        key = path[-1]
-        try:
-            chosen[key] = TypeAdapter(hints[key]).validate_python(value, strict=not isinstance(value, list))
-        except ValidationError:
-            text = f"solver.{'.'.join(path)} must be {allowed(hints[key])}, got {value!r}"
-            raise _error(origins, path, text) from None
     try:
-        return ChosenSolver(name, quality, replace(preset, **chosen))
+        return ChosenSolver(name, quality, replace(preset, **options, **given))
     except TwilightError as error:
-        # solvers call their options solver.NAME
-        text = re.sub(r"\bsolver\.(\w+)", lambda m: f"solver.expert.{m[1]}" if m[1] in expert else m[0], str(error))
-        first = next(iter(chosen), "name")
-        raise _error(origins, ("expert", first) if first in expert else (first,), text) from None
+        named = [
+            word for word in re.findall(r"\bsolver\.(?:expert\.)?(\w+)", str(error)) if word in {**options, **given}
+        ]
+        first = next(iter([*named, *options, *given]), "name")
+        raise _error(origins, ("expert", first) if first in given else (first,), str(error)) from None
 
 
 def complete_solver(section: Mapping[str, Any]) -> dict[str, Any]:
@@ -93,36 +78,10 @@ def complete_solver(section: Mapping[str, Any]) -> dict[str, Any]:
     solver: Any = solvers.load(name)
     if hasattr(solver, "recorded"):
         settings = solver.recorded(settings)
-    common, expert = option_names(type(settings))
+    common, expert = option_names(settings)
     values = asdict(settings)
     made = {"name": name, "quality": quality, **{key: values[key] for key in common}}
     return made | ({"expert": {key: values[key] for key in expert}} if expert else {})
-
-
-def explain_options(settings: type) -> dict[str, str]:
-    """What each option of a solver is for, from the docstring of its settings.
-
-    The docstring says `option, option: what they are`, each such piece on lines of its own; a line that ends with a
-    colon and names no option is a heading.
-    """
-    names = "|".join(sorted((f.name for f in fields(settings)), key=len, reverse=True))
-    start = re.compile(rf"\s*((?:{names})(?:, (?:{names}))*): ?(.*)")
-    found: dict[str, str] = {}
-    current: tuple[str, ...] = ()
-    for line in (settings.__doc__ or "").splitlines():
-        begins = start.fullmatch(line)
-        if begins:
-            current = tuple(begins[1].split(", "))
-            found.update(dict.fromkeys(current, begins[2].strip()))
-        elif not line.strip() or line.rstrip().endswith(":"):
-            current = ()
-        else:
-            found.update({name: f"{found[name]} {line.strip()}".strip() for name in current})
-    yaml = {"None": "null", "True": "true", "False": "false"}
-    return {
-        name: re.sub(r"\b(None|True|False)\b", lambda word: yaml[word[0]], " ".join(text.split())).rstrip(".")
-        for name, text in found.items()
-    }
 
 
 class SolverOptions:
@@ -135,13 +94,9 @@ class SolverOptions:
 def _schema_of(name: str) -> dict[str, Any]:
     qualities = solvers.load(name).QUALITIES
     standard = qualities["standard"]
-    hints, why, values = get_type_hints(type(standard)), explain_options(type(standard)), asdict(standard)
+    described, values = TypeAdapter(type(standard)).json_schema()["properties"], asdict(standard)
     common, expert = (
-        {
-            key: TypeAdapter(hints[key]).json_schema() | {"default": values[key], "description": why.get(key, "")}
-            for key in named
-        }
-        for named in option_names(type(standard))
+        {key: described[key] | {"default": values[key]} for key in named} for named in option_names(standard)
     )
     keys: dict[str, Any] = {"name": {"const": name}, "quality": {"enum": list(qualities), "default": "standard"}}
     keys |= common

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from twilight.base.conventions import YEARS
 from twilight.base.errors import TwilightError
-from twilight.config.base import Flag, Number, Section, increase, key
+from twilight.base.sections import Flag, Number, Section, increase, key
 
 
 def _moment(value: Any) -> Any:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from twilight.base.errors import TwilightError
-from twilight.config.validate import unknown
+from twilight.base.sections import short, unknown
 
 LIST = "list"
 DRAWS = "draws"
@@ -201,7 +201,7 @@ def _range(value: Mapping[str, Any], where: str) -> tuple[float, float, str]:
 
 def _number(value: Any, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not -LARGEST <= value <= LARGEST:
-        raise TwilightError(f"{where} must be a number, got {value!r}")
+        raise TwilightError(f"{where} must be a number, got {short(value)}")
     return float(value)
 
 
@@ -216,5 +216,5 @@ def _between(first: float, last: float, scale: str, fraction: float) -> float:
 
 def _whole(value: Any, where: str, low: int, high: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise TwilightError(f"{where} must be a whole number from {low} to {high}, got {value!r}")
+        raise TwilightError(f"{where} must be a whole number from {low} to {high}, got {short(value)}")
     return value

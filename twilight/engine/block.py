@@ -54,10 +54,10 @@ def join(answers: Sequence[Answer], axis: int = -1) -> Answer:
 
 def answer_of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Answer:
     """The answer that holds Stokes parameters (..., 3, W)."""
-    found = Answer(stokes[..., 0, :], None, stokes[..., 1:, :])
+    answer = Answer(stokes[..., 0, :], None, stokes[..., 1:, :])
     if error is None:
-        return found
-    return replace(found, standard_error=error[..., 0, :], polarisation_error=error[..., 1:, :])
+        return answer
+    return replace(answer, standard_error=error[..., 0, :], polarisation_error=error[..., 1:, :])
 
 
 def sum_terms(answer: Answer, bands: GasBands) -> Answer:
@@ -130,9 +130,9 @@ class Block:
                 return read
             except TwilightError:  # damaged
                 cache.discard(path)
-        made: Any = solved(settings)
-        cache.store(cache.FIELDS, key, made.save)
-        return made
+        field: Any = solved(settings)
+        cache.store(cache.FIELDS, key, field.save)
+        return field
 
     def key(self, altitude_km: float) -> str:
         """The key of the field of an observer in the cache: a hash of all that enters."""
@@ -173,26 +173,26 @@ class Block:
         """
         directions = (sun_elevation_deg, elevation_deg, azimuth_deg)
         check_question(*directions)
-        made, more = self._seen_from(observer_altitude_km)
+        field, more = self._seen_from(observer_altitude_km)
         if checkpoint is not None and self.capabilities.standard_error:
             more["checkpoint"] = checkpoint
-        polarised = polarisation and made.polarised
+        polarised = polarisation and field.polarised
         if self.capabilities.standard_error and polarised:
-            with_noise = made.stokes_with_error(*directions, **more)
-            found = answer_of_stokes(with_noise.stokes, with_noise.standard_error)
+            with_noise = field.stokes_with_error(*directions, **more)
+            answered = answer_of_stokes(with_noise.stokes, with_noise.standard_error)
         elif self.capabilities.standard_error:
-            estimate = made.radiance_with_error(*directions, **more)
-            found = Answer(estimate.radiance, estimate.standard_error)
+            estimate = field.radiance_with_error(*directions, **more)
+            answered = Answer(estimate.radiance, estimate.standard_error)
         elif polarised:
-            found = answer_of_stokes(made.stokes(*directions, **more))
+            answered = answer_of_stokes(field.stokes(*directions, **more))
         else:
-            found = Answer(made.radiance(*directions, **more))
-        estimated = found.standard_error is not None
-        if not (np.isfinite(found.radiance).all() and (estimated or (found.radiance >= 0.0).all())):
+            answered = Answer(field.radiance(*directions, **more))
+        estimated = answered.standard_error is not None
+        if not (np.isfinite(answered.radiance).all() and (estimated or (answered.radiance >= 0.0).all())):
             raise TwilightError("the solver gave radiance that is negative or not a number")
-        if found.polarisation is not None and not np.isfinite(found.polarisation).all():
+        if answered.polarisation is not None and not np.isfinite(answered.polarisation).all():
             raise TwilightError("the solver gave a Stokes parameter that is not a number")
-        return found if self.bands is None else sum_terms(found, self.bands)
+        return answered if self.bands is None else sum_terms(answered, self.bands)
 
     def _seen_from(self, altitude_km: float | None) -> tuple[Any, dict[str, Any]]:
         """The field that serves an observer, and further arguments of its methods."""
@@ -220,8 +220,8 @@ class Block:
             raise TwilightError("inscatter: this solver knows whole lines of sight alone; zones, tables and montecarlo "
                                 "know finite ones")  # fmt: skip
         check_question(sun_elevation_deg, elevation_deg, azimuth_deg)
-        made, more = self._seen_from(observer_altitude_km)
-        scattered, transmittance = made.inscatter(sun_elevation_deg, elevation_deg, azimuth_deg, distance_km, **more)
+        field, more = self._seen_from(observer_altitude_km)
+        scattered, transmittance = field.inscatter(sun_elevation_deg, elevation_deg, azimuth_deg, distance_km, **more)
         if self.bands is None:
             return scattered, transmittance
         return self.bands.sum_terms(scattered), self.bands.sum_terms(transmittance)
@@ -240,10 +240,10 @@ class Block:
         """
         if self.capabilities.standard_error:
             e, a = np.meshgrid(elevation_deg, azimuth_deg, indexing="ij")
-            found = self.answer(sun_elevation_deg, e, a, observer_altitude_km, polarisation=True)
+            answer = self.answer(sun_elevation_deg, e, a, observer_altitude_km, polarisation=True)
             # few samples of a faint pixel may average below 0, which no sky is; its standard error says how little it
             # means
-            return replace(found, radiance=np.maximum(found.radiance, 0.0))
+            return replace(answer, radiance=np.maximum(answer.radiance, 0.0))
         column, back = half_of(azimuth_deg)
         columns = azimuth_deg[column]
         rows_at_once = self.rows_at_once(columns.size)
@@ -283,15 +283,15 @@ class Block:
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         """The sun's direct light at an observer."""
         altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
-        found = self.sunbeam.at(sun_elevation_deg, altitude)
-        return found if self.bands is None else found._replace(irradiance=self.bands.sum_terms(found.irradiance))
+        direct = self.sunbeam.at(sun_elevation_deg, altitude)
+        return direct if self.bands is None else direct._replace(irradiance=self.bands.sum_terms(direct.irradiance))
 
     def disc_irradiance(self, sun_elevation_deg: float, altitude_km: float) -> np.ndarray:
         """Irradiance of level ground by the sun's disc over F0, (W,)."""
-        found = self.sunbeam.strips(sun_elevation_deg, max(altitude_km, self.medium.bottom_km))
-        if found is None:
+        strips = self.sunbeam.strips(sun_elevation_deg, max(altitude_km, self.medium.bottom_km))
+        if strips is None:
             return np.zeros(self.medium.n_wavelengths)
-        elevation, beams = found
+        elevation, beams = strips
         beams = disc_strips()[1][:, None] * (beams if self.bands is None else self.bands.sum_terms(beams))
         return np.maximum(np.sin(np.radians(elevation)), 0.0) @ beams
 

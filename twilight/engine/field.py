@@ -138,11 +138,11 @@ class Field:
         begins as this one's.
         """
         question = (sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
-        found = []
+        answers = []
         for i, block in enumerate(self.blocks):
             begun = None if checkpoint is None else checkpoint.with_suffix(f".part{i or ''}.npz")
-            found.append(block.answer(*question, checkpoint=begun))
-        return join(found)
+            answers.append(block.answer(*question, checkpoint=begun))
+        return join(answers)
 
     def stokes(
         self,
@@ -156,10 +156,10 @@ class Field:
         Errors: TwilightError for a field without polarisation.
         """
         question = (sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
-        found = join([block.answer(*question, polarisation=True) for block in self.blocks])
-        if found.polarisation is None:
+        answer = join([block.answer(*question, polarisation=True) for block in self.blocks])
+        if answer.polarisation is None:
             raise TwilightError("this field has no Stokes parameters: its solver.polarisation is not true")
-        return np.concatenate([found.radiance[..., None, :], found.polarisation], axis=-2)
+        return np.concatenate([answer.radiance[..., None, :], answer.polarisation], axis=-2)
 
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         """The sun's direct light at an observer."""
@@ -168,8 +168,8 @@ class Field:
     def of_terms(self, value: Callable[[Medium], np.ndarray]) -> np.ndarray:
         """What a function finds for a medium at the terms of the wavelengths' exponential sums, (..., T), summed to
         wavelengths (..., W)."""
-        found = [(value(block.term_medium), block.bands) for block in self.blocks]
-        return np.concatenate([v if bands is None else bands.sum_terms(v) for v, bands in found], axis=-1)
+        values = [(value(block.term_medium), block.bands) for block in self.blocks]
+        return np.concatenate([v if bands is None else bands.sum_terms(v) for v, bands in values], axis=-1)
 
     def disc(
         self, sun_elevation_deg: float, observer_altitude_km: float | None = None, *, distance_au: float = 1.0
@@ -281,10 +281,10 @@ class Field:
             grid = rows if elevation_deg is None else elevation_deg, columns if azimuth_deg is None else azimuth_deg
             light = self.gather(sun_elevation_deg, altitude, grid)
         direct = self.direct(sun_elevation_deg, altitude)
-        made = light.sky(self.medium, grid, direct, sun_elevation_deg, altitude, **facts)
+        sky = light.sky(self.medium, grid, direct, sun_elevation_deg, altitude, **facts)
         without_night = "a field has no light of the night: render with night.airglow=1 has, or give night_radiance"
-        warn_of_black(self.scene, made, "" if made.night_radiance is not None else without_night, stacklevel=2)
-        return made
+        warn_of_black(self.scene, sky, "" if sky.night_radiance is not None else without_night, stacklevel=2)
+        return sky
 
     def inscatter(
         self,
@@ -359,15 +359,15 @@ class Field:
         TwilightError
             For a name that is none, and wavelengths that do not cover it.
         """
-        found = quantity(name)
-        check_of(found, "surface" if elevation_deg is None else "direction")
-        for one in found.responses():
-            check_covered(one, self.medium.wavelength_nm, "the field")
+        asked = quantity(name)
+        check_of(asked, "surface" if elevation_deg is None else "direction")
+        for curve in asked.responses():
+            check_covered(curve, self.medium.wavelength_nm, "the field")
         if elevation_deg is None:
             factor = self.horizontal_irradiance(sun_elevation_deg, direct, observer_altitude_km)
         else:
             factor = self.radiance(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
-        return found.value(self._spectra(factor, distance_au))
+        return asked.value(self._spectra(factor, distance_au))
 
     def magnitude(
         self,

@@ -14,6 +14,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import PhasedProgress, Progress, silent
 from twilight.config.sun import SunAt
 from twilight.engine.field import Field, parts
+from twilight.engine.mapped_ground import land_of
 from twilight.engine.night import (
     check_stars,
     moon_light,
@@ -90,16 +91,17 @@ def frames(
     moons = [moon_of(config, sun) for sun in suns]
     if len(moons) == 1 and moons[0] is not None:
         warn_of_the_moon(config, moons[0])
-    known = None if config.terrain is not None else tuple(sun.elevation_deg for sun in suns)
+    mapped = scene.observer.view is not None and config.climate.ground.albedo_map is not None
+    known = None if config.terrain is not None or mapped else tuple(sun.elevation_deg for sun in suns)
     if known is not None:
         known += tuple(moon.elevation_deg for moon in moons if moon is not None and moon.shines)
     if scene.observer.view is not None:
-        check_view(scene.observer.view, scene.capabilities, scene.title)
+        check_view(scene.observer.view, scene.capabilities, scene.title, mapped)
         if config.terrain is not None:
             check_terrain(scene.capabilities, config.terrain, scene.altitude_km, _standpoint(suns[0]))
     todo = parts(plan(scene, known, cached=cached, numpy_only_sun=numpy_only_sun))
     set_up_s = 0.0
-    found = [_SunResult(moon) for moon in moons]
+    frame_results = [_SunResult(moon) for moon in moons]
     meter, steps, several = PhasedProgress(tell), 1 + len(suns), len(suns) > 1
     fraction = 1.0 / (len(todo) * steps)
     for b, part in enumerate(todo):
@@ -109,14 +111,14 @@ def frames(
         set_up_s += time.perf_counter() - begin
         for s, sun in enumerate(suns):
             meter.phase(sun.name if several else "", (b * steps + 1 + s) * fraction, fraction)
-            found[s].take(solved, sun)
+            frame_results[s].take(solved, sun)
             if b == len(todo) - 1:
-                frame = _frame(scene, sun, found[s], set_up_s)
+                frame = _frame(scene, sun, frame_results[s], set_up_s)
                 if scene.observer.view is None or not is_above_air(scene, scene.altitude_km):
                     without_night = "" if config.night else "add the night sky with night.airglow=1"
                     warn_of_black(scene, frame.sky, without_night, stacklevel=2)
                 yield frame
-                found[s] = _SunResult(None)
+                frame_results[s] = _SunResult(None)
         del solved
     tell("done", 1.0)
 
@@ -177,36 +179,37 @@ class _SunResult:
         self.light = solved.gather(sun.elevation_deg, grid=grid, before=self.light)
         if scene.observer.view is not None:
             like = self.view[-1] if self.view else None
-            seen = view_radiance(solved, scene.observer.view, sun.elevation_deg, away_deg, like)
+            land = land_of(scene, _standpoint(sun))
+            pixels = view_radiance(solved, scene.observer.view, sun.elevation_deg, away_deg, like, land)
             if config.terrain is None:
-                self.view.append(seen)
+                self.view.append(pixels)
             else:
                 where = config.terrain, sun.elevation_deg, standpoint or _standpoint(sun), away_deg
-                self.landscape.append(landscape(solved, seen.whole(), *where))
+                self.landscape.append(landscape(solved, pixels.whole(), *where, land))
         self.direct.append(solved.direct(sun.elevation_deg))
 
 
-def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> Frame:
-    config, light = scene.configuration, found.light
+def _frame(scene: Scene, sun: SceneSun, result: _SunResult, set_up_s: float) -> Frame:
+    config, light = scene.configuration, result.light
     assert light is not None
-    direct = join_direct(found.direct)
+    direct = join_direct(result.direct)
     disc = None
     if config.sun.disc:
         disc = make_disc(scene.medium, sun.elevation_deg, scene.altitude_km, sun.distance_au, scene.bands)
     place = sun.section if isinstance(sun.section, SunAt) else None
-    by_moon = found.by_moon
+    by_moon = result.by_moon
     moon = None
-    if found.moon is not None:
+    if result.moon is not None:
         seen_by_moon = None if by_moon is None else by_moon.direct
-        moon = moon_light(scene, found.moon, seen_by_moon, sun.elevation_deg, sun.distance_au)
+        moon = moon_light(scene, result.moon, seen_by_moon, sun.elevation_deg, sun.distance_au)
     grid = equal_grid(scene)
     if grid is None:
         grid = plain_grid(light.table)
-        if by_moon is not None and by_moon.light is not None and found.moon is not None:
-            grid = merged_grids(grid, plain_grid(by_moon.light.table), found.moon.azimuth_deg)
+        if by_moon is not None and by_moon.light is not None and result.moon is not None:
+            grid = merged_grids(grid, plain_grid(by_moon.light.table), result.moon.azimuth_deg)
     night = night_on_grid(scene, sun, *grid)
-    if moon is not None and by_moon is not None and by_moon.light is not None and found.moon is not None:
-        moonlight = by_moon.light.on(grid, found.moon.azimuth_deg).radiance * moon.irradiance
+    if moon is not None and by_moon is not None and by_moon.light is not None and result.moon is not None:
+        moonlight = by_moon.light.on(grid, result.moon.azimuth_deg).radiance * moon.irradiance
         night = moonlight if night is None else night + moonlight
     sky = light.sky(
         scene.medium,
@@ -223,21 +226,21 @@ def _frame(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> F
         solar_spectrum=config.solar_spectrum,
         disc=disc,
         moon=None if moon is None else moon.seen,
-        provenance=_provenance(scene, sun, found, set_up_s),
+        provenance=_provenance(scene, sun, result, set_up_s),
     )
     night_in_view = night_of_view(scene, sun)
     moonlit = None
     if moon is not None and by_moon is not None and by_moon.view:
         moonlit = (join_views(by_moon.view, None), moon)
     view: ViewSource | None = None
-    if found.view:
-        view = replace(join_views(found.view, direct), night=night_in_view, moon=moonlit)
-    if found.landscape:
-        seen = _whole(found.landscape)
-        seen = seen if night_in_view is None else with_night(seen, night_in_view)
+    if result.view:
+        view = replace(join_views(result.view, direct), night=night_in_view, moon=moonlit)
+    if result.landscape:
+        pixels = _whole(result.landscape)
+        pixels = pixels if night_in_view is None else with_night(pixels, night_in_view)
         if moon is not None and by_moon is not None and by_moon.landscape:
-            seen = with_moon(seen, _whole(by_moon.landscape).radiance, moon)
-        view = with_sun(seen, direct, sun.elevation_deg)
+            pixels = with_moon(pixels, _whole(by_moon.landscape).radiance, moon)
+        view = with_sun(pixels, direct, sun.elevation_deg)
     return Frame(sun.name, sky, view)
 
 
@@ -246,7 +249,7 @@ def _whole(parts: list[ViewPixels]) -> ViewPixels:
     return replace(parts[0], radiance=np.concatenate([one.radiance for one in parts], axis=-1))
 
 
-def _provenance(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float) -> dict[str, Any]:
+def _provenance(scene: Scene, sun: SceneSun, result: _SunResult, set_up_s: float) -> dict[str, Any]:
     """What made a sky, as JSON values."""
     configuration = resolved_configuration(scene.configuration, sun.section)
     solver, quality, _ = scene.configuration.chosen_solver
@@ -254,18 +257,18 @@ def _provenance(scene: Scene, sun: SceneSun, found: _SunResult, set_up_s: float)
         "version": __version__,
         "configuration": configuration,
         "hash": configuration_hash(configuration),
-        "run_time_s": set_up_s + found.seconds,
+        "run_time_s": set_up_s + result.seconds,
         "set_up_time_s": set_up_s,
         "solver": solver,
         "quality": quality,
         "left_out": [item.part for item in scene.omissions],
     }
-    if found.from_disk:
+    if result.from_disk:
         record["field_from_disk"] = True  # its run time leaves out solving it
-    if found.convergence:
-        record["convergence"] = found.convergence
-    if found.light is not None and found.light.tables:
-        record["interpolation_error"] = max(table.error for table in found.light.tables)
-    if found.facts:
-        record["model"] = found.facts
+    if result.convergence:
+        record["convergence"] = result.convergence
+    if result.light is not None and result.light.tables:
+        record["interpolation_error"] = max(table.error for table in result.light.tables)
+    if result.facts:
+        record["model"] = result.facts
     return record

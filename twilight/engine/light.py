@@ -100,21 +100,21 @@ class LightField(ManySuns):
 
         def of(term: Source, which: np.ndarray) -> np.ndarray | None:
             some = moments.part(which)
-            found = np.zeros((which.size, len(lit), self.wavelength_nm.size))
+            spectra = np.zeros((which.size, len(lit), self.wavelength_nm.size))
             for s in np.flatnonzero(seeing):
                 part = term.irradiance(some, lit[s])
                 if part is None:
                     return None
-                found[:, s] = part
-            return found
+                spectra[:, s] = part
+            return spectra
 
         shape = (len(moments.places), len(lit), self.wavelength_nm.size)
         out = self._sum(of, sources, np.zeros(shape), view_sr)
         if not lit_ground:
             return out
         ground = self.solved.medium.ground_albedo / np.pi * out[:, -1]
-        seen = np.array([one.ground_view for one in surfaces])
-        return out[:, :-1] + seen[:, None] * ground[:, None]
+        view_factor = np.array([one.ground_view for one in surfaces])
+        return out[:, :-1] + view_factor[:, None] * ground[:, None]
 
     def _sum(
         self,
@@ -163,7 +163,7 @@ def field_for(config: Config, quantities: Sequence[Quantity], progress: Progress
     """
     if config.moon is not None and config.moon.elevation_deg is not None:
         raise TwilightError("moon.elevation_deg: light takes the moon from place and time, not from there")
-    responses = [one for which in quantities for one in which.responses()]
+    responses = [asked for which in quantities for asked in which.responses()]
     if config.wavelengths is None and config.climate.medium is None:
         chosen = list(samples_for(responses))
         config = load(config.model_dump(mode="json", exclude_unset=True), {"wavelengths": {"list_nm": chosen}})
@@ -174,10 +174,10 @@ def field_for(config: Config, quantities: Sequence[Quantity], progress: Progress
         field, why = _solved(config, progress)
         field = field if field.levels is not None else replace(field, levels=NightLevels())
         _fields[document] = ChosenField(field, why)
-    made = _fields[document]
-    for one in responses:
-        check_covered(one, made.field.wavelength_nm, "the field")
-    return made
+    known = _fields[document]
+    for asked in responses:
+        check_covered(asked, known.field.wavelength_nm, "the field")
+    return known
 
 
 def _solved(config: Config, progress: Progress | None) -> tuple[LightField, str]:

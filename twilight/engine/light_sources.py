@@ -80,10 +80,10 @@ def moments_at(
     """
     keys = list(zip(latitude_deg, longitude_deg, strict=True))
     sun, moon = np.zeros((3, len(keys))), np.zeros((6, len(keys)))
-    here: dict[tuple[float, float], list[int]] = {}
+    of_place: dict[tuple[float, float], list[int]] = {}
     for n, key in enumerate(keys):
-        here.setdefault(key, []).append(n)
-    for (latitude, longitude), which in here.items():
+        of_place.setdefault(key, []).append(n)
+    for (latitude, longitude), which in of_place.items():
         if not -90.0 <= latitude <= 90.0:
             raise TwilightError(f"latitude_deg: {latitude} must be a number between -90 and 90")
         turned = (float(longitude) + 180.0) % 360.0 - 180.0
@@ -139,8 +139,8 @@ class Sun(Source):
         if not beams.any():
             return None
         azimuth = np.broadcast_to(moments.sun_azimuth_deg[:, None], elevation.shape)
-        found = _falling(surface, elevation, azimuth, beams, moments)
-        return found * (self._solar / moments.distance_au[:, None] ** 2)
+        factor = _falling(surface, elevation, azimuth, beams, moments)
+        return factor * (self._solar / moments.distance_au[:, None] ** 2)
 
 
 class ScatteredSunlight(Source):
@@ -236,9 +236,9 @@ class Airglow(SameAround):
 
     def of_rows(self, elevation_deg: np.ndarray) -> np.ndarray:
         alone = NightLevels(airglow=self.level, starlight=0.0, zodiacal_light=0.0)
-        here = self._field.solved.scene.altitude_km
+        altitude_km = self._field.solved.scene.altitude_km
         medium = self._field.solved.medium
-        return night_radiance(medium, elevation_deg, np.zeros(1), alone, observer_altitude_km=here)[:, 0]
+        return night_radiance(medium, elevation_deg, np.zeros(1), alone, observer_altitude_km=altitude_km)[:, 0]
 
 
 class ArtificialSkyglow(SameAround):
@@ -286,9 +286,9 @@ class FixedToStars(NightSource):
     def _over_sky(self, moments: Moments) -> tuple[np.ndarray, np.ndarray]:
         """The pattern at ROWS_DEG and COLUMNS_DEG (N, R, C), and its mean by the cosine (N,)."""
         towards = unit_vector(ROWS_DEG[:, None], COLUMNS_DEG).reshape(1, -1, 3)
-        found = self.pattern(moments, towards).reshape(-1, ROWS_DEG.size, COLUMNS_DEG.size)
+        radiance = self.pattern(moments, towards).reshape(-1, ROWS_DEG.size, COLUMNS_DEG.size)
         weight = np.sin(2.0 * np.radians(ROWS_DEG))
-        return found, found.mean(axis=2) @ (weight / weight.sum())
+        return radiance, radiance.mean(axis=2) @ (weight / weight.sum())
 
     def radiance(self, moments: Moments, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
         if self.level == 0.0:
@@ -300,9 +300,9 @@ class FixedToStars(NightSource):
         for start in range(0, len(moments.places), MOMENTS_AT_ONCE):
             part = slice(start, start + MOMENTS_AT_ONCE)
             some, t = moments.part(part), passed[part]
-            seen = self.pattern(some, unit_vector(elevation_deg[part], azimuth_deg[part]))
+            glow = self.pattern(some, unit_vector(elevation_deg[part], azimuth_deg[part]))
             mean = self._over_sky(some)[1][:, None, None]
-            out[part] = self._shining * (seen[..., None] * t + mean * (1.0 - t) * air.source)
+            out[part] = self._shining * (glow[..., None] * t + mean * (1.0 - t) * air.source)
         return out
 
     def irradiance(self, moments: Moments, surface: Surface) -> np.ndarray | None:
@@ -373,8 +373,8 @@ def _falling(
     surface: Surface, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, beams: np.ndarray, moments: Moments
 ) -> np.ndarray:
     """Irradiance (N, W) by beams (N, S, W) from directions (N, S); 0 of those from below the horizontal."""
-    seen = surface.view(elevation_deg, azimuth_deg, moments.sun_azimuth_deg)
-    return np.einsum("ns,nsw->nw", np.where(elevation_deg > 0.0, seen, 0.0), beams)
+    cosine = surface.view(elevation_deg, azimuth_deg, moments.sun_azimuth_deg)
+    return np.einsum("ns,nsw->nw", np.where(elevation_deg > 0.0, cosine, 0.0), beams)
 
 
 def _weights(surface: Surface, moments: Moments) -> np.ndarray:
@@ -384,10 +384,10 @@ def _weights(surface: Surface, moments: Moments) -> np.ndarray:
     sun = moments.sun_azimuth_deg if turning else np.zeros(1)
     count = sun.size
     shape = (count, rows.size)
-    seen = surface.view(np.broadcast_to(rows, shape), np.broadcast_to(columns, shape), sun)
+    cosine = surface.view(np.broadcast_to(rows, shape), np.broadcast_to(columns, shape), sun)
     height = np.diff(np.sin(np.radians(np.append(ROWS_DEG - 2.5, 90.0))))
     solid = height * np.radians(COLUMNS_DEG[1])
-    weight = seen.reshape(count, ROWS_DEG.size, -1) * solid[:, None]
+    weight = cosine.reshape(count, ROWS_DEG.size, -1) * solid[:, None]
     return np.broadcast_to(weight, (len(moments.places), *weight.shape[1:]))
 
 

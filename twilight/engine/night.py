@@ -164,7 +164,7 @@ def night_on_grid(scene: Scene, sun: SceneSun, elevation_deg: np.ndarray, azimut
     night = scene.configuration.night
     if night is None:
         return None
-    found = night_radiance(
+    radiance = night_radiance(
         scene.medium,
         np.maximum(elevation_deg, 0.0),
         azimuth_deg,
@@ -175,8 +175,8 @@ def night_on_grid(scene: Scene, sun: SceneSun, elevation_deg: np.ndarray, azimut
         observer_altitude_km=scene.altitude_km,
     )
     if elevation_deg[0] < 0.0:
-        found[elevation_deg < -horizon_dip_deg(scene.medium, scene.altitude_km)] = 0.0
-    return found
+        radiance[elevation_deg < -horizon_dip_deg(scene.medium, scene.altitude_km)] = 0.0
+    return radiance
 
 
 def night_of_view(scene: Scene, sun: SceneSun) -> NightLight | None:
@@ -187,7 +187,7 @@ def night_of_view(scene: Scene, sun: SceneSun) -> NightLight | None:
     place, altitude = place_of(sun), scene.altitude_km
     points = None if place is None else star_sky(config.night, scene.medium, altitude)
     levels = levels_of(config.night)
-    made = night_light(
+    night = night_light(
         scene.medium,
         levels if points is None else without_points(levels),
         altitude,
@@ -196,8 +196,8 @@ def night_of_view(scene: Scene, sun: SceneSun) -> NightLight | None:
         place=place,
     )
     if points is not None and place is not None:
-        made = replace(made, stars=points.over(place), sun_azimuth_deg=sun.azimuth_deg or 0.0)
-    return made.over(solar_irradiance(scene.medium.wavelength_nm, config.solar_spectrum, sun.distance_au))
+        night = replace(night, stars=points.over(place), sun_azimuth_deg=sun.azimuth_deg or 0.0)
+    return night.over(solar_irradiance(scene.medium.wavelength_nm, config.solar_spectrum, sun.distance_au))
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,42 +237,42 @@ def moon_light(
     return MoonLight(MoonSeen(moon, apparent, beam, disc), over_one_au * solar, over_one_au * sun_distance_au**2)
 
 
-def with_moon(seen: ViewPixels, by_moon: np.ndarray, light: MoonLight) -> ViewPixels:
+def with_moon(pixels: ViewPixels, by_moon: np.ndarray, light: MoonLight) -> ViewPixels:
     """The view with the moon's light and disc in it; by_moon (H, W, K): the same under the moon as the sun [sr^-1]."""
-    return _with_disc(replace(seen, radiance=(seen.radiance + by_moon * light.over_sun).astype(np.float32)), light)
+    return _with_disc(replace(pixels, radiance=(pixels.radiance + by_moon * light.over_sun).astype(np.float32)), light)
 
 
-def _with_disc(seen: ViewPixels, light: MoonLight) -> ViewPixels:
+def _with_disc(pixels: ViewPixels, light: MoonLight) -> ViewPixels:
     """The view with the disc: each pixel has the mean of directions `PIECE_DEG` apart."""
     disc, moon = light.seen.disc, light.seen.moon
     if disc is None:
-        return seen
+        return pixels
     disc = disc.without_dispersion()
     lower, upper = disc.edges_deg()
     middle = direction(moon.azimuth_deg, 0.5 * (lower + upper))
-    rays = seen.rays.astype(float)
-    largest_angle = np.radians(upper - lower + 3.0 * seen.pitch_deg)
+    rays = pixels.rays.astype(float)
+    largest_angle = np.radians(upper - lower + 3.0 * pixels.pitch_deg)
     chord = np.linalg.norm(np.nan_to_num(rays) - middle, axis=-1)
     near = (chord < 2.0 * np.sin(min(0.5 * largest_angle, 0.5 * np.pi))) & np.isfinite(rays).all(axis=-1)
-    where = np.nonzero(near if seen.hidden is None else near & ~seen.hidden)
+    where = np.nonzero(near if pixels.hidden is None else near & ~pixels.hidden)
     if not where[0].size:
-        return seen
-    count = int(np.clip(np.ceil(seen.pitch_deg / PIECE_DEG), 2, MOST_PIECES))
-    step = np.radians(seen.pitch_deg) * ((np.arange(count) + 0.5) / count - 0.5)
+        return pixels
+    count = int(np.clip(np.ceil(pixels.pitch_deg / PIECE_DEG), 2, MOST_PIECES))
+    step = np.radians(pixels.pitch_deg) * ((np.arange(count) + 0.5) / count - 0.5)
     ray = rays[where]
     right = np.cross(ray, [0.0, 0.0, 1.0])
     right /= np.maximum(np.linalg.norm(right, axis=-1, keepdims=True), 1e-9)
     up = np.cross(right, ray)
-    radiance = seen.radiance.copy()
-    covered = np.zeros(seen.shape) if seen.sun is None else seen.sun.copy()
+    radiance = pixels.radiance.copy()
+    covered = np.zeros(pixels.shape) if pixels.sun is None else pixels.sun.copy()
     over_sun = light.over_sun / moon.irradiance_factor(disc.wavelength_nm)  # for the disc counts from the sun at 1 au
     for k in range(0, len(ray), PIXELS_AT_ONCE):
         part = np.s_[k : k + PIXELS_AT_ONCE]
-        here = where[0][part], where[1][part]
+        inside = where[0][part], where[1][part]
         r, x, y = (v[part][:, None, None] for v in (ray, right, up))
         pieces = r + x * step[:, None] + y * step[:, None, None]
         azimuth, elevation = azimuth_elevation(pieces)
         shown = disc.radiance(elevation, np.mod(azimuth - moon.azimuth_deg + 180.0, 360.0) - 180.0)
-        radiance[here] += (shown.mean(axis=(1, 2)) * over_sun).astype(radiance.dtype)
-        covered[here] = np.maximum(covered[here], (shown.max(axis=-1) > 0.0).mean(axis=(1, 2)))
-    return replace(seen, radiance=radiance, sun=covered)
+        radiance[inside] += (shown.mean(axis=(1, 2)) * over_sun).astype(radiance.dtype)
+        covered[inside] = np.maximum(covered[inside], (shown.max(axis=-1) > 0.0).mean(axis=(1, 2)))
+    return replace(pixels, radiance=radiance, sun=covered)

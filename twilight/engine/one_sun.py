@@ -73,15 +73,15 @@ class SunLight:
         **facts: Any,
     ) -> Sky:
         """The light on a grid (elevation (E,), azimuth (A,)) [deg] at all wavelengths of a medium, as a `Sky`."""
-        found = self.on(grid)
+        answer = self.on(grid)
         return Sky(
             wavelength_nm=medium.wavelength_nm,
             elevation_deg=grid[0],
             azimuth_deg=grid[1],
-            sun_normalised_radiance=found.radiance,
-            standard_error=found.standard_error,
-            polarisation=found.polarisation,
-            polarisation_error=found.polarisation_error,
+            sun_normalised_radiance=answer.radiance,
+            standard_error=answer.standard_error,
+            polarisation=answer.polarisation,
+            polarisation_error=answer.polarisation_error,
             sun_elevation_deg=sun_elevation_deg,
             observer_altitude_km=observer_altitude_km,
             ground_albedo=medium.ground_albedo,
@@ -136,8 +136,8 @@ def texture_rows(scene: Scene) -> np.ndarray:
     upper = upper[(upper <= 0.0) & (upper < rows[0] - 1e-6)]
     lower = np.append(-dip - _NEAR_HORIZON_DEG, -90.0)
     lower = lower[lower >= -90.0]
-    found = np.unique(np.concatenate([lower, upper, rows]))
-    return found[np.concatenate([[True], np.diff(found) > 0.02])]
+    merged = np.unique(np.concatenate([lower, upper, rows]))
+    return merged[np.concatenate([[True], np.diff(merged) > 0.02])]
 
 
 def merged_grids(

@@ -50,7 +50,7 @@ POLARISED_FACTOR = 1.35
 FIELD_FRACTION_HELD = 0.5
 """Fraction of a field's memory while it is solved that is still held when it is evaluated."""
 START_S = 1.8
-"""Processor seconds of the program's start: its libraries, the compiled kernels (skies of `benchmarks/memory.csv`)."""
+"""Processor seconds of the program's start: its libraries, the compiled kernels (`benchmarks/results/memory.csv`)."""
 PIXEL_S = 3e-6
 """Processor seconds of a pixel of a view of eight wavelengths (`twilight.engine.view`)."""
 TERRAIN_S = 4.0
@@ -223,12 +223,12 @@ def full_cost(scene: Scene) -> SceneCost:
     problem = Problem(scene, None if config.terrain is not None else suns)
     largest = max(part.stop - part.start for part in problem.slices)
     sizes = replace(sizes, wavelengths=scene.medium.n_wavelengths, max_wavelengths=largest, blocks=len(problem.slices))
-    found = problem.cost
-    if found is None:
+    per_block = problem.cost
+    if per_block is None:
         return sizes
     of_blocks = [int(problem.term_counts[part].sum()) for part in problem.slices]
     in_band = [bool((problem.term_counts[part] > 1).any()) for part in problem.slices]
-    field = max(found.n_bytes(n, band) for n, band in zip(of_blocks, in_band, strict=True))
+    field = max(per_block.n_bytes(n, band) for n, band in zip(of_blocks, in_band, strict=True))
     directions = _directions(config)
     pixels = 0
     if config.observer.view is not None:
@@ -259,20 +259,20 @@ def field_cpu_s(problem: Problem, suns: int, directions: int) -> float:
 
     Errors: TwilightError for a solver that does not say.
     """
-    found = problem.cost
-    if found is None:
+    cost = problem.cost
+    if cost is None:
         raise TwilightError(f"solver: {problem.scene.solver_name} does not say what its field costs")
     seconds = 0.0
     for part in problem.slices:
         n, band = int(problem.term_counts[part].sum()), bool((problem.term_counts[part] > 1).any())
-        times = found.band_cpu_factor if band else 1.0
+        times = cost.band_cpu_factor if band else 1.0
         if problem.interpolations[part.start] is None:
-            seconds += times * found.cpu_s_per_wavelength * -(-n // found.block_size) * found.block_size
+            seconds += times * cost.cpu_s_per_wavelength * -(-n // cost.block_size) * cost.block_size
         else:
-            seconds += times * found.cpu_s_per_interpolated * n
-        seconds += times * (found.cpu_s_per_direction * directions + found.cpu_s_per_sun) * suns * n
+            seconds += times * cost.cpu_s_per_interpolated * n
+        seconds += times * (cost.cpu_s_per_direction * directions + cost.cpu_s_per_sun) * suns * n
     nodes = interpolated_from(problem)
-    return seconds + found.cpu_s_per_wavelength * (nodes[False] + found.band_cpu_factor * nodes[True])
+    return seconds + cost.cpu_s_per_wavelength * (nodes[False] + cost.band_cpu_factor * nodes[True])
 
 
 def _directions(config: Config) -> int:
@@ -287,8 +287,8 @@ def _directions(config: Config) -> int:
 def interpolated_from(problem: Problem) -> dict[bool, int]:
     """Wavelengths outside bands (False), and terms in bands (True), at which light is solved for the others."""
     nodes = {False: 0, True: 0}
-    for one in {id(each): each for each in problem.interpolations if each is not None}.values():
-        nodes[one.in_band] += one.n_nodes
+    for interpolation in {id(each): each for each in problem.interpolations if each is not None}.values():
+        nodes[interpolation.in_band] += interpolation.n_nodes
     return nodes
 
 

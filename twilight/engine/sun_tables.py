@@ -173,16 +173,16 @@ class SunTables:
         """The table of one of the suns."""
         if k not in self._made:
             name = self._name(k)
-            made = _stored(name) if self._key else None
-            if made is None:
+            fresh = _stored(name) if self._key else None
+            if fresh is None:
                 sun = float(self.suns_deg[k])
                 nodes = {"rows_deg": self.rows_deg, "columns_deg": self.columns_deg}
                 shared = float(np.clip(AUREOLE_SUN_DEG, *self.suns_deg[[0, -1]]))
-                made = self.solved.table(sun, self.altitude_km, **nodes, aureole_sun_deg=shared, refine=False)
-                table = made
+                fresh = self.solved.table(sun, self.altitude_km, **nodes, aureole_sun_deg=shared, refine=False)
+                table = fresh
                 if self._key:
                     cache.store(cache.SKIES, name, lambda path: _save(path, table))
-            self._made[k] = made
+            self._made[k] = fresh
         return self._made[k]
 
     def _name(self, k: int) -> str:

@@ -170,9 +170,9 @@ def follow_rows(
 def _screened(medium: Medium, screen: Screen, altitude_km: float, rows_deg: np.ndarray) -> np.ndarray:
     """What a screen beyond the horizon lets pass (H, W) of rays that arrive under apparent elevations (H,) [deg]."""
     profile, elevation = ray_profile(medium), np.radians(rows_deg)
-    found = []
+    transmission = []
     for w in range(medium.n_wavelengths):
         x = (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, w, altitude_km))
         nm = medium.wavelength_nm[w]
-        found.append(passing_at(screen, profile, w, nm, x * np.cos(elevation), x * np.sin(elevation)))
-    return np.stack(found, axis=1)
+        transmission.append(passing_at(screen, profile, w, nm, x * np.cos(elevation), x * np.sin(elevation)))
+    return np.stack(transmission, axis=1)

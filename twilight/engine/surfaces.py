@@ -138,10 +138,10 @@ def towards(text: str) -> Direction | Surface:
     if word in ("sphere", "cylinder"):
         return Surface(word)  # type: ignore[arg-type]
     kind, colon, angles = word.partition(":")
-    found = _ANGLES.fullmatch(angles if colon and kind == "plane" else word)
-    if found is None or not (found["sun"] or found["azimuth"]):
+    match = _ANGLES.fullmatch(angles if colon and kind == "plane" else word)
+    if match is None or not (match["sun"] or match["azimuth"]):
         raise TwilightError(f"towards: '{text}' is none of {GRAMMAR}")
-    angles_of = float(found["height"]), float(found["azimuth"] or 0.0), bool(found["sun"])
+    angles_of = float(match["height"]), float(match["azimuth"] or 0.0), bool(match["sun"])
     return Surface("plane", *angles_of) if colon else Direction(*angles_of)
 
 
@@ -196,8 +196,8 @@ class OverSuns:
         # normals beyond the sun and its opposite are mirror images
         last = table.shape[1] - 1
         columns = last - np.abs(last - np.abs(columns - 1))
-        found = table[nodes[:, :, None], columns[:, None, :]]
-        return np.exp(np.einsum("nk,nj,nkjw->nw", weights, across, found))
+        nodes_light = table[nodes[:, :, None], columns[:, None, :]]
+        return np.exp(np.einsum("nk,nj,nkjw->nw", weights, across, nodes_light))
 
     def _integrated(self, surface: Surface, k: int) -> np.ndarray:
         """Irradiance over F0 under one of the suns, (A, W), by the azimuth of the normal."""
@@ -215,17 +215,17 @@ class OverSuns:
         if k not in self._lines:
             sun = float(self._suns_deg[k])
             name = self._name(k)
-            found = _stored(name, self._solved.medium.n_wavelengths) if self._key else None
-            if found is None:
+            stored = _stored(name, self._solved.medium.n_wavelengths) if self._key else None
+            if stored is None:
                 elevation, azimuth, _ = whole_hemisphere(sun)
                 rows, columns = np.append(np.unique(elevation), 90.0), azimuth[:HEMISPHERE_COLUMNS]
                 grid = self._solved.radiance(sun, rows[:, None], columns)
                 # one line is enough for the zenith
-                made = np.concatenate([grid[:-1].reshape(-1, grid.shape[-1]), grid[-1, :1]]).astype(np.float32)
+                computed = np.concatenate([grid[:-1].reshape(-1, grid.shape[-1]), grid[-1, :1]]).astype(np.float32)
                 if self._key:
-                    cache.store(cache.SKIES, name, lambda path: _save(path, made))
-                found = made
-            self._lines[k] = found.astype(float)
+                    cache.store(cache.SKIES, name, lambda path: _save(path, computed))
+                stored = computed
+            self._lines[k] = stored.astype(float)
         return self._lines[k]
 
     def _name(self, k: int) -> str:
@@ -249,13 +249,13 @@ def _stored(name: str, wavelengths: int) -> np.ndarray | None:
         return None
     try:
         with np.load(path) as file:
-            found: np.ndarray = file["lines"]
+            lines: np.ndarray = file["lines"]
     except (OSError, ValueError, KeyError, EOFError):
-        found = np.zeros(0)
-    if found.ndim != 2 or found.shape[1] != wavelengths or not np.isfinite(found).all():
+        lines = np.zeros(0)
+    if lines.ndim != 2 or lines.shape[1] != wavelengths or not np.isfinite(lines).all():
         cache.discard(path)
         return None
-    return found
+    return lines
 
 
 class DiscOverSuns:
@@ -269,9 +269,9 @@ class DiscOverSuns:
             dark, lit = (dark, middle) if reached else (middle, lit)
         self._first_deg = lit
         self._true_deg = lit + (90.0 - lit) * np.linspace(0.0, 1.0, DISC_NODES) ** 3
-        found = [solved.direct(float(e)) for e in self._true_deg]
-        self._log = np.log(np.maximum([one.irradiance for one in found], DARKEST**10))
-        self._bending_deg = np.array([one.bending_deg for one in found])
+        beams = [solved.direct(float(e)) for e in self._true_deg]
+        self._log = np.log(np.maximum([one.irradiance for one in beams], DARKEST**10))
+        self._bending_deg = np.array([one.bending_deg for one in beams])
 
     def strips(self, sun_elevation_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Apparent elevations [deg] (N, S) of the strips of the discs of suns (N,), and their irradiances at normal

@@ -146,10 +146,10 @@ class _Samples:
         """Light on a grid."""
         return self._light(beside_breaks(rows), columns)
 
-    def insert(self, place: np.ndarray, nodes: np.ndarray, found: Answer, axis: int) -> None:
+    def insert(self, place: np.ndarray, nodes: np.ndarray, answer: Answer, axis: int) -> None:
         """Put new rows (axis 0) or columns (axis 1) before the places of others."""
         self.nodes[axis] = np.insert(self.nodes[axis], place, nodes)
-        parts = zip(vars(self.answer).values(), vars(found).values(), strict=True)
+        parts = zip(vars(self.answer).values(), vars(answer).values(), strict=True)
         both = [None if a is None or b is None else np.insert(a, place, b, axis=axis) for a, b in parts]
         self.answer = Answer(*both)  # type: ignore[arg-type]
 
@@ -190,8 +190,8 @@ def fill(
             halves = halves[_missed(table(), light, 0.5 * (nodes[halves] + nodes[halves + 1]), few, axis)[0]]
         while halves.size and samples.nodes[axis].size < most[axis]:
             nodes = samples.nodes[axis]
-            missed, found = _missed(table(), samples.asked, 0.5 * (nodes[halves] + nodes[halves + 1]), None, axis)
-            samples.insert(halves + 1, 0.5 * (nodes[halves] + nodes[halves + 1]), found, axis)
+            missed, answer = _missed(table(), samples.asked, 0.5 * (nodes[halves] + nodes[halves + 1]), None, axis)
+            samples.insert(halves + 1, 0.5 * (nodes[halves] + nodes[halves + 1]), answer, axis)
             place = (halves + np.arange(halves.size))[missed]
             halves = (place[:, None] + np.arange(2)).ravel()
             halves = halves[np.diff(samples.nodes[axis])[halves] > closest]
@@ -208,11 +208,11 @@ def _missed(
     if not nodes.size:
         return np.zeros(0, bool), Answer(np.zeros((0, 0, 0)))
     grid = (nodes, across) if axis == 0 else (across, nodes)
-    found = light(*grid)
+    answer = light(*grid)
     least = FAINT * np.exp(table.smooth[0].max(axis=(0, 1)))
-    error = np.abs(table.on_grid(*grid) - found.radiance) / np.maximum(found.radiance, np.maximum(least, 1e-37))
+    error = np.abs(table.on_grid(*grid) - answer.radiance) / np.maximum(answer.radiance, np.maximum(least, 1e-37))
     each = np.moveaxis(error, axis, 0).reshape(nodes.size, -1)
-    return (np.percentile(each, 95, axis=1) > USUAL_MISS) | (each.max(axis=1) > LARGEST_MISS), found
+    return (np.percentile(each, 95, axis=1) > USUAL_MISS) | (each.max(axis=1) > LARGEST_MISS), answer
 
 
 def _checked(table: SkyTable, light: Light) -> SkyTable:
@@ -221,9 +221,9 @@ def _checked(table: SkyTable, light: Light) -> SkyTable:
     rows = table.elevation_deg
     e = np.sort(rows[0] + (rows[-1] - rows[0]) * random.uniform(size=CHECKS[0]) ** 2)
     a = np.sort(random.uniform(table.azimuth_deg[0], table.azimuth_deg[-1], CHECKS[1]))
-    found = light(e, a).radiance
+    radiance = light(e, a).radiance
     least = np.maximum(FAINT * np.exp(table.smooth[0].max(axis=(0, 1))), 1e-37)
-    error = np.abs(table.on_grid(e, a) - found) / np.maximum(found, least)
+    error = np.abs(table.on_grid(e, a) - radiance) / np.maximum(radiance, least)
     return replace(table, error=float(np.percentile(error, 95)), worst=float(error.max()))
 
 

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.config.pictures import Terrain, View
 from twilight.engine.field import Field
+from twilight.engine.mapped_ground import Land, MappedGround, join_grounds
 from twilight.engine.night import MoonLight, NightLight, with_moon
 from twilight.engine.sunbeam import Direct
 from twilight.engine.table import CLOSEST_ROWS_DEG, first_columns, first_rows, row_breaks
@@ -63,7 +65,7 @@ class ViewRadiance:
     table: sun-normalised radiance [sr^-1] of the directions in the view; pitch_deg: angle between pixels; direct: the
     sun's light at the observer, None: no disc; night: in the same unit, None: there is none; light_azimuth_deg: from
     which the table's azimuths count, from the sun; moon: the same view under the moon alone, and its light, None: there
-    is none.
+    is none; ground: what an albedo map adds to the table, None: there is none.
     """
 
     view: View
@@ -74,6 +76,7 @@ class ViewRadiance:
     night: NightLight | None = None
     light_azimuth_deg: float = 0.0
     moon: tuple[ViewRadiance, MoonLight] | None = None
+    ground: MappedGround | None = None
 
     @property
     def kind(self) -> str:
@@ -91,27 +94,33 @@ class ViewRadiance:
         azimuth, elevation = azimuth_elevation(rays)
         inside = np.isfinite(elevation)
         picture = np.full((*elevation.shape, self.table.smooth.shape[-1]), np.nan, np.float32)
-        picture[inside] = self.table.light(elevation[inside], azimuth[inside] - self.light_azimuth_deg)
-        seen = ViewPixels(self.kind, rays.astype(np.float32), picture, self.pitch_deg)
+        directions = elevation[inside], azimuth[inside] - self.light_azimuth_deg
+        picture[inside] = self.table.light(*directions)
+        if self.ground is not None:
+            picture[inside] = np.maximum(picture[inside] + self.ground.light(*directions), 0.0)
+        pixels = ViewPixels(self.kind, rays.astype(np.float32), picture, self.pitch_deg)
         if self.night is not None:
-            seen = with_night(seen, self.night)
+            pixels = with_night(pixels, self.night)
         if self.moon is not None:
             by_moon, light = self.moon
-            seen = with_moon(seen, by_moon.rows(first, stop).radiance, light)
-        return seen if self.direct is None else with_sun(seen, self.direct, self.sun_elevation_deg)
+            pixels = with_moon(pixels, by_moon.rows(first, stop).radiance, light)
+        return pixels if self.direct is None else with_sun(pixels, self.direct, self.sun_elevation_deg)
 
     def whole(self) -> ViewPixels:
         """The picture."""
         return self.rows(0, self.shape[0])
 
 
-def check_view(view: View, able: Capabilities, title: str) -> None:
-    """TwilightError for a view that goes below the horizontal, where the solver cannot look."""
+def check_view(view: View, able: Capabilities, title: str, mapped: bool = False) -> None:
+    """TwilightError for a view that goes below the horizontal, where the solver cannot look, or not at ground of a map
+    (mapped)."""
     if not able.looks_down and _extent(view)[0][0] < 0.0:
         raise TwilightError(
             f"{title}: a view {view.kind} goes below the horizon, where its solver cannot look; take zones, tables, "
             "cells or montecarlo (--solver), or a panorama"
         )
+    if mapped and not (able.every_sun and able.every_observer) and _extent(view)[0][0] < 0.0:
+        raise TwilightError(f"{title}: ground.albedo_map is seen with zones or tables (--solver)")
 
 
 def view_radiance(
@@ -120,11 +129,13 @@ def view_radiance(
     sun_elevation_deg: float,
     light_azimuth_deg: float = 0.0,
     like: ViewRadiance | None = None,
+    land: Land | None = None,
 ) -> ViewRadiance:
     """What a field shows in a view, without the sun's disc.
 
     light_azimuth_deg: from the sun, of a second light that stands at `sun_elevation_deg` in its place; like: the same
-    at other wavelengths, whose rows and columns are taken to begin with.
+    at other wavelengths, whose rows and columns are taken to begin with; land: the map of the ground about the observer
+    and that light, None: there is none.
     """
     pitch = pixel_pitch_deg(view)
     rows, columns = _first_nodes(solved, view, light_azimuth_deg, pitch)
@@ -138,7 +149,9 @@ def view_radiance(
         closest_rows_deg=min(CLOSEST_ROWS_DEG, 0.5 * pitch),
         most=MOST_NODES,
     )
-    return ViewRadiance(view, table, pitch, sun_elevation_deg, light_azimuth_deg=light_azimuth_deg)
+    seen_ground = land is not None and table.elevation_deg[0] < 0.0
+    ground = MappedGround.of(solved, sun_elevation_deg, land) if land is not None and seen_ground else None
+    return ViewRadiance(view, table, pitch, sun_elevation_deg, light_azimuth_deg=light_azimuth_deg, ground=ground)
 
 
 def _first_nodes(
@@ -168,21 +181,23 @@ def _between(nodes: np.ndarray, low: float, high: float) -> np.ndarray:
 
 def join_views(views: Sequence[ViewRadiance], direct: Direct | None) -> ViewRadiance:
     """The same view at the wavelengths of all blocks, and the sun's disc in it."""
-    return replace(views[0], table=join_tables([one.table for one in views]), direct=direct)
+    grounds = [one.ground for one in views if one.ground is not None]
+    ground = join_grounds(grounds) if grounds else None
+    return replace(views[0], table=join_tables([one.table for one in views]), direct=direct, ground=ground)
 
 
 def _extent(view: View) -> tuple[tuple[float, float], tuple[float, float]]:
     """The least and the largest elevation, and azimuth from the sun within 0..180, of all pixels [deg]."""
     height, width = view.shape
     step = max(1, PIXELS_AT_ONCE // width)
-    found = []
+    extents = []
     for first in range(0, height, step):
         azimuth, elevation = azimuth_elevation(view.rays((first, min(first + step, height))))
         inside = np.isfinite(elevation)
         if inside.any():
             e, a = elevation[inside], np.minimum(azimuth, 360.0 - azimuth)[inside]
-            found.append((e.min(), e.max(), a.min(), a.max()))
-    low, high, left, right = np.array(found).T
+            extents.append((e.min(), e.max(), a.min(), a.max()))
+    low, high, left, right = np.array(extents).T
     return (float(low.min()), float(high.max())), (float(left.min()), float(right.max()))
 
 
@@ -201,11 +216,12 @@ def landscape(
     sun_elevation_deg: float,
     standpoint: Standpoint | None = None,
     light_azimuth_deg: float = 0.0,
+    land: Land | None = None,
 ) -> ViewPixels:
     """What a field shows of a view with terrain in it.
 
     standpoint: of an observer whose place and sun are known, by which terrain with coordinates is laid.
-    light_azimuth_deg: as in `view_radiance`.
+    light_azimuth_deg, land: as in `view_radiance`.
     """
     altitude = solved.scene.altitude_km
     heights = heights_of(terrain, standpoint=standpoint).facing(light_azimuth_deg)
@@ -220,32 +236,39 @@ def landscape(
         sky = seen.radiance[..., w : w + medium.n_wavelengths]
         w += medium.n_wavelengths
         field = FormulaField(block.field) if solved.scene.capabilities.kind == "formula" else block.field
-        made = add_terrain(sky, rays, heights, field, medium, beam, place, terrain.albedo, terrain.shadows)
-        radiance.append(made.radiance)
+        mapped = None if land is None else partial(_albedo, land, medium.wavelength_nm)
+        with_terrain = add_terrain(
+            sky, rays, heights, field, medium, beam, place, terrain.albedo, terrain.shadows, mapped
+        )
+        radiance.append(with_terrain.radiance)
     shown = np.concatenate(radiance, axis=-1)
-    return ViewPixels(seen.kind, seen.rays, shown, seen.pitch_deg, hidden=np.isfinite(made.distance_km))
+    return ViewPixels(seen.kind, seen.rays, shown, seen.pitch_deg, hidden=np.isfinite(with_terrain.distance_km))
 
 
-def with_night(seen: ViewPixels, night: NightLight) -> ViewPixels:
+def _albedo(land: Land, wavelength_nm: np.ndarray, azimuth: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    return land.albedo(np.degrees(azimuth), turn, wavelength_nm)
+
+
+def with_night(pixels: ViewPixels, night: NightLight) -> ViewPixels:
     """The view with the night's light behind and in the air; terrain in it is lit as the ground is."""
-    lit = night.seen_by(seen.rays.astype(float), seen.pitch_deg, seen.hidden)
-    return replace(seen, radiance=(seen.radiance + lit).astype(np.float32))
+    lit = night.seen_by(pixels.rays.astype(float), pixels.pitch_deg, pixels.hidden)
+    return replace(pixels, radiance=(pixels.radiance + lit).astype(np.float32))
 
 
-def with_sun(seen: ViewPixels, direct: Direct, sun_elevation_deg: float) -> ViewPixels:
+def with_sun(pixels: ViewPixels, direct: Direct, sun_elevation_deg: float) -> ViewPixels:
     """The view with the sun's disc where its light arrives: everywhere as bright as its mean, its edge one pixel wide.
 
     direct: at the observer; the disc stands where refraction lifts its centre to, and is round.
     """
     if not direct.irradiance.any():
-        return seen
+        return pixels
     sun = direction(0.0, sun_elevation_deg + direct.bending_deg)
-    off_axis = np.degrees(2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(seen.rays - sun, axis=-1))))
-    fraction = np.clip((SOLAR_RADIUS_DEG - off_axis) / seen.pitch_deg + 0.5, 0.0, 1.0)
-    if seen.hidden is not None:
-        fraction = np.where(seen.hidden, 0.0, fraction)
+    off_axis = np.degrees(2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(pixels.rays - sun, axis=-1))))
+    fraction = np.clip((SOLAR_RADIUS_DEG - off_axis) / pixels.pitch_deg + 0.5, 0.0, 1.0)
+    if pixels.hidden is not None:
+        fraction = np.where(pixels.hidden, 0.0, fraction)
     solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(SOLAR_RADIUS_DEG)))
     covered = np.nan_to_num(fraction)
     disc = covered[..., None] * (direct.irradiance / solid_angle)
-    covered = covered if seen.sun is None else np.maximum(seen.sun, covered)
-    return replace(seen, radiance=(seen.radiance + disc).astype(np.float32), sun=covered)
+    covered = covered if pixels.sun is None else np.maximum(pixels.sun, covered)
+    return replace(pixels, radiance=(pixels.radiance + disc).astype(np.float32), sun=covered)

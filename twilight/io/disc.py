@@ -33,12 +33,12 @@ class _Shown(NamedTuple):
 
 def _shown(sky: Sky) -> list[_Shown]:
     """The discs of a sky that are above its horizon."""
-    found: list[_Shown] = []
+    discs: list[_Shown] = []
     if sky.disc is not None and sky.disc.is_seen:
-        found.append(_Shown(sky.disc, 0.0, 1.0))
+        discs.append(_Shown(sky.disc, 0.0, 1.0))
     if sky.moon is not None and sky.moon.disc is not None:
-        found.append(_Shown(sky.moon.disc, sky.moon.moon.azimuth_deg, sky.distance_au**2))
-    return found
+        discs.append(_Shown(sky.moon.disc, sky.moon.moon.azimuth_deg, sky.distance_au**2))
+    return discs
 
 
 def _fine(disc: Disc | MoonDisc) -> Disc | MoonDisc:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from os.path import isfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.base.reading import check_expansion, first_line
+from twilight.base.reading import check_expansion, reading
 from twilight.base.whole_files import whole_file
 from twilight.io.disc import add_to_map_factor, add_to_map_xyz
 from twilight.io.environment import environment, environment_directions, ground_factor
@@ -213,18 +212,18 @@ def _stokes(sky: Sky, spectra: np.ndarray, renderer: str, width: int) -> tuple[n
     return q, u
 
 
+WHAT = "a complete OpenEXR file"
+
+
 def _read(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     import OpenEXR  # start-up
 
     path = Path(path)
     check_expansion(path, sum(_part_bytes(path, header) for header in _headers(path)))
-    try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            header = dict(file.header())
-            # The pixels belong to the file and end with it.
-            channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
-    except Exception as error:  # RuntimeError, ValueError, UnicodeDecodeError ... depending on where a file is damaged
-        raise TwilightError(f"{path}: is not a complete OpenEXR file ({first_line(error)})") from error
+    with reading(path, WHAT), OpenEXR.File(str(path), separate_channels=True) as file:
+        header = dict(file.header())
+        # The pixels belong to the file and end with it.
+        channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
     if len({pixels.shape for pixels in channels.values()}) > 1:
         raise TwilightError(f"{path}: its channels are not of the same size")
     return header, channels
@@ -245,13 +244,8 @@ def _headers(path: Path) -> list[dict[str, Any]]:
     """The header of every part, without the pixels."""
     import OpenEXR  # start-up
 
-    if not isfile(path):
-        raise TwilightError(f"{path}: no such file")
-    try:
-        with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
-            return [dict(part.header) for part in file.parts]
-    except Exception as error:
-        raise TwilightError(f"{path}: is not a complete OpenEXR file ({first_line(error)})") from error
+    with reading(path, WHAT), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+        return [dict(part.header) for part in file.parts]
 
 
 def _size(header: dict[str, Any], window: str = "dataWindow") -> tuple[int, int]:
@@ -331,9 +325,9 @@ def read_spectral_exr(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[st
     """
     header, channels = _read(path)
     planes = {
-        float(found.group(1).replace(",", ".")): pixels
+        float(match.group(1).replace(",", ".")): pixels
         for name, pixels in channels.items()
-        if (found := _SPECTRAL_CHANNEL.match(name))
+        if (match := _SPECTRAL_CHANNEL.match(name))
     }
     if not planes:
         raise TwilightError(f"{path}: has no channel like S0.550,0nm (Fichet et al. 2021)")

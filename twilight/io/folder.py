@@ -19,6 +19,7 @@ from typing import Any
 
 from twilight.base.errors import TwilightError
 from twilight.base.formats import FORMATS, WHERE_DISC, WHERE_MOON, WHERE_POLARISED, WITH_VIEW, check_names, file_names
+from twilight.base.whole_files import writing
 from twilight.io.environment import environment_directions
 from twilight.io.netcdf import read_sky
 from twilight.io.picture import DEFAULT_VIEW, DEFAULT_WIDTH, check_options, view_directions
@@ -85,7 +86,7 @@ def open_folder(
     Errors: TwilightError where the folder holds anything that would be lost or would be mistaken for a part of this
     render, or where another process writes it.
     """
-    try:
+    with writing(root):
         finished = {} if overwrite else check_folder_content(root, wanted, code)
         root.mkdir(parents=True, exist_ok=True)
         try:
@@ -95,8 +96,6 @@ def open_folder(
                 yield RenderFolder(root, code, finished, journal)
         finally:
             _remove_if_no_sky(root)
-    except OSError as error:
-        raise TwilightError(f"{error.filename or root}: cannot be written ({error.strerror or error})") from error
 
 
 def check_folder_content(root: Path, wanted: Mapping[str, RequestedSky], code: str) -> dict[str, dict[str, Any]]:
@@ -113,12 +112,12 @@ def check_folder_content(root: Path, wanted: Mapping[str, RequestedSky], code: s
         _refuse(root, name, wanted)
     listed = {root / file for line in lines.values() for file in line["files"]}
     begun = {name for name, line in lines.items() if not line["files"]}
-    found = [file for name in wanted if name not in begun for file in files_of_a_sky(root / name) if file not in listed]
+    files = [file for name in wanted if name not in begun for file in files_of_a_sky(root / name) if file not in listed]
     if len(wanted) > 1 and not _has_series_files(root):
-        found += _series_files(root)
-    if found:
+        files += _series_files(root)
+    if files:
         raise TwilightError(
-            f"{found[0]}: is there already, and {JOURNAL} does not say of which sky; "
+            f"{files[0]}: is there already, and {JOURNAL} does not say of which sky; "
             "give --overwrite or another --output"
         )
     return {
@@ -135,8 +134,8 @@ def files_of_a_sky(folder: Path) -> list[Path]:
 
 def numbered_files(folder: Path) -> list[Path]:
     """The files in a folder that have the names of a series' by number, sorted."""
-    found = (name.rpartition(".") for name in NUMBERED)
-    return sorted(file for stem, _, suffix in found for file in folder.glob(f"{stem}.[0-9][0-9][0-9][0-9]*.{suffix}"))
+    names = (name.rpartition(".") for name in NUMBERED)
+    return sorted(file for stem, _, suffix in names for file in folder.glob(f"{stem}.[0-9][0-9][0-9][0-9]*.{suffix}"))
 
 
 def _series_files(root: Path) -> list[Path]:
@@ -161,15 +160,15 @@ def _refuse(root: Path, name: str, wanted: Mapping[str, RequestedSky]) -> None:
 
 def _last_entries(root: Path) -> dict[str, dict[str, Any]]:
     """What the journal says of each sky, the last time that it was written."""
-    found = {}
+    entries = {}
     for line in read_journal(root / JOURNAL):
         with suppress(KeyError, TypeError, AttributeError):
             name, files = str(line["sky"]), {str(k): int(v) for k, v in line["files"].items()}
             line["figures"] = dict(line["figures"])
             if all(_inside(file) for file in (name, *files)):
                 texts = {key: str(line[key]) for key in ("hash", "code")}
-                found[name] = {**line, **texts, "files": files, "before": [str(f) for f in line.get("before", [])]}
-    return found
+                entries[name] = {**line, **texts, "files": files, "before": [str(f) for f in line.get("before", [])]}
+    return entries
 
 
 def _inside(name: str) -> bool:

@@ -96,10 +96,10 @@ LABELS = {
 def attributes(name: str) -> dict[str, str]:
     """CF attributes of a variable: standard_name, long_name, units and comment, those that it has."""
     label = LABELS[name]
-    found = {
+    cf = {
         "standard_name": label.standard_name,
         "long_name": label.text,
         "units": label.unit,
         "comment": label.comment,
     }
-    return {key: value for key, value in found.items() if value}
+    return {key: value for key, value in cf.items() if value}

@@ -51,8 +51,8 @@ def sun_facts(sky: Sky, observer: str = colour.DEFAULT_OBSERVER, *, in_map: bool
     }
     if disc is not None:
         lower, upper = disc.edges_deg()
-        seen = bool(np.isfinite(lower))
-        facts["lower_edge_deg"], facts["upper_edge_deg"] = (lower, upper) if seen else (None, None)
+        visible = bool(np.isfinite(lower))
+        facts["lower_edge_deg"], facts["upper_edge_deg"] = (lower, upper) if visible else (None, None)
     facts["wavelength_nm"] = sky.wavelength_nm.tolist()
     if factor is None:
         rgb = None

@@ -7,7 +7,7 @@ Damaged global heaps of HDF5 files, with which the HDF5 library can turn forever
 
 A global heap (HDF5 File Format Specification 3.0, section III.E) is a run of objects behind a head of 16 bytes; each
 has a head of 16 bytes of its own with its index and size.  The one of index 0 is the free space at the end, whose size
-counts its head: where it is 0, as in zeroed bytes, HDF5 1.14 never gets past it.
+counts its head: where it is 0, as in zeroed bytes, HDF5 (up to 2.0.0) never gets past it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import cache
-from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -26,7 +25,7 @@ import h5py
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.base.reading import check_expansion, first_line
+from twilight.base.reading import check_expansion, reading
 from twilight.base.whole_files import whole_content
 from twilight.io.labels import attributes
 from twilight.io.provenance import coordinates_of, fields_from, provenance_fields, provenance_from_fields
@@ -60,14 +59,14 @@ def sky_to_dataset(sky: Sky) -> xarray.Dataset:
     """The sky with the variables and attributes of ``sky.h5``; its time, where it has one, as datetime64 in UTC."""
     import xarray  # start-up
 
-    made = xarray.Dataset(*_contents(sky))
+    dataset = xarray.Dataset(*_contents(sky))
     if sky.time is not None:
-        about = dict(made["time"].attrs)
+        about = dict(dataset["time"].attrs)
         encoding = {name: about.pop(name) for name in ("units", "calendar")} | {"dtype": "float64"}
         time = xarray.Variable((), np.datetime64(sky.time.astimezone(UTC).replace(tzinfo=None), "us"), about)
-        made = made.assign_coords(time=time)
-        made["time"].encoding = encoding
-    return made
+        dataset = dataset.assign_coords(time=time)
+        dataset["time"].encoding = encoding
+    return dataset
 
 
 @cache
@@ -226,25 +225,18 @@ def read_sky(path: str | Path) -> Sky:
         Where the file is missing, not complete, or not a sky.
     """
     path = Path(path)
-    if not isfile(path):
-        raise TwilightError(f"{path}: no such file")
-    try:
+    with reading(path, "a complete HDF5 file"):
         dataset = _load(path)
-    except TwilightError:
-        raise
-    except Exception as error:  # h5py raises OSError, KeyError, RuntimeError ... depending on where a file is cut
-        raise TwilightError(f"{path}: is not a complete HDF5 file ({first_line(error)})") from error
     for name in (*_GRID, "sun_normalised_radiance", "solar_elevation_angle"):
         if name not in dataset.variables:
             raise TwilightError(f"{path}: has no variable '{name}', so it is not a sky written by twilight")
     if set(dataset["sun_normalised_radiance"].dims) != set(_GRID):
         raise TwilightError(f"{path}: sun_normalised_radiance must have the dimensions {', '.join(_GRID)}")
-    try:
-        return _sky(dataset)
-    except TwilightError as error:
-        raise TwilightError(f"{path}: {error}") from None
-    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:  # of a value's wrong type
-        raise TwilightError(f"{path}: is not a sky written by twilight ({first_line(error)})") from error
+    with reading(path, "a sky written by twilight"):
+        try:
+            return _sky(dataset)
+        except TwilightError as error:
+            raise TwilightError(f"{path}: {error}") from None
 
 
 def _load(path: Path) -> xarray.Dataset:

@@ -145,8 +145,8 @@ def develop_view(
         elevation = np.maximum(elevation - max(0.0, dip_deg(sky) - WIDE_DIP_DEG), -90.0)
     elif view == "wide" and sky.observer_altitude_km > GROUND_SEEN_UP_TO_KM:
         elevation = elevation[elevation[:, 0] > 0.0]
-    seen = tone.see(sky.normalised_radiance, sky.wavelength_nm, light_of(sky))
-    picture = sky.smooth(seen, np.maximum(elevation, lower), azimuth)
+    responses = tone.see(sky.normalised_radiance, sky.wavelength_nm, light_of(sky))
+    picture = sky.smooth(responses, np.maximum(elevation, lower), azimuth)
     if exposure != "auto":
         ev100 = float(exposure)
     elif view in FACING:
@@ -154,7 +154,7 @@ def develop_view(
         ev100 = colour.auto_exposure_ev100(shown, None, tone.highlights_over_mean) + WIDE_EXPOSURE_STEPS
     else:
         weight = sky.solid_angle_sr()
-        ev100 = colour.auto_exposure_ev100(seen[..., 1], weight, tone.highlights_over_mean)
+        ev100 = colour.auto_exposure_ev100(responses[..., 1], weight, tone.highlights_over_mean)
     if view not in ("panorama", "fisheye"):
         ground = tone.see(ground_factor(sky), sky.wavelength_nm, light_of(sky))
         picture[np.broadcast_to(elevation <= lower, picture.shape[:2])] = ground
@@ -221,13 +221,13 @@ def write_png(
     """
     check_options(exposure, tone_mapping, observer)
     tone = tone_of(tone_mapping, observer, tone_settings)
-    picture, ev100, found = develop_view(sky, tone, view=view, width=width, exposure=exposure)
+    picture, ev100, tone_facts = develop_view(sky, tone, view=view, width=width, exposure=exposure)
     facts = {
         "view": view,
         "exposure_ev100": ev100,
         "tone_mapping": tone_mapping,
         "colour": colour.colour_note(sky, observer),
-        **found,
+        **tone_facts,
     }
     return save_png(picture, path, sky, facts, label_of(sky) if label else "")
 
@@ -294,17 +294,17 @@ def write_luminances(sky: Sky, path: Path, options: Options) -> Path:
     """The luminances behind a picture as JSON, whole or not at all: photopic, scotopic and mesopic (CIE 191:2010)
     [cd m^-2] at the zenith and at 10 deg towards the sun, across and opposite, and what the tone set or found."""
     tone = tone_of(options.tone_mapping, options.observer, options.tone_settings)
-    _, ev100, found = develop_view(sky, tone, view=options.views[0], width=400, exposure=options.exposure)
+    _, ev100, tone_facts = develop_view(sky, tone, view=options.views[0], width=400, exposure=options.exposure)
     eye = tone_of("eye", options.observer)
-    seen = eye.see(sky.normalised_radiance, sky.wavelength_nm, light_of(sky))
+    responses = eye.see(sky.normalised_radiance, sky.wavelength_nm, light_of(sky))
     where = {"zenith": (90.0, 0.0), "sun": (10.0, 0.0), "right": (10.0, 90.0), "opposite": (10.0, 180.0)}
     elevation, azimuth = np.array(list(where.values())).T
-    photopic, scotopic = np.moveaxis(sky.smooth(seen, elevation, azimuth)[..., [1, 3]], -1, 0)
+    photopic, scotopic = np.moveaxis(sky.smooth(responses, elevation, azimuth)[..., [1, 3]], -1, 0)
     _, mesopic = adaptation_coefficient(photopic, scotopic)
     facts: dict[str, Any] = {
         "tone": options.tone_mapping,
         "exposure_ev100": ev100,
-        **found,
+        **tone_facts,
         "luminance_cd_per_m2": {
             name: {"photopic": float(photopic[i]), "scotopic": float(scotopic[i]), "mesopic": float(mesopic[i])}
             for i, name in enumerate(where)

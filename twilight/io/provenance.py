@@ -148,8 +148,8 @@ def header_of(sky: Sky) -> dict[str, float]:
 
 def fields_from(number: Callable[..., float | None]) -> dict[str, Any]:
     """Fields of `Sky` as a file or dataset knows them; `number` gives what stands under one of some names, or None."""
-    found = {fact.field: number(*filter(None, (fact.variable, fact.swept))) for fact in FACTS}
-    return {field: value for field, value in found.items() if value is not None}
+    fields = {fact.field: number(*filter(None, (fact.variable, fact.swept))) for fact in FACTS}
+    return {field: value for field, value in fields.items() if value is not None}
 
 
 class Journal:

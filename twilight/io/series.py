@@ -10,7 +10,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.reading import MEMORY_FRACTION, memory_bytes
-from twilight.base.whole_files import link_or_copy, write_csv
+from twilight.base.whole_files import link_or_copy, write_csv, writing
 from twilight.io.folder import NUMBERED, numbered_files
 from twilight.io.labels import attributes
 from twilight.io.netcdf import read_sky, sky_to_dataset, write_netcdf
@@ -132,9 +132,9 @@ def write_series(skies: Iterable[Sky], path: Path, about: Mapping[str, Any], cou
                 )
             yield sky
 
-    made = series_to_dataset(fitting()).assign_attrs(about)
+    dataset = series_to_dataset(fitting()).assign_attrs(about)
     path.parent.mkdir(parents=True, exist_ok=True)
-    _write_netcdf(made, path)
+    _write_netcdf(dataset, path)
 
 
 def _too_large(one: xarray.Dataset, count: int) -> bool:
@@ -142,13 +142,13 @@ def _too_large(one: xarray.Dataset, count: int) -> bool:
     return one.nbytes * count * _COPIES > MEMORY_FRACTION * memory_bytes()
 
 
-def _write_netcdf(made: xarray.Dataset, path: Path) -> None:
+def _write_netcdf(dataset: xarray.Dataset, path: Path) -> None:
     encoding: dict[str, Any] = {
-        name: {"zlib": True, "complevel": 4, "shuffle": True} for name in _PER_SKY if name in made.variables
+        name: {"zlib": True, "complevel": 4, "shuffle": True} for name in _PER_SKY if name in dataset.variables
     }
-    if "time" in made.variables:
+    if "time" in dataset.variables:
         encoding["time"] = {"units": attributes("time")["units"], "calendar": "standard", "dtype": "float64"}
-    write_netcdf(made, path, encoding)
+    write_netcdf(dataset, path, encoding)
 
 
 def series_to_dataset(skies: Iterable[Sky]) -> xarray.Dataset:
@@ -185,16 +185,16 @@ def _concatenated(parts: Sequence[xarray.Dataset], along: xarray.DataArray) -> x
     import xarray  # start-up
 
     several = [name for name in (*_PER_SKY, *_SUN_AND_TIME) if all(name in part.variables for part in parts)]
-    made = xarray.concat(
+    dataset = xarray.concat(
         [part[several] for part in parts], along, coords="minimal", compat="override", join="override", data_vars="all"
     )
-    made = made.set_coords([name for name in _SUN_AND_TIME if name in made.variables])
+    dataset = dataset.set_coords([name for name in _SUN_AND_TIME if name in dataset.variables])
     for name in (name for name in _COMMON if name in parts[0].variables):
-        made[name] = parts[0][name]
-    made.attrs = {**parts[-1].attrs, "title": f"{len(parts)} skies"}
+        dataset[name] = parts[0][name]
+    dataset.attrs = {**parts[-1].attrs, "title": f"{len(parts)} skies"}
     for name in ("configuration", "configuration_hash", "provenance", "run_time_s", "time_iso8601"):
-        made.attrs.pop(name, None)
-    return made
+        dataset.attrs.pop(name, None)
+    return dataset
 
 
 def on_one_grid(skies: Sequence[Sky]) -> list[Sky]:
@@ -228,7 +228,7 @@ def number_files(folders: Sequence[Path], target: Path, names: Sequence[str] = N
     Links to the same data where the file system has them, else copies.  Returns how many; errors: TwilightError.
     """
     count = 0
-    try:
+    with writing(target):
         for old in numbered_files(target):
             old.unlink()
         for i, folder in enumerate(folders, start=1):
@@ -238,6 +238,4 @@ def number_files(folders: Sequence[Path], target: Path, names: Sequence[str] = N
                     stem, _, suffix = name.rpartition(".")
                     link_or_copy(folder / name, target / f"{stem}.{i:04d}.{suffix}")
                     count += 1
-    except OSError as error:
-        raise TwilightError(f"{target}: cannot be written ({error.strerror or error})") from error
     return count

@@ -33,9 +33,9 @@ def close_up(sky: Sky, tone: Tone) -> tuple[np.ndarray, float]:
     offset = ((np.arange(CLOSE_UP_PIXELS) + 0.5) / CLOSE_UP_PIXELS - 0.5) * CLOSE_UP_DEG
     elevation = (middle - offset)[:, None]
     azimuth = offset[None, :] / np.cos(np.radians(middle))
-    seen = tone.see(sky.normalised_radiance, sky.wavelength_nm, light_of(sky))
+    responses = tone.see(sky.normalised_radiance, sky.wavelength_nm, light_of(sky))
     lowest = max(float(sky.elevation_edges_deg[0]), -dip_deg(sky))
-    picture = sky.smooth(seen, np.clip(elevation, lowest, 90.0), azimuth).astype(float)
+    picture = sky.smooth(responses, np.clip(elevation, lowest, 90.0), azimuth).astype(float)
     picture[elevation[:, 0] < -dip_deg(sky)] = tone.see(ground_factor(sky), sky.wavelength_nm, light_of(sky))
     add_to_picture(sky, picture, elevation, azimuth, tone, points=2)
     return picture, float(middle)

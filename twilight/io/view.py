@@ -33,25 +33,25 @@ class ViewPicture:
     facts: dict[str, float | str]
 
 
-def _parts(seen: ViewSource) -> Iterator[tuple[slice, ViewPixels]]:
+def _parts(view: ViewSource) -> Iterator[tuple[slice, ViewPixels]]:
     """The picture by rows, as many as are worked on at once."""
-    height, width = seen.shape
+    height, width = view.shape
     step = max(1, PIXELS_AT_ONCE // width)
     for first in range(0, height, step):
         stop = min(first + step, height)
-        yield slice(first, stop), seen.rows(first, stop)
+        yield slice(first, stop), view.rows(first, stop)
 
 
-def _metered(seen: ViewSource) -> Iterator[ViewPixels]:
+def _metered(view: ViewSource) -> Iterator[ViewPixels]:
     """The picture, or evenly spaced pixels of a large one."""
-    height, width = seen.shape
+    height, width = view.shape
     step = int(np.ceil(np.sqrt(height * width / METERED_PIXELS)))
     if step == 1:
-        for _, part in _parts(seen):
+        for _, part in _parts(view):
             yield part
         return
     for row in range(step // 2, height, step):
-        yield seen.rows(row, row + 1).columns(step)
+        yield view.rows(row, row + 1).columns(step)
 
 
 def view_exposure_ev100(luminance: np.ndarray, highlights_over_mean: float = colour.HIGHLIGHTS_OVER_MEAN) -> float:
@@ -95,14 +95,14 @@ def picture(
     return ViewPicture(np.ascontiguousarray(pixels[..., :3]) if opaque else pixels, ev100, facts)
 
 
-def _meter(seen: ViewSource, channels_of: Callable[[ViewPixels], np.ndarray], tone: Tone) -> float:
-    found = []
-    for part in _metered(seen):
+def _meter(view: ViewSource, channels_of: Callable[[ViewPixels], np.ndarray], tone: Tone) -> float:
+    luminances = []
+    for part in _metered(view):
         keep = np.isfinite(part.radiance[..., 0])
         if part.sun is not None:
             keep &= part.sun == 0.0
-        found.append(channels_of(part)[..., 1][keep])
-    return view_exposure_ev100(np.concatenate(found), tone.highlights_over_mean)
+        luminances.append(channels_of(part)[..., 1][keep])
+    return view_exposure_ev100(np.concatenate(luminances), tone.highlights_over_mean)
 
 
 def _eight_bit(display: np.ndarray, part: ViewPixels, first_row: int) -> np.ndarray:
@@ -114,15 +114,20 @@ def _eight_bit(display: np.ndarray, part: ViewPixels, first_row: int) -> np.ndar
 
 def write_view(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
     """``sky.view.png``, tone mapped, and ``sky.view.exr``, linear Rec. 709 in cd/m^2 (alpha 0 outside the view)."""
-    seen = rendered.view
-    assert seen is not None
+    view = rendered.view
+    assert view is not None
     sky, tone = rendered.sky, tone_of(options.tone_mapping, options.observer, options.tone_settings)
-    made = picture(seen, sky.wavelength_nm, Light(sky.solar_spectrum, sky.distance_au), tone, options.exposure)
-    facts = {"view": seen.kind, "exposure_ev100": made.ev100, "tone_mapping": options.tone_mapping, **made.facts}
-    png = save_pixels(made.pixels, folder / "sky.view.png", sky, facts)
-    del made
-    planes = np.zeros((4, *seen.shape), np.float32)
-    for rows, part in _parts(seen):
+    developed = picture(view, sky.wavelength_nm, Light(sky.solar_spectrum, sky.distance_au), tone, options.exposure)
+    facts = {
+        "view": view.kind,
+        "exposure_ev100": developed.ev100,
+        "tone_mapping": options.tone_mapping,
+        **developed.facts,
+    }
+    png = save_pixels(developed.pixels, folder / "sky.view.png", sky, facts)
+    del developed
+    planes = np.zeros((4, *view.shape), np.float32)
+    for rows, part in _parts(view):
         inside = np.isfinite(part.radiance[..., 0])
         linear = colour.sky_to_linear_rgb(sky, np.nan_to_num(part.radiance), options.observer)
         planes[:3, rows] = np.moveaxis(np.where(inside[..., None], linear, 0.0), -1, 0)

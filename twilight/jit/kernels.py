@@ -4,8 +4,8 @@ Python's rule, an exception for a division by 0, puts a test and an exit into ev
 to compile, which does nothing here, for kernels keep their divisors off 0.
 
 Beside each kernel numba makes two more functions: one for C, which nothing here calls, and one for Python, which takes
-every field out of every named tuple of arrays.  For a kernel that only kernels call, the one for Python is most of the
-work; `inner` leaves it out, and Python holds an `InnerKernel` in its place, which refuses to be called.
+every field out of every named tuple of arrays.  `inner` leaves both out for a kernel that kernels call, and machine
+code of its own too.
 
 numba counts who holds an array, and does so again for every row of one that is handed on and in every kernel that is
 called: a third of the time of a short kernel.  A kernel that makes no arrays needs none of it (`makes_arrays=False`);
@@ -15,36 +15,32 @@ A small kernel becomes a part of those that call it by LLVM (`inline=True`).  nu
 and types its Python code anew for each call: `beam_at` took 7.4 processor seconds to compile in place of 3.4, to the
 same bits.
 
-Machine code is cached beside the modules, in files that name the types of arguments.  Files that an earlier version of
-the program left behind may name types that have moved: numba would end in an ImportError, here they count as none.
-
 These options, and the vectors of :mod:`twilight.jit.simd`, are parts of numba that change from one minor version to
 the next: versions that were never tested are refused with one sentence.
 
-With the environment variable NUMBA_DISABLE_JIT=1 nothing is compiled: every kernel is its Python function, a thousand
-times slower, for debuggers.
+numba is loaded when a kernel is first called: what calls none, as `compact` on the ground, starts at once and
+needs numpy alone.  Without numba, and with the environment variable NUMBA_DISABLE_JIT=1, nothing is compiled: every
+kernel is its Python function, a thousand times slower, for debuggers.
 """
 
 from __future__ import annotations
 
+import functools
+import os
 import re
-import warnings
 from collections.abc import Callable
+from importlib.util import find_spec
 from typing import Any
 
-import numba
-from numba.core import types
-from numba.core.caching import IndexDataCacheFile
-
-from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.errors import TwilightError
 
 OLDEST_NUMBA = (0, 60)
 """First minor version of numba with which the tests passed; as in `pyproject.toml`."""
 UNTESTED_NUMBA = (0, 69)
 """First minor version of numba with which the tests were not run; as in `pyproject.toml`."""
 
-COMPILED = not numba.config.DISABLE_JIT  # type: ignore[attr-defined]
-"""Whether kernels are compiled: not with NUMBA_DISABLE_JIT=1."""
+COMPILED = find_spec("numba") is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
+"""Whether kernels are compiled: not without numba, nor with NUMBA_DISABLE_JIT=1."""
 
 
 def check_numba(version: str) -> None:
@@ -58,59 +54,71 @@ def check_numba(version: str) -> None:
         )
 
 
-_load_index = IndexDataCacheFile._load_index
+class Kernel:
+    """A function that numba compiles when it is called, by Python or by another kernel.
 
-
-def _load_known_index(file: Any) -> dict[Any, Any]:
-    """The machine code that a cache file of numba's knows of; none where it is of types that are no longer there."""
-    try:
-        return _load_index(file)
-    except (ImportError, AttributeError):
-        return {}
-
-
-IndexDataCacheFile._load_index = _load_known_index  # type: ignore[method-assign]
-
-
-class InnerKernel:
-    """What Python holds of a kernel that compiled functions alone may call: without a function for Python a call would
-    end the process.
-
-    py_func: the Python function that was compiled
+    py_func: the Python function
     """
 
-    def __init__(self, dispatcher: Any) -> None:
-        self._dispatcher = dispatcher
-        self.py_func: Callable[..., Any] = dispatcher.py_func
-        self.__name__: str = dispatcher.py_func.__name__
-        self.__doc__ = dispatcher.py_func.__doc__
+    def __init__(self, function: Callable[..., Any], inner: bool, cached: bool, options: dict[str, Any]) -> None:
+        functools.update_wrapper(self, function)
+        self.py_func = function
+        self._inner, self._cached, self._options = inner, cached, options
+
+    @functools.cached_property
+    def dispatcher(self) -> Any:
+        """What numba makes of it."""
+        import numba  # start-up
+
+        from twilight.jit.machine_code import InnerCompiler, KernelCache, no_garbage_collection  # start-up
+
+        check_numba(numba.__version__)
+        compiler = {"pipeline_class": InnerCompiler} if self._inner else {}
+        made: Any = numba.njit(**self._options | compiler)(self.py_func)
+        made._compiler.compile = no_garbage_collection()(made._compiler.compile)
+        if self._cached:
+            made._cache = KernelCache(made)
+        return made
 
     @property
-    def _numba_type_(self) -> types.Dispatcher:
+    def _numba_type_(self) -> Any:
         """What numba takes it for in the kernels that call it."""
-        return types.Dispatcher(self._dispatcher)
+        return self.dispatcher._numba_type_
+
+    @functools.cached_property
+    def _for_python(self) -> Callable[..., Any]:
+        if not self._inner:
+            found: Callable[..., Any] = self.dispatcher
+            return found
+        kernel = self
+
+        def hand_on(*arguments: Any) -> Any:
+            return kernel(*arguments)
+
+        return Kernel(hand_on, False, False, self._options | {"no_cpython_wrapper": False})
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
-        """TypeError: Python cannot call it."""
-        raise TypeError(
-            f"{self.__name__} is an inner kernel, which compiled functions alone can call; {self.__name__}.py_func is "
-            "its Python function"
-        )
+        """What the kernel returns; for an inner one, of a test or a debugger, one that hands it on is compiled."""
+        return self._for_python(*arguments, **named)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.dispatcher, name)
 
 
 def njit(
-    *, inner: bool = False, inline: bool | str = False, makes_arrays: bool = True, **options: Any
+    *, inner: bool = False, inline: bool | str = False, makes_arrays: bool = True, cache: bool = False, **options: Any
 ) -> Callable[..., Any]:
-    """numba's `njit` with these options: `cache`, `fastmath`; a division by 0 gives inf or nan.
+    """numba's `njit`, with `fastmath` among the options; a division by 0 gives inf or nan.
 
     No kernel holds Python's lock: signals are heard, and progress is shown, while one runs.
 
-    inner: kernels alone call it; Python gets an `InnerKernel`.  inline: it becomes a part of the machine code of those
-    that call it; "always": by numba, of its Python code.  makes_arrays: whether it makes any; those that it is handed
-    are then not counted.
+    inner: kernels call it.  inline: it becomes a part of the machine code of those that call it; "always": by numba, of
+    its Python code.  makes_arrays: whether it makes any; those that it is handed are then not counted.  cache: its
+    machine code is kept.
     """
-    # numba's own types do not list the last three
-    made: dict[str, Any] = {
+    made = options | {
         "error_model": "numpy",
         "nogil": True,
         "no_cfunc_wrapper": True,
@@ -119,55 +127,11 @@ def njit(
     made |= {"forceinline": True} if inline is True else {"inline": inline or "never"}
     if not makes_arrays:
         made["_nrt"] = False
-    compiled: Callable[..., Any] = numba.njit(**made | options)
 
     def kernel(function: Any) -> Any:
         if not COMPILED:
             function.py_func = function
             return function
-        made = compiled(function)
-        _go_on_without_cache(made)
-        return InnerKernel(made) if inner else made
+        return Kernel(function, inner, cache, made)
 
     return kernel
-
-
-def _go_on_without_cache(dispatcher: Any) -> None:
-    """Let a kernel run whose machine code cannot be kept, on a disk that is full, or not be read, for another version
-    kept it, whose modules had other names: numba would raise the error where the kernel is called first."""
-    kept = dispatcher._cache
-    load, save = kept.load_overload, kept.save_overload
-
-    def load_or_compile(signature: Any, target: Any) -> Any:
-        try:
-            return load(signature, target)
-        except Exception:  # what unpickling raises depends on what is not there any more
-            return None
-
-    def save_or_warn(signature: Any, data: Any) -> None:
-        try:
-            try:
-                save(signature, data)
-            except Exception as error:
-                if isinstance(error, OSError):
-                    raise
-                kept.flush()  # what is there is of another version
-                save(signature, data)
-        except OSError as error:
-            if not _warned:
-                _warned.append(True)
-                warnings.warn(
-                    f"compiled kernels cannot be kept in {kept.cache_path} ({error.strerror or error}): they are "
-                    "compiled again the next time; NUMBA_CACHE_DIR names another folder",
-                    TwilightWarning,
-                    stacklevel=2,
-                )
-
-    kept.load_overload, kept.save_overload = load_or_compile, save_or_warn
-
-
-_warned: list[bool] = []
-"""Holds something once this process has said that kernels cannot be kept."""
-
-
-check_numba(numba.__version__)

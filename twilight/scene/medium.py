@@ -185,7 +185,7 @@ def cloud_layers(climate: Climate) -> tuple[CloudLayer, ...]:
 
     Errors: TwilightError for a cloud whose top is not above its base.
     """
-    found = []
+    layers = []
     for cloud in climate.clouds:
         kind = KINDS[cloud.kind]
         base, top, depth, radius = cloud.base_km, cloud.top_km, cloud.optical_depth, cloud.effective_radius_um
@@ -207,8 +207,8 @@ def cloud_layers(climate: Climate) -> tuple[CloudLayer, ...]:
             kind.effective_radius_um if radius is None else radius,
         )
         if layer.optical_depth > 0.0:
-            found.append(layer)
-    return tuple(found)
+            layers.append(layer)
+    return tuple(layers)
 
 
 def ground_albedo(ground: Ground, wavelength_nm: np.ndarray) -> np.ndarray:
@@ -229,8 +229,8 @@ def table_sha256(path: str | Path) -> str:
 
 def check_sha256(path: str, wanted: str | None, name: str) -> None:
     """TwilightError where a file is not the one that the climate means."""
-    if wanted is not None and (found := table_sha256(path)) != wanted:
-        raise TwilightError(f"{path}: is not the table of this climate: {name} is {wanted}, not {found}")
+    if wanted is not None and (digest := table_sha256(path)) != wanted:
+        raise TwilightError(f"{path}: is not the table of this climate: {name} is {wanted}, not {digest}")
 
 
 def name_by_content(climate: dict[str, Any]) -> None:

@@ -36,7 +36,7 @@ LONGEST_MASS = 40.0
 WITHOUT_DATA_NM = (627.0, 632.0)
 """The band of oxygen at 629 nm, which the source of the others leaves out."""
 SCALAR_ERROR = "scalar theory: 1 to 5 % at 440 nm, up to 17 % in single directions (docs/notes/polarisation.md)"
-"""Lowest and highest median, and largest error, of benchmarks/polarisation.csv (docs/notes/polarisation.md)."""
+"""Lowest and highest median, and largest error, of benchmarks/results/polarisation.csv (docs/notes/polarisation.md)."""
 
 
 @dataclass(frozen=True)
@@ -95,22 +95,22 @@ def make_plan(config: Config, wavelength_nm: np.ndarray | None = None) -> Plan:
 
 def not_computed(config: Config) -> tuple[Omission, ...]:
     """What matters in this scene and is not computed all the same: polarisation, and bands that the air lacks."""
-    found = []
+    omissions = []
     name, quality, settings = config.chosen_solver
     if not hasattr(settings, "polarisation"):
-        found.append(Omission("polarisation", f"{name} computes radiance alone", "no Q, no U"))
+        omissions.append(Omission("polarisation", f"{name} computes radiance alone", "no Q, no U"))
     elif not settings.polarisation:
-        found.append(Omission("polarisation", f"{name} ({quality}) with solver.polarisation: false", SCALAR_ERROR))
+        omissions.append(Omission("polarisation", f"{name} ({quality}) with solver.polarisation: false", SCALAR_ERROR))
     wavelength_nm = wavelengths_of(config)
     if config.climate.medium is None and wavelength_nm is not None:
         low, high = WITHOUT_DATA_NM
         inside = [w for w in wavelength_nm if low <= w <= high]
         if inside and config.climate.gases.oxygen:
             shown = ", ".join(f"{w:g}" for w in inside)
-            found.append(
+            omissions.append(
                 Omission("oxygen at 629 nm", f"SPCTRL2 has no data for this band, which holds {shown} nm", "not known")
             )
-    return tuple(found)
+    return tuple(omissions)
 
 
 def _without_weak_bands(climate: Climate, wavelength_nm: np.ndarray, omissions: list[Omission]) -> Climate:
@@ -130,8 +130,8 @@ def _without_weak_bands(climate: Climate, wavelength_nm: np.ndarray, omissions: 
             continue
         amount = bands.amounts(gas, profile, wavelength_nm, column_mm)
         most = float(np.max(1.0 - bands.transmission(gas, LONGEST_MASS * amount)))
-        seen = 1.0 - bands.transmission(gas, LOW_SUN_MASS * amount)
-        moved = float(np.sum(eye * np.interp(VISIBLE_NM, wavelength_nm, seen)))
+        absorbed = 1.0 - bands.transmission(gas, LOW_SUN_MASS * amount)
+        moved = float(np.sum(eye * np.interp(VISIBLE_NM, wavelength_nm, absorbed)))
         why = ""
         if most < BANDS_RADIANCE:
             why, effect = (
@@ -142,7 +142,7 @@ def _without_weak_bands(climate: Climate, wavelength_nm: np.ndarray, omissions: 
             everywhere = 1.0 - bands.transmission(
                 gas, LOW_SUN_MASS * bands.amounts(gas, profile, VISIBLE_NM, column_mm)
             )
-            inside = [f"{w:g} nm by {100 * t:.0f} %" for w, t in zip(wavelength_nm, seen, strict=True) if t > 0.01]
+            inside = [f"{w:g} nm by {100 * t:.0f} %" for w, t in zip(wavelength_nm, absorbed, strict=True) if t > 0.01]
             why = f"at the wavelengths that are placed between them they move luminance by {moved:.1e}"
             whole = f"luminance by {100 * float(np.sum(eye * everywhere)):.1f} %"
             effect = f"over {LOW_SUN_MASS:g} vertical columns: {', '.join([whole, *inside])}"

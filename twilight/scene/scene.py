@@ -11,6 +11,7 @@ A configuration as it is written into files: every default said, and rendering i
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
@@ -21,13 +22,22 @@ import numpy as np
 
 from twilight import solvers
 from twilight.atmosphere.screen import Screen
-from twilight.base.errors import TwilightError
-from twilight.config.climate import climate_files
+from twilight.base.conventions import EARTH_RADIUS_KM
+from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.config.climate import Spectrum, climate_files
 from twilight.config.scene import Config, Horizon, Observer
 from twilight.config.solver import complete_solver
 from twilight.config.sun import MoonSection, SunAt, SunElevation, SunElevations, SunInterval, SunTimes
+from twilight.io.albedo_map import read_albedo_map
 from twilight.numerics.directions import direction
-from twilight.scene.medium import climate_gas_bands, climate_medium, name_by_content, planning_medium, wavelengths_of
+from twilight.scene.medium import (
+    check_sha256,
+    climate_gas_bands,
+    climate_medium,
+    name_by_content,
+    planning_medium,
+    wavelengths_of,
+)
 from twilight.scene.plan import Omission, make_plan
 from twilight.sky.ephemeris import AU_KM, sun_position
 from twilight.sky.moon import MEAN_DISTANCE_KM, Moon, moon_over
@@ -38,6 +48,10 @@ if TYPE_CHECKING:
     from twilight.atmosphere.bands import GasBands
     from twilight.atmosphere.medium import Medium
     from twilight.solvers.base import Capabilities, Solver
+
+
+MAP_MEAN_KM = 100.0
+"""Least distance from the observer up to which the mean of an albedo map is taken [km]."""
 
 
 @dataclass(frozen=True)
@@ -72,13 +86,14 @@ def suns_of(config: Config) -> Iterator[SceneSun]:
         yield SceneSun(_elevation_name(sun.elevation_deg), sun, sun.elevation_deg, distance_au=sun.distance_au)
     elif isinstance(sun, SunElevations):
         for elevation in sun.elevations_deg:
-            one = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au, disc=sun.disc)
-            yield SceneSun(_elevation_name(elevation), one, elevation, distance_au=sun.distance_au)
+            section = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au, disc=sun.disc)
+            yield SceneSun(_elevation_name(elevation), section, elevation, distance_au=sun.distance_au)
     else:
         for moment in _moments(sun):
             place = {key: getattr(sun, key) for key in ("latitude_deg", "longitude_deg", "time_zone", "disc")}
             one_at = SunAt(at=moment, **place)
-            at = sun_position(moment, sun.latitude_deg, sun.longitude_deg, config.observer.altitude_km)
+            above = config.observer.altitude_km  # within what views have
+            at = sun_position(moment, sun.latitude_deg, sun.longitude_deg, above, highest_km=max(above, 100.0))
             finest = "%H%M%S.%f" if moment.microsecond else "%H%M%S" if moment.second else "%H%M"
             name = moment.strftime(f"%Y-%m-%dT{finest}")
             yield SceneSun(name, one_at, float(at.elevation_deg), float(at.azimuth_deg), float(at.distance_au), moment)
@@ -161,6 +176,35 @@ def placed_moon(section: MoonSection, sun_elevation_deg: float, sun_distance_au:
         phase = float(np.degrees(np.arctan2(np.linalg.norm(np.cross(moon, from_sun)), moon @ from_sun)))
     away = float(np.linalg.norm(from_sun)) / AU_KM
     return Moon(section.elevation_deg, azimuth, phase, distance, away)
+
+
+def _with_mean_of_map(config: Config) -> Config:
+    """The configuration with the mean of `ground.albedo_map` for its albedo: over the ground in sight, or within
+    MAP_MEAN_KM; as it is, with a warning, where it has no place.
+
+    Errors: TwilightError for a file that is no map.
+    """
+    ground, sun = config.climate.ground, config.sun
+    if ground.albedo_map is None:
+        return config
+    if isinstance(sun, SunElevation | SunElevations):  # without a view, or `Config` refuses it
+        warnings.warn(
+            "ground.albedo_map: the sun has no place, so that the ground has ground.albedo everywhere",
+            TwilightWarning, stacklevel=2,
+        )  # fmt: skip
+        return config
+    check_sha256(ground.albedo_map, ground.albedo_map_sha256, "ground.albedo_map_sha256")
+    mapped = read_albedo_map(ground.albedo_map)
+    above_km = max(config.observer.altitude_km - ground.altitude_km, 0.0)
+    in_sight = np.arccos(EARTH_RADIUS_KM / (EARTH_RADIUS_KM + above_km))
+    radius_deg = float(np.degrees(max(in_sight, MAP_MEAN_KM / EARTH_RADIUS_KM)))
+    mean = mapped.mean(sun.latitude_deg, sun.longitude_deg, radius_deg)
+    if np.isnan(mean).any():
+        return config
+    nm = mapped.wavelength_nm
+    albedo = Spectrum(wavelength_nm=tuple(nm.tolist()), albedo=tuple(mean.tolist())) if nm.size > 1 else float(mean[0])
+    lit = ground.model_copy(update={"albedo": albedo})
+    return config.model_copy(update={"climate": config.climate.model_copy(update={"ground": lit})})
 
 
 def resolved_configuration(config: Config, section: SunElevation | SunAt) -> dict[str, Any]:
@@ -273,6 +317,7 @@ def resolve(
     if solver is None:
         name, _, settings = config.chosen_solver
         solver = solvers.load(name), settings
+    config = _with_mean_of_map(config)
     plan = make_plan(config, wavelength_nm)
     wanted_nm = wavelengths_of(config) if wavelength_nm is None else wavelength_nm
     quick = for_plan and plan.climate.medium is None and wanted_nm is not None

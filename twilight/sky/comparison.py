@@ -65,10 +65,10 @@ class SkyComparison(Generic[S]):
 
     def of(self, first: ArrayLike, second: ArrayLike) -> np.ndarray:
         """Numbers of both skies compared as this does; a ratio is NaN where `second` is 0."""
-        one, other = np.asarray(first, float), np.asarray(second, float)
+        own, other = np.asarray(first, float), np.asarray(second, float)
         if self.kind == "difference":
-            return one - other
-        return np.divide(one, other, out=np.full(np.broadcast_shapes(one.shape, other.shape), np.nan), where=other > 0)
+            return own - other
+        return np.divide(own, other, out=np.full(np.broadcast_shapes(own.shape, other.shape), np.nan), where=other > 0)
 
     @property
     def radiance(self) -> np.ndarray:
@@ -81,10 +81,10 @@ class SkyComparison(Generic[S]):
 
     def __repr__(self) -> str:
         """Two lines: which skies, and how far apart they are."""
-        found = self.luminance()
-        found = found[np.isfinite(found)]
+        ratios = self.luminance()
+        ratios = ratios[np.isfinite(ratios)]
         unit = " cd m^-2" if self.kind == "difference" else ""
-        low, middle, high = np.quantile(found, (0.0, 0.5, 1.0)) if found.size else (np.nan,) * 3
+        low, middle, high = np.quantile(ratios, (0.0, 0.5, 1.0)) if ratios.size else (np.nan,) * 3
         return (
             f"<SkyComparison: {self.kind} of skies, suns at {self.first.sun_elevation_deg:+.2f} and "
             f"{self.second.sun_elevation_deg:+.2f} deg\n"

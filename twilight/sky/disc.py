@@ -159,11 +159,11 @@ class Disc:
 
     def edges_deg(self) -> tuple[float, float]:
         """Lower and upper apparent edge [deg] of what is seen of the disc, at any wavelength; NaN where nothing is."""
-        seen = ((self.half_width_deg() > 0.0) & (self.transmittance > 0.0)).any(axis=1)
-        if not seen.any():
+        visible = ((self.half_width_deg() > 0.0) & (self.transmittance > 0.0)).any(axis=1)
+        if not visible.any():
             return float("nan"), float("nan")
         step = 0.5 * (self.elevation_deg[1] - self.elevation_deg[0])
-        where = self.elevation_deg[seen]
+        where = self.elevation_deg[visible]
         return float(where[0] - step), float(where[-1] + step)
 
     def centroid_deg(self) -> float:

@@ -78,11 +78,12 @@ def sun_position(
     altitude_km: float = 0.0,
     *,
     time_zone: str | None = None,
+    highest_km: float = 100.0,
 ) -> SunPosition:
     """Topocentric position of the sun for an observer at a place and a time (or a sequence of times).
 
     time: see :func:`parse_time`.  latitude_deg: geodetic, -90..90, north positive.  longitude_deg: -180..360, east
-    positive.  altitude_km: above the ellipsoid, -1..100 (parallax only).  Elevation is without refraction.
+    positive.  altitude_km: above the ellipsoid, -1..highest_km (parallax only).  Elevation is without refraction.
 
     By ERFA, for the years 1000 to 3000: within 0.7 arcsec of NREL's SPA (Reda & Andreas, Solar Energy
     76 (2004) 577) from 1900 to 2200; UT1 is taken as UTC (0.004 deg at most).
@@ -90,7 +91,7 @@ def sun_position(
     for name, value, low, high in (
         ("latitude_deg", latitude_deg, -90.0, 90.0),
         ("longitude_deg", longitude_deg, -180.0, 360.0),
-        ("altitude_km", altitude_km, -1.0, 100.0),
+        ("altitude_km", altitude_km, -1.0, highest_km),
     ):
         if not (isinstance(value, int | float | np.number) and low <= float(value) <= high):
             raise TwilightError(f"{name}: {value} must be a number between {low:g} and {high:g}")
@@ -176,8 +177,8 @@ class Sites:
         self._tt = (ut1[0], day + delta_t_s(utc) / 86400.0)
         turn = erfa.c2t00b(*self._tt, *ut1, 0.0, 0.0)
         latitude, longitude = np.radians([latitude_deg, longitude_deg])
-        here = erfa.gd2gc(1, longitude, latitude, 1000.0 * altitude_km) / 1000.0 / AU_KM
-        self._observer = np.einsum("tji,j->ti", turn, here)  # from the Earth's centre [au]
+        site_au = erfa.gd2gc(1, longitude, latitude, 1000.0 * altitude_km) / 1000.0 / AU_KM
+        self._observer = np.einsum("tji,j->ti", turn, site_au)  # from the Earth's centre [au]
         east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
         up = np.array([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)])
         self._axes = np.stack([east, np.cross(up, east), up]) @ turn
@@ -198,8 +199,8 @@ class Sites:
     def sun(self) -> BodyPlace:
         """The sun's centre."""
         vector = -self.earth - self._observer
-        seen = vector / np.linalg.norm(vector, axis=-1, keepdims=True) + self._velocity * LIGHT_DAYS_PER_AU
-        return self._place(vector, np.full(vector.shape, np.nan), seen)
+        apparent = vector / np.linalg.norm(vector, axis=-1, keepdims=True) + self._velocity * LIGHT_DAYS_PER_AU
+        return self._place(vector, np.full(vector.shape, np.nan), apparent)
 
     def _place(self, vector: np.ndarray, sun: np.ndarray, apparent: np.ndarray) -> BodyPlace:
         distance, from_sun = np.linalg.norm(vector, axis=-1), np.linalg.norm(sun, axis=-1)
@@ -214,8 +215,8 @@ def delta_t_s(moments: Sequence[dt.datetime]) -> np.ndarray:
     """TT - UT1 of moments in UTC [s], by `DELTA_T_S`, constant through a month."""
     year = np.array([m.year + (m.month - 0.5) / 12.0 for m in moments])
     row = np.searchsorted([first for first, *_ in DELTA_T_S], [m.year for m in moments], side="right") - 1
-    found = np.empty(year.size)
+    delta_t = np.empty(year.size)
     for k in np.unique(row):
         _, origin, unit, powers = DELTA_T_S[k]
-        found[row == k] = np.polynomial.polynomial.polyval((year[row == k] - origin) / unit, powers)
-    return found
+        delta_t[row == k] = np.polynomial.polynomial.polyval((year[row == k] - origin) / unit, powers)
+    return delta_t

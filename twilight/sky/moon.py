@@ -36,14 +36,14 @@ def moon_over(
     Errors: TwilightError for other years.
     """
     site = Sites([moment], latitude_deg, longitude_deg, altitude_km)
-    found, sun = site.moon(), site.sun()
+    moon, sun = site.moon(), site.sun()
     return Moon(
-        float(found.elevation_deg[0]),
-        float((found.azimuth_deg[0] - sun_azimuth_deg) % 360.0),
-        float(found.phase_angle_deg[0]),
-        float(found.distance_au[0] * AU_KM),
-        float(found.sun_distance_au[0]),
-        bool(is_waxing(sun.towards, found.towards)[0]),
+        float(moon.elevation_deg[0]),
+        float((moon.azimuth_deg[0] - sun_azimuth_deg) % 360.0),
+        float(moon.phase_angle_deg[0]),
+        float(moon.distance_au[0] * AU_KM),
+        float(moon.sun_distance_au[0]),
+        bool(is_waxing(sun.towards, moon.towards)[0]),
     )
 
 

@@ -139,10 +139,10 @@ class Sky(SkyLight):
         w, e = self.wavelength_nm, self.elevation_deg
         when = "" if self.time is None else f", {self.time.isoformat()}"
         solver = self.provenance.get("solver")
-        made = f", by {solver} ({self.provenance.get('quality')})" if solver else ""
+        by_solver = f", by {solver} ({self.provenance.get('quality')})" if solver else ""
         v = f", {self.magnitude():.2f} V mag arcsec^-2" if self.covers("V") else ""
         return (
-            f"<Sky: sun at {self.sun_elevation_deg:+.2f} deg{when}{made}\n"
+            f"<Sky: sun at {self.sun_elevation_deg:+.2f} deg{when}{by_solver}\n"
             f"  {e.size} elevations {e[0]:g} to {e[-1]:g} deg, {self.azimuth_deg.size} azimuths from the sun\n"
             f"  {w.size} wavelengths {w[0]:g} to {w[-1]:g} nm, radiance [W m^-2 sr^-1 nm^-1] in .radiance\n"
             f"  zenith {self.luminance_at(90.0):.4g} cd m^-2{v}\n"
@@ -282,8 +282,8 @@ class Sky(SkyLight):
         """`fractional_stokes` in any direction, (..., 2, W)."""
         both = self.fractional_stokes
         table = SkyTable.of_signed(self.elevation_deg, self.azimuth_deg, both.reshape(*both.shape[:2], -1))
-        found = table.light(elevation_deg, azimuth_deg)
-        return found.reshape(*found.shape[:-1], 2, -1)
+        fractions = table.light(elevation_deg, azimuth_deg)
+        return fractions.reshape(*fractions.shape[:-1], 2, -1)
 
     # Directions -------------------------------------------------------------------------------------------------
 
@@ -341,17 +341,17 @@ class Sky(SkyLight):
             name: None if values is None else self._sample(values, *grid)
             for name, values in (("standard_error", self.standard_error), ("night_radiance", self.night_radiance))
         }
-        made = self._sample(self.sun_normalised_radiance, *grid)
+        factor = self._sample(self.sun_normalised_radiance, *grid)
         polarisation = None
         if self.polarisation is not None:
             night = layers["night_radiance"]
-            total = made if night is None else made + night / self.solar_irradiance
+            total = factor if night is None else factor + night / self.solar_irradiance
             polarisation = self.sample_fractional_stokes(*grid) * total[..., None, :]
         return replace(
             self,
             elevation_deg=elevation,
             azimuth_deg=azimuth,
-            sun_normalised_radiance=made,
+            sun_normalised_radiance=factor,
             standard_error=layers["standard_error"],
             polarisation=polarisation,
             polarisation_error=None,

@@ -264,14 +264,14 @@ class SkyTable:
     def of_arrays(cls, arrays: Mapping[str, np.ndarray]) -> SkyTable:
         """The table of `arrays`; ValueError or TypeError for what is none."""
         fields: Any = {key: value[()] if value.ndim == 0 else value for key, value in arrays.items()}
-        made = cls(**fields)
+        table = cls(**fields)
         shape = (
-            *(x.size for x in (made.sun_elevation_deg, made.elevation_deg, made.azimuth_deg)),
-            made.smooth.shape[-1],
+            *(x.size for x in (table.sun_elevation_deg, table.elevation_deg, table.azimuth_deg)),
+            table.smooth.shape[-1],
         )
-        if made.smooth.shape != shape or not np.isfinite(made.smooth).all():
+        if table.smooth.shape != shape or not np.isfinite(table.smooth).all():
             raise ValueError("not the table of a sky")
-        return made
+        return table
 
     # From samples -----------------------------------------------------------------------------------------------
 
@@ -283,8 +283,8 @@ class SkyTable:
         a row, beyond the last one the rows of the other side of the zenith follow.
         """
         logarithmic = bool((values > 0.0).all())
-        made = cls.of_signed(elevation_deg, azimuth_deg, np.log(values) if logarithmic else values)
-        return replace(made, logarithmic=logarithmic, signed=False)
+        table = cls.of_signed(elevation_deg, azimuth_deg, np.log(values) if logarithmic else values)
+        return replace(table, logarithmic=logarithmic, signed=False)
 
     @classmethod
     def of_signed(cls, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, values: np.ndarray) -> SkyTable:
@@ -344,8 +344,10 @@ class SkyTable:
             if layer is None:
                 return None
             flat = layer.reshape(*layer.shape[:3], -1)
-            made = np.stack([np.matmul(across, np.tensordot(rows, values(one), axes=1)) for one in flat])
-            return made.reshape(layer.shape[0], rows.shape[0], across.shape[0], *layer.shape[3:]).astype(np.float32)
+            layer_values = np.stack([np.matmul(across, np.tensordot(rows, values(one), axes=1)) for one in flat])
+            return layer_values.reshape(layer.shape[0], rows.shape[0], across.shape[0], *layer.shape[3:]).astype(
+                np.float32
+            )
 
         return replace(
             self,
@@ -483,13 +485,15 @@ def _halved(nodes: np.ndarray, light: Callable[[np.ndarray], np.ndarray], axis: 
     pending = np.flatnonzero(np.diff(nodes) > 2.0 * CLOSEST_PLAIN_DEG)
     while pending.size:
         between = 0.5 * (nodes[pending] + nodes[pending + 1])
-        found = np.moveaxis(light(between), axis, 0)
-        error = np.abs(0.5 * (values[pending] + values[pending + 1]) - found) / np.maximum(found, least)
+        between_values = np.moveaxis(light(between), axis, 0)
+        error = np.abs(0.5 * (values[pending] + values[pending + 1]) - between_values) / np.maximum(
+            between_values, least
+        )
         each = error.reshape(between.size, -1)
         missed = (np.percentile(each, 95, axis=1) > PLAIN_ERROR) | (each.max(axis=1) > LARGEST_PLAIN_ERROR)
         place = pending[missed]
         nodes = np.insert(nodes, place + 1, between[missed])
-        values = np.insert(values, place + 1, found[missed], axis=0)
+        values = np.insert(values, place + 1, between_values[missed], axis=0)
         again = (place + np.arange(place.size))[:, None] + np.arange(2)
         pending = again.ravel()[np.diff(nodes)[again.ravel()] > 2.0 * CLOSEST_PLAIN_DEG]
     return nodes

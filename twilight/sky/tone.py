@@ -145,8 +145,8 @@ def sensor_response(sensor: str) -> np.ndarray:
     """Response of red, green and blue at ``spectrum.VISIBLE_NM``, (471, 3), 0 where it was not measured."""
     from colour import MSDS_CAMERA_SENSITIVITIES  # start-up
 
-    found = MSDS_CAMERA_SENSITIVITIES[SENSORS[sensor]]
-    columns = [np.interp(spectrum.VISIBLE_NM, found.wavelengths, c, left=0.0, right=0.0) for c in found.values.T]
+    curves = MSDS_CAMERA_SENSITIVITIES[SENSORS[sensor]]
+    columns = [np.interp(spectrum.VISIBLE_NM, curves.wavelengths, c, left=0.0, right=0.0) for c in curves.values.T]
     return np.stack(columns, axis=1)
 
 

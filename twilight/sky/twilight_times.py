@@ -16,7 +16,7 @@ import numpy as np
 
 from twilight.base.conventions import EARTH_RADIUS_KM, YEARS
 from twilight.base.errors import TwilightError
-from twilight.sky.ephemeris import sun_position, zone_of
+from twilight.sky.ephemeris import parse_time, sun_position, zone_of
 
 SUNRISE_DEG = -0.8333
 """True elevation [deg] of the sun's centre when its upper limb stands on a level horizon: 34' of standard refraction
@@ -52,6 +52,17 @@ class TwilightTime(NamedTuple):
     azimuth_deg: float | None
 
 
+def moment_of(
+    text: str, latitude_deg: float, longitude_deg: float, time_zone: str | None = None, altitude_km: float = 0.0
+) -> dt.datetime:
+    """The moment of a text for a time at a place: ISO 8601 (in UTC), or a twilight as of `time_of`."""
+    try:
+        dt.datetime.fromisoformat(text.strip())
+    except ValueError:
+        return time_of(text, latitude_deg, longitude_deg, time_zone, altitude_km)
+    return parse_time(text, time_zone)
+
+
 def time_of(
     text: str,
     latitude_deg: float,
@@ -66,18 +77,18 @@ def time_of(
     that of the place's mean solar time.
     Raises TwilightError for a text of another form, and where the sun does not get there.
     """
-    found = _EVENT.fullmatch(text.strip())
-    if found is None or not (found["event"] or found["side"]):
+    match = _EVENT.fullmatch(text.strip())
+    if match is None or not (match["event"] or match["side"]):
         raise TwilightError(f"at: '{text}' is not {GRAMMAR}")
     try:
-        date = dt.date.fromisoformat(found["date"]) if found["date"] else today or today_at(longitude_deg, time_zone)
+        date = dt.date.fromisoformat(match["date"]) if match["date"] else today or today_at(longitude_deg, time_zone)
     except ValueError:
-        raise TwilightError(f"at: '{found['date']}' is not a date") from None
-    if found["event"]:
-        name = found["event"].lower()
+        raise TwilightError(f"at: '{match['date']}' is not a date") from None
+    if match["event"]:
+        name = match["event"].lower()
         side, elevation = EVENTS[name]
     else:
-        side, elevation = found["side"].lower(), float(found["deg"].replace("−", "-"))
+        side, elevation = match["side"].lower(), float(match["deg"].replace("−", "-"))
         name = f"{side} at {elevation:g} deg"
     day = _Day(date, latitude_deg, longitude_deg, time_zone, altitude_km)
     elevation = day.on_horizon(elevation)

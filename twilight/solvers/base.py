@@ -4,11 +4,11 @@ A new solver is two files: its module (or package), and one line in the registry
 has what `Solver` lists:
 
 - `CAPABILITIES`, what the solver can do beyond the least, as `Capabilities`; nothing outside asks in another way;
-- `QUALITIES`, its presets by name: frozen dataclasses whose docstring explains each option (`twilight show solvers`
-  prints it) and whose `__post_init__` refuses what is out of range with a TwilightError; `standard` is one of them;
-  an option of one of these names has one meaning: `polarisation` (true: the field is a `PolarisedField`), `field_file`
-  (where the field of one block of wavelengths is stored), `target_error` (the relative systematic error that it is to
-  have) and `target_stderr` (a relative standard error that samples are added for);
+- `QUALITIES`, its presets by name, of a class made with `twilight.base.sections.settings`, whose options say default,
+  help and limits; `standard` is one of them; an option of one of these names has one meaning: `polarisation` (true:
+  the field is a `PolarisedField`), `field_file` (where the field of one block of wavelengths is stored),
+  `target_error` (the relative systematic error that it is to have) and `target_stderr` (a relative standard error
+  that samples are added for);
 - `tuned_numbers()`, where a solver has them: rows of name, value, unit, air, test and meaning of what tunes its
   algorithm, which `twilight show solvers NAME` prints;
 - `recorded(settings)`, where settings may name files: the same with what is in them in place of their paths;
@@ -213,21 +213,6 @@ class BareField:
     def polarised(self) -> bool:
         """Without Stokes parameters."""
         return False
-
-
-def check_ranges(settings: Any, ranges: Mapping[str, tuple[float, float]]) -> None:
-    """Raise TwilightError for an option that is neither None nor between the lowest and the highest that is allowed."""
-    for key, (low, high) in ranges.items():
-        value = getattr(settings, key)
-        if value is not None and not low <= value <= high:
-            raise TwilightError(f"solver.{key} is {value:g}; allowed is {low:g} to {high:g}")
-
-
-def check_choices(settings: Any, choices: Mapping[str, Sequence[str]]) -> None:
-    """Raise TwilightError for an option that is none of its choices."""
-    for key, allowed in choices.items():
-        if getattr(settings, key) not in allowed:
-            raise TwilightError(f"solver.{key} is {getattr(settings, key)!r}; allowed is {', '.join(allowed)}")
 
 
 def observer_at(medium: Medium, altitude_km: float | None, otherwise: float = 0.0) -> float:

@@ -18,8 +18,6 @@ reference solution:
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -27,7 +25,8 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
 from twilight.base.progress import Progress
-from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_ranges
+from twilight.base.sections import option, settings
+from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 from twilight.transport.scaling import matrix_moments
 
 JUMP_KM = 1e-3
@@ -37,57 +36,63 @@ CAPABILITIES = Capabilities(looks_down=False, wavelengths_at_once=ALL_WAVELENGTH
 """All wavelengths are done at once: most of the time goes into geometry, which they share."""
 
 
-@dataclass(frozen=True)
+@settings
 class Sasktran2Settings:
-    """A configuration of sasktran2; the defaults need about 4.5 GB, `draft` about one.
+    """A configuration of sasktran2; the defaults need about 4.5 GB, `draft` about one."""
 
-    single_step_km, single_growth: layers for single scattering: thickness at the ground, growth with altitude
-    multiple_step_km: layers for multiple scattering, evenly spaced
-    source_step_km, source_growth: as for single scattering, of the points where the diffuse source is computed
-    zenith_step_deg: between the solar zenith angles of the source, near 90 deg (they are even in the cosine and
-        cover the lines of sight)
-    incoming, outgoing: directions at a source point (orders of Lebedev's rules: 110, 302, 770)
-    streams: terms of the phase function in multiple scattering (with delta-M scaling)
-    moments: terms of the phase function in single scattering
-    tolerance: relative residual at which the iteration stops
-    threads: that it uses; 0: all there are
-    polarisation: three Stokes parameters, at several times the cost
-    """
-
-    COMMON: ClassVar[tuple[str, ...]] = (
-        "polarisation", "zenith_step_deg", "incoming", "outgoing", "streams", "threads",
-    )  # fmt: skip
-
-    single_step_km: float = 0.02
-    single_growth: float = 0.05
-    multiple_step_km: float = 1.0
-    source_step_km: float = 1.0
-    source_growth: float = 0.3
-    zenith_step_deg: float = 0.5
-    incoming: int = 302
-    outgoing: int = 110
-    streams: int = 16
-    moments: int = 513
-    tolerance: float = 1e-4
-    threads: int = 0
-    polarisation: bool = False
-
-    def __post_init__(self):
-        ranges = {
-            "single_step_km": (1e-3, 10.0),
-            "single_growth": (1e-3, 1.0),
-            "multiple_step_km": (1e-2, 10.0),
-            "source_step_km": (1e-2, 10.0),
-            "source_growth": (1e-3, 1.0),
-            "zenith_step_deg": (0.05, 90.0),
-            "incoming": (6, 5810),
-            "outgoing": (6, 5810),
-            "streams": (2, 128),
-            "moments": (3, 10_000),
-            "tolerance": (1e-12, 1.0),
-            "threads": (0, 1024),
-        }
-        check_ranges(self, ranges)
+    polarisation: bool = option("three Stokes parameters, at several times the cost", default=False)
+    zenith_step_deg: float = option(
+        "between the solar zenith angles of the source, near 90 deg (they are even in the cosine and cover the "
+        "lines of sight)",
+        default=0.5,
+        ge=0.05,
+        le=90.0,
+    )
+    incoming: int = option(
+        "directions at a source point (orders of Lebedev's rules: 110, 302, 770)", default=302, ge=6, le=5810
+    )
+    outgoing: int = option(
+        "directions at a source point (orders of Lebedev's rules: 110, 302, 770)", default=110, ge=6, le=5810
+    )
+    streams: int = option(
+        "terms of the phase function in multiple scattering (with delta-M scaling)", default=16, ge=2, le=128
+    )
+    threads: int = option("that it uses; 0: all there are", default=0, ge=0, le=1024)
+    single_step_km: float = option(
+        "layers for single scattering: thickness at the ground, growth with altitude",
+        default=0.02,
+        ge=1e-3,
+        le=10.0,
+        expert=True,
+    )
+    single_growth: float = option(
+        "layers for single scattering: thickness at the ground, growth with altitude",
+        default=0.05,
+        ge=1e-3,
+        le=1.0,
+        expert=True,
+    )
+    multiple_step_km: float = option(
+        "layers for multiple scattering, evenly spaced", default=1.0, ge=1e-2, le=10.0, expert=True
+    )
+    source_step_km: float = option(
+        "as for single scattering, of the points where the diffuse source is computed",
+        default=1.0,
+        ge=1e-2,
+        le=10.0,
+        expert=True,
+    )
+    source_growth: float = option(
+        "as for single scattering, of the points where the diffuse source is computed",
+        default=0.3,
+        ge=1e-3,
+        le=1.0,
+        expert=True,
+    )
+    moments: int = option("terms of the phase function in single scattering", default=513, ge=3, le=10_000, expert=True)
+    tolerance: float = option(
+        "relative residual at which the iteration stops", default=1e-4, ge=1e-12, le=1.0, expert=True
+    )
 
 
 QUALITIES: dict[str, Sasktran2Settings] = {

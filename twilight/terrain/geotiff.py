@@ -148,15 +148,15 @@ def _unit_m(file: Any, band: int, path: Path) -> float:
         if name.lower() not in METRES:
             raise TwilightError(f"{path}: its heights are in {name!r}; known are m, km, dm, cm, mm, ft, US survey foot")
         return METRES[name.lower()]
-    found = VERTICAL.search(text)
+    match = VERTICAL.search(text)
     projected = file.crs is not None and file.crs.is_projected
-    if found is None and projected and abs(file.crs.linear_units_factor[1] - 1.0) > 1e-3:
+    if match is None and projected and abs(file.crs.linear_units_factor[1] - 1.0) > 1e-3:
         warnings.warn(
             f"{path}: its coordinates are in {file.crs.linear_units}, and it does not say in what its heights are: "
             "they are taken for metres; if they are not, say so (gdal_edit.py -units ft)",
             TwilightWarning, stacklevel=2,
         )  # fmt: skip
-    return float(found[1]) if found else 1.0
+    return float(match[1]) if match else 1.0
 
 
 def _on_grid(metres: np.ndarray, transform: Any, crs: Any, path: Path, place: tuple[float, float] | None) -> Land:
@@ -172,7 +172,7 @@ def _on_grid(metres: np.ndarray, transform: Any, crs: Any, path: Path, place: tu
         (x0,), (y0,) = to_other(CRS.from_epsg(4326), crs, [(place[1] + 180.0) % 360.0 - 180.0], [place[0]])
     aeqd = "+proj=aeqd +lat_0={} +lon_0={} +datum=WGS84 +units=m"
     if crs is None:  # metres on a plane
-        source = here = CRS.from_proj4(aeqd.format(0.0, 0.0))
+        source = local = CRS.from_proj4(aeqd.format(0.0, 0.0))
         transform = Affine.translation(-x0, -y0) @ transform
         x0 = y0 = 0.0
     elif crs.is_geographic:
@@ -180,14 +180,14 @@ def _on_grid(metres: np.ndarray, transform: Any, crs: Any, path: Path, place: tu
         degree = np.radians(1.0) / crs.units_factor[1]
         metres, transform = _about_longitude(metres, Affine.scale(1.0 / degree) @ transform, x0 / degree)
         rows, columns = metres.shape
-        source, here = CRS.from_epsg(4326), CRS.from_proj4(aeqd.format(y0 / degree, 0.0))
+        source, local = CRS.from_epsg(4326), CRS.from_proj4(aeqd.format(y0 / degree, 0.0))
         x0, y0 = 0.0, y0 / degree
     else:
         (longitude,), (latitude,) = to_other(crs, CRS.from_epsg(4326), [x0], [y0])
-        source, here = crs, CRS.from_proj4(aeqd.format(latitude, longitude))
+        source, local = crs, CRS.from_proj4(aeqd.format(latitude, longitude))
 
     def metric(column: np.ndarray, row: np.ndarray) -> np.ndarray:
-        return np.array(to_other(source, here, *transform @ (np.ravel(column), np.ravel(row))))
+        return np.array(to_other(source, local, *transform @ (np.ravel(column), np.ravel(row))))
 
     outline = metric(*np.meshgrid(np.linspace(0.0, columns, 65), np.linspace(0.0, rows, 65)))
     reach_m = 1000.0 * REACH_KM
@@ -201,12 +201,12 @@ def _on_grid(metres: np.ndarray, transform: Any, crs: Any, path: Path, place: tu
     pixel_m = min(np.linalg.norm(across - corner), np.linalg.norm(down - corner))
     step_m = float(max(pixel_m, max(east - west, north - south) / MOST_POINTS))
     shape = tuple(max(2, int(np.ceil(size / step_m - 1e-6))) for size in (north - south, east - west))
-    found = np.full(shape, np.nan)
+    heights_m = np.full(shape, np.nan)
     reproject(
-        metres, found, src_transform=transform, src_crs=source, src_nodata=np.nan, dst_nodata=np.nan,
-        dst_transform=Affine(step_m, 0.0, west, 0.0, -step_m, north), dst_crs=here, resampling=Resampling.bilinear,
+        metres, heights_m, src_transform=transform, src_crs=source, src_nodata=np.nan, dst_nodata=np.nan,
+        dst_transform=Affine(step_m, 0.0, west, 0.0, -step_m, north), dst_crs=local, resampling=Resampling.bilinear,
     )  # fmt: skip
-    land = Land(found, float(west) + 0.5 * step_m, float(north) - 0.5 * step_m, step_m)
+    land = Land(heights_m, float(west) + 0.5 * step_m, float(north) - 0.5 * step_m, step_m)
     if place is not None and crs is not None and not _stands_on(land):
         raise _elsewhere(path, place)
     return land

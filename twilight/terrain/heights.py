@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.base.reading import check_npy
+from twilight.base.reading import check_npy, reading
 from twilight.config.pictures import Terrain
 from twilight.terrain.geotiff import Land, check_shape, read_geotiff
 
@@ -129,11 +129,9 @@ def _of_file(terrain: Terrain, path: Path, standpoint: Standpoint | None) -> Hei
 
 def _npy(path: Path) -> np.ndarray:
     """Altitudes [m] of a .npy file."""
-    try:
+    with reading(path, "a .npy file of numbers"):
         check_npy(path)
         values = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError):
-        raise TwilightError(f"{path}: is not a .npy file of numbers") from None
     check_shape(path, values.shape)
     if not np.issubdtype(values.dtype, np.integer) and not np.issubdtype(values.dtype, np.floating):
         raise TwilightError(f"{path}: must hold altitudes, has {values.dtype}")

@@ -150,9 +150,9 @@ def neighbour(field, x, y, here):
 @njit(inner=True, cache=True)
 def slopes(field, x, y, step_km):
     """Rise of the ground per km to the right and towards the sun at a place; step_km: between the places compared."""
-    here = height_at(field, x, y)
-    rise_x = neighbour(field, x + step_km, y, here) - neighbour(field, x - step_km, y, here)
-    rise_y = neighbour(field, x, y + step_km, here) - neighbour(field, x, y - step_km, here)
+    height = height_at(field, x, y)
+    rise_x = neighbour(field, x + step_km, y, height) - neighbour(field, x - step_km, y, height)
+    rise_y = neighbour(field, x, y + step_km, height) - neighbour(field, x, y - step_km, height)
     return rise_x / (2.0 * step_km), rise_y / (2.0 * step_km)
 
 
@@ -244,13 +244,13 @@ def sunlight_on_lines(
             psi = along / radius_km
             beam_at(beam, z, math.cos(psi) * to_sun[0] + math.sin(psi) * to_sun[1] * cosine_azimuth, light)
             for w in range(n_w):
-                here = ds * ((1 - f) * air.extinction[k, w] + f * air.extinction[k + 1, w])
-                arriving = ds * light[w] * math.exp(-depth[w] - 0.5 * here)
+                segment_depth = ds * ((1 - f) * air.extinction[k, w] + f * air.extinction[k + 1, w])
+                arriving = ds * light[w] * math.exp(-depth[w] - 0.5 * segment_depth)
                 for s in range(whole.shape[1]):
                     scattered = arriving * ((1 - f) * air.scattering[s, k, w] + f * air.scattering[s, k + 1, w])
                     whole[d, s, w] += scattered
                     dark[d, s, w] += fraction[n] * scattered
-                depth[w] += here
+                depth[w] += segment_depth
 
 
 @njit(cache=True)

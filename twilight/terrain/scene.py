@@ -15,6 +15,7 @@ is a point that refraction has lifted.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -88,11 +89,13 @@ def add_terrain(
     place: Viewpoint,
     albedo: float,
     shadows: str,
+    mapped: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> TerrainView:
     """The picture `sky` (H, W, K) [sr^-1] of rays (H, W, 3) with terrain.
 
     field: a `SegmentField` that serves every observer, or a `FormulaField`, whose sun lights the ground; shadows:
-    exact, segments or none.
+    exact, segments or none; mapped: albedo (D, K) in directions from the sun, as far as an angle about the Earth's
+    centre, (D,) [rad] each, NaN where it is `albedo`, or outside of the heights the medium's.
     Errors: TwilightError where the observer is under the ground.
     """
     radius = medium.earth_radius_km
@@ -106,7 +109,7 @@ def add_terrain(
         e.size,
     )
     sun = float(np.radians(place.sun_elevation_deg + place.bending_deg))
-    lines = _Lines(heights, field, medium, beam, place, albedo, shadows, sun, e, a, far)
+    lines = _Lines(heights, field, medium, beam, place, albedo, shadows, mapped, sun, e, a, far)
     light = np.array(sky[inside], dtype=np.float32)
     for start in range(0, e.size, LINES_AT_ONCE):
         part = slice(start, start + LINES_AT_ONCE)
@@ -128,9 +131,9 @@ def check_above(heights: Heights, altitude_km: float) -> None:
 class _Lines:
     """All lines of sight of a picture: elevation, azimuth (D,) [rad], far (D,) [km] of the ground, inf for the sky."""
 
-    def __init__(self, heights, field, medium, beam, place: Viewpoint, albedo, shadows, sun: float, e, a, far):
+    def __init__(self, heights, field, medium, beam, place: Viewpoint, albedo, shadows, mapped, sun: float, e, a, far):
         self.heights, self.medium, self.beam, self.place = heights, medium, beam, place
-        self.albedo, self.shadows, self.sun = albedo, shadows, sun
+        self.albedo, self.shadows, self.mapped, self.sun = albedo, shadows, mapped, sun
         self.e, self.a, self.far = e, a, far
         self.radius = medium.earth_radius_km
         self.true_sun = float(np.radians(place.sun_elevation_deg))
@@ -215,6 +218,10 @@ class _Lines:
         )  # fmt: skip
         sky = self.sky.at(*_ends(self.radius, self.place.altitude_km, e, a, far))
         reflects = np.where(about[:, 2:] > 0.0, self.albedo, self.medium.ground_albedo)
+        if self.mapped is not None:
+            turn = np.arctan2(far * np.cos(e), self.radius + self.place.altitude_km + far * np.sin(e))
+            found = self.mapped(a, turn)
+            reflects = np.where(np.isnan(found), reflects, found)
         return reflects / np.pi * (direct * self.sun_factor + 0.5 * (1.0 + about[:, :1]) * sky)
 
 
@@ -223,6 +230,16 @@ def _ends(radius_km: float, altitude_km: float, e, a, far) -> tuple[np.ndarray, 
     r = radius_km + altitude_km
     along = radius_km * np.arctan2(far * np.cos(e), r + far * np.sin(e))
     return along * np.cos(a), np.sqrt(r * r + far * (far + 2.0 * r * np.sin(e))) - radius_km
+
+
+def sky_irradiance(field: Any, sun_elevation_deg: float, altitude_km: float) -> np.ndarray:
+    """Irradiance (W,) of the sky on a horizontal plane over F0."""
+    node, weight = np.polynomial.legendre.leggauss(10)
+    sine = np.sqrt(0.5 * (node + 1.0))  # even in sin^2: what a horizontal plane weighs with
+    azimuth = (np.arange(12) + 0.5) * 15.0
+    grid = np.meshgrid(np.degrees(np.arcsin(sine)), azimuth, indexing="ij")
+    seen = field.radiance(sun_elevation_deg, *grid, observer_altitude_km=altitude_km).mean(axis=1)
+    return np.asarray(np.pi * (0.5 * weight) @ seen)
 
 
 class _SkyIrradiance:
@@ -234,14 +251,10 @@ class _SkyIrradiance:
         self.suns = np.unique(np.clip(self.sun_deg + np.linspace(turn.min(), turn.max(), 3), -90.0, 90.0))
         low, high = max(altitude_km.min(), bottom_km), max(altitude_km.max(), bottom_km)
         self.levels = np.linspace(low, high, 3) if high - low > 1e-3 else np.array([high])
-        node, weight = np.polynomial.legendre.leggauss(10)
-        sine = np.sqrt(0.5 * (node + 1.0))  # even in sin^2: what a horizontal plane weighs with
-        azimuth = (np.arange(12) + 0.5) * 15.0
-        grid = np.meshgrid(np.degrees(np.arcsin(sine)), azimuth, indexing="ij")
         self.logs = []
         for level in self.levels:
-            seen = [field.radiance(float(s), *grid, observer_altitude_km=float(level)).mean(axis=1) for s in self.suns]
-            self.logs.append(np.log(np.maximum(np.pi * (0.5 * weight) @ np.array(seen), 1e-30)))
+            irradiances = [sky_irradiance(field, float(s), float(level)) for s in self.suns]
+            self.logs.append(np.log(np.maximum(irradiances, 1e-30)))
 
     def at(self, sunward_km: np.ndarray, altitude_km: np.ndarray) -> np.ndarray:
         """(D, W)."""

@@ -60,7 +60,7 @@ def unique_directions(row: np.ndarray, azimuth_deg: np.ndarray) -> tuple[np.ndar
     return row[new], around[new], which
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def cosine_series(values, n, out):
     """Coefficients out[: n + 1] of values (n + 1, M) at n + 1 azimuths.
 
@@ -78,7 +78,7 @@ def cosine_series(values, n, out):
                 out[m, i] += factor * values[j, i]
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def at_azimuth(series, n, cos_azimuth, out):
     """The sum of a series of n + 1 coefficients at one azimuth, into out (M,).
 
@@ -92,7 +92,7 @@ def at_azimuth(series, n, cos_azimuth, out):
         before, current = current, 2.0 * cos_azimuth * current - before
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def nearest(cos_azimuth, first, end, wanted):
     """Which of the directions first..end has the azimuth nearest to that of cosine `wanted`.
 

@@ -320,7 +320,7 @@ def _past_lowest_point(air: _Air, limb: LimbRays, distances: np.ndarray, shift: 
     return log_down
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def beam_on_ground(beam, ground_km, cos_sun_zenith, out):
     """Irradiance of the horizontal ground by the beam over F0 into out (W,): what arrives at the sun's apparent place.
 

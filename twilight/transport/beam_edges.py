@@ -241,7 +241,7 @@ def _passage(make: _Maker, p: int, first: int, low: float, high: float, rest, re
     return at
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def _in_piece(pool, c, step, s_top, fall, span):
     """Depth of S from the top of a piece, where s is `s_top` [km], down to where s^2 is less by `fall` [km^2].
 
@@ -257,7 +257,7 @@ def _in_piece(pool, c, step, s_top, fall, span):
     return q * value
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def edge_depth(pool, n, at, c, n_w, z, xx, u):
     """Optical depth of S on the way of a ray from space to a point.
 
@@ -286,7 +286,7 @@ def edge_depth(pool, n, at, c, n_w, z, xx, u):
     return depth
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def dispersion_lag(dispersion, bending, slope):
     """By how much less than the reference's ray that of another wavelength is lifted [rad], the sun being the same.
 

@@ -23,7 +23,7 @@ from twilight.transport.beam_edges import dispersion_lag, edge_depth
 from twilight.transport.ray_profile import at_wavelength, passing
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def weights(f):
     """Cubic Lagrange weights for nodes 0, 1, 2, 3.
 
@@ -37,7 +37,7 @@ def weights(f):
     return a * bc * (-1.0 / 6.0), 0.5 * f * bc, -0.5 * fa * c, fa * b * (1.0 / 6.0)
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def even_nodes(position, n):
     """First of four nodes and the position behind it.
 
@@ -47,13 +47,13 @@ def even_nodes(position, n):
     return first, position - first
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def cubic(pool, at, along):
     """Four values of the pool from the place `at` on, weighted."""
     return along[0] * pool[at] + along[1] * pool[at + 1] + along[2] * pool[at + 2] + along[3] * pool[at + 3]
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def bicubic(pool, at, step, row, across, along):
     """Sixteen values of the pool at `at` + i row + k step, weighted with across_i along_k, i and k being 0 to 3.
 
@@ -163,7 +163,7 @@ class Beam(NamedTuple):
         return int(self.pool.nbytes + self.layout.nbytes)
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def _locate(pool, index, value, low, bins, at, n, at_hash):
     """First of four nodes and the position behind it (0..3) for the value of a coordinate that is cut in segments.
 
@@ -186,13 +186,13 @@ def _locate(pool, index, value, low, bins, at, n, at_hash):
     return int(pool[k + FIRST_NODE]) + first, position
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def _limb_node(pool, index, p):
     """First of four nodes among the rays' lowest points, and the position behind it, of the invariant p [km]."""
     return _locate(pool, index, p, pool[P_GROUND], pool[LIMB_BINS], index[AT_LIMB], index[N_LIMB], index[AT_LIMB_HASH])
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def _ray(pool, index, z, c):
     """The ray of the reference wavelength at a point inside the air.
 
@@ -260,7 +260,7 @@ def _ray(pool, index, z, c):
     return lit, bending, slope, p, u, jz, fz
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _ray_from_space(pool, index, z, c):
     """(lit, bending, p, u) of the reference ray at a point above the top of the air."""
     r = pool[RADIUS] + z
@@ -285,7 +285,7 @@ def _ray_from_space(pool, index, z, c):
     return True, bending, p, -math.sqrt((r - p) * (r + p))
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def _place(pool, index, altitude_km, cos_sun_zenith):
     """The `SunRay` that arrives at a point."""
     c = min(1.0, max(-1.0, cos_sun_zenith))
@@ -300,7 +300,7 @@ def _place(pool, index, altitude_km, cos_sun_zenith):
     return SunRay(lit, bending, slope, p, u, jz, fz)
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def _place_up(index, ray):
     """Offset of the first of the sixteen values from above at wavelength 0, and the weights of its cosine nodes."""
     n_c = index[N_COSINE]
@@ -326,7 +326,7 @@ class _BehindLimb(NamedTuple):
     limit: float
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def _place_down(pool, index, ray):
     """The `_BehindLimb` of a ray."""
     n_d = index[N_DISTANCE]
@@ -343,7 +343,7 @@ def _place_down(pool, index, ray):
     return _BehindLimb(d, along, ky, across, shift, factor, LARGEST_LOG - math.log(factor))
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def _of_edges(pool, index, w, z, xx, u):
     """Optical depth at edges of layers of a wavelength's own ray, of n r cos i = `u` [km], to a point of (n r)^2 = `xx`
     [km^2]."""
@@ -351,7 +351,7 @@ def _of_edges(pool, index, w, z, xx, u):
     return edge_depth(pool, index[N_EDGE], index[AT_EDGE], c, index[N_W], z, xx, u)
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def _light_from_above(pool, index, w, z, ray, value):
     """E/F0 at a wavelength of a ray that comes from above."""
     p, u = ray.p, ray.u
@@ -365,7 +365,7 @@ def _light_from_above(pool, index, w, z, ray, value):
     return light
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def _light_behind_limb(pool, index, w, z, ray, behind, value):
     """E/F0 at a wavelength of a ray that has passed its lowest point; behind: its `_BehindLimb`."""
     p, u = ray.p, ray.u
@@ -388,7 +388,7 @@ def _light_behind_limb(pool, index, w, z, ray, behind, value):
     return light
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def lit_at(beam, altitude_km, cos_sun_zenith):
     """Whether the most refracted wavelength that the tables know reaches a point; arguments as of `beam_at`."""
     return _place(beam.pool, beam.layout, altitude_km, cos_sun_zenith).lit
@@ -431,7 +431,7 @@ def beam_at(beam, altitude_km, cos_sun_zenith, out):
     return ray.bending
 
 
-@njit(cache=True)
+@njit(cache=True, makes_arrays=False)
 def beam_at_one(beam, altitude_km, cos_sun_zenith, w):
     """(irradiance over F0, bending [rad]) of :func:`beam_at` at wavelength index `w` alone."""
     pool, index = beam.pool, beam.layout

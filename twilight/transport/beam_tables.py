@@ -45,7 +45,7 @@ class BeamAir(NamedTuple):
     n_edges: int
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def up_slope(profile, w, altitude_km, u_km):
     """d(bending)/d(apparent zenith angle) of a ray that comes from above, by a difference over 0.001 of the radius."""
     x = refractive_radius(profile, w, altitude_km)
@@ -68,7 +68,7 @@ def up_slope(profile, w, altitude_km, u_km):
     return -p * (-3.0 * a + 4.0 * b - c) / (2.0 * h)
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def full_bending(profile, w, lowest_km):
     """Invariant p [km] and bending [rad] of the whole ray with its lowest point at `lowest_km`, and if it is free."""
     p = refractive_radius(profile, w, lowest_km)
@@ -76,7 +76,7 @@ def full_bending(profile, w, lowest_km):
     return p, 2.0 * bending, ok
 
 
-@njit(cache=True)
+@njit(cache=True, makes_arrays=False)
 def limb_table(profile, w, lowest_km, below_km, above_km, invariant, bending, slope, free):
     """Fill invariant, bending, slope (Y,) of rays with lowest points lowest_km (Y,), as `LimbRays` has them at one
     wavelength, and free (Y,): whether they leave the air.
@@ -94,7 +94,7 @@ def limb_table(profile, w, lowest_km, below_km, above_km, invariant, bending, sl
             slope[m] = slope[m - 1] if m > 0 and not math.isnan(slope[m - 1]) else 0.0
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def interpolate(x, xs, ys):
     """Piecewise linear through the points (xs, ys) (N,), at x, constant outside.
 
@@ -117,7 +117,7 @@ def interpolate(x, xs, ys):
     return ys[lo] + (ys[hi] - ys[lo]) * (x - xs[lo]) / width if width > 0.0 else ys[lo]
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _own_angle(air, w, altitude_km, apparent, bending, beta):
     """Apparent zenith angle of the sun at a wavelength, by a Newton step, and whether the ray is free.
 
@@ -134,7 +134,7 @@ def _own_angle(air, w, altitude_km, apparent, bending, beta):
     return own, True
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _log_irradiance(air, w, altitude_km, chi, apparent, widening):
     """Logarithm of (irradiance at normal incidence)/F0 at a point, for a ray that comes from above.
 
@@ -160,7 +160,7 @@ def _log_irradiance(air, w, altitude_km, chi, apparent, widening):
     return -tau + math.log(max(1e-300, n * n * ratio / max(_SMALLEST_WIDENING, widening)))
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _reference_ray(air, altitude_km, u_km):
     """(Apparent zenith angle [rad], bending [rad], its derivative by that angle, free) of the reference's ray from
     above with n r cos i = `u_km` >= 0; bending and derivative are 0 where the ray is not free."""
@@ -172,14 +172,14 @@ def _reference_ray(air, altitude_km, u_km):
     return apparent, bending, up_slope(air.profile, air.reference, altitude_km, u_km), True
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _edge_depth(air, w, altitude_km, xx, u_km):
     """`edge_depth` at a wavelength."""
     first = N_EDGE_RECORD * air.n_edges + w
     return edge_depth(air.edges, air.n_edges, 0, first, air.scale.size, altitude_km, xx, u_km)
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _edges_from_above(air, w, altitude_km, xx, u_km):
     """`_edge_depth` as `_log_irradiance` sees it: for a ray from below the horizontal continued linearly from above."""
     depth = _edge_depth(air, w, altitude_km, xx, abs(u_km))
@@ -221,7 +221,7 @@ def up_table(air, altitudes, cosines, log_up, bending, beta):
                 beta[j, m] = beta[j, m + 1]
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def apparent_angle(profile, w, altitude_km, chi, apparent, widening):
     """Apparent zenith angle [rad] of a sun whose true one is `chi`: two Newton steps from a near guess."""
     x = refractive_radius(profile, w, altitude_km)
@@ -236,7 +236,7 @@ def apparent_angle(profile, w, altitude_km, chi, apparent, widening):
     return apparent
 
 
-@njit(cache=True)
+@njit(cache=True, makes_arrays=False)
 def shift_table(profile, reference, other, limb, distances, shift):
     """How far the lowest point of a ray of `other` lies from that of the reference ray with the same true direction.
 
@@ -339,7 +339,7 @@ def down_table(air, limb, distances, shift, far, log_down):
                         log_down[v, m, d] = value + mirror[v] + math.log1p(u / far)
 
 
-@njit(cache=True)
+@njit(cache=True, makes_arrays=False)
 def edge_table(profile, reference, altitudes, lowest_free_km, edge_chi, edge_cos):
     """True zenith angle of the edge of the shadow and the apparent cosine there, at each altitude.
 
@@ -369,7 +369,7 @@ def edge_table(profile, reference, altitudes, lowest_free_km, edge_chi, edge_cos
         edge_cos[j] = u / x
 
 
-@njit(cache=True)
+@njit(cache=True, makes_arrays=False)
 def guess_table(profile, reference, altitudes, depths, edge_chi, edge_cos, limb, guess):
     """Bending and d(bending)/d(apparent) at true zenith angles edge - depth * edge, exact to 1e-6.
 

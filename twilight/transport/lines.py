@@ -77,7 +77,7 @@ class Line(NamedTuple):
     end: np.ndarray
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def new_line(profile):
     """Room for one line through `profile`."""
     n_w = profile.extinction.shape[1]
@@ -120,7 +120,7 @@ def horizon_cosine(profile: Profile, altitude_km: np.ndarray, touched_km: np.nda
     return -np.sqrt(-np.expm1(2.0 * np.minimum(0.0, log_sine)))
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True)
 def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=math.inf):
     """Follow a line of sight and fill `line`; returns (number of points, OUT or GROUND).
 
@@ -243,7 +243,7 @@ def trace_line(profile, altitude_km, cos_zenith, fineness, pairs, line, far_km=m
     return n, (GROUND if status == GROUND else OUT)
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def weight_by_species(profile, altitude_km, weight, out):
     """Part out (1 + K, W) of each species in the scattering `weight` (W,) of a point."""
     i, f = locate(profile, altitude_km)
@@ -255,7 +255,7 @@ def weight_by_species(profile, altitude_km, weight, out):
             out[c, w] = factor * species
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def per_scattering(profile, altitude_km, weight, out):
     """The `weight` (W,) of a point over its scattering coefficient [km] into out (W,): transmittance x length."""
     i, f = locate(profile, altitude_km)
@@ -264,7 +264,7 @@ def per_scattering(profile, altitude_km, weight, out):
         out[w] = weight[w] / total if total > 0.0 else 0.0
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def _put(row, z, psi, a, s):
     """Fill a point's row (4,) of `Line`."""
     row[ALTITUDE] = z

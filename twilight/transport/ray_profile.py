@@ -103,7 +103,7 @@ def ray_profile(medium: Medium, *, refraction: bool = True) -> RayProfile:
     )
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def layer_above(profile, altitude_km):
     """Index of the layer that a ray going up from `altitude_km` enters; M above the top, 0 underground.
 
@@ -120,7 +120,7 @@ def layer_above(profile, altitude_km):
     return lo
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def index_in(c, f):
     """n - 1 in a layer and its change dn/df.
 
@@ -132,7 +132,7 @@ def index_in(c, f):
     return exponential + c[INDEX + SLOPE] * f, change
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def extinction_in(c, f):
     """Extinction [km^-1] in a layer; c, f: as of `index_in`."""
     extinction = c[AIR + SLOPE] * f
@@ -146,7 +146,7 @@ def extinction_in(c, f):
     return extinction
 
 
-@njit(cache=True)
+@njit(cache=True, makes_arrays=False)
 def refractivity_at(profile, w, altitude_km):
     """n - 1 at an altitude (on a jump: above it), 0 above the top; below the ground the lowest layer goes on.
 
@@ -159,13 +159,13 @@ def refractivity_at(profile, w, altitude_km):
     return index_in(profile.coefficient[w, i], (altitude_km - bottom) / (profile.top_km[i] - bottom))[0]
 
 
-@njit(cache=True)
+@njit(cache=True, makes_arrays=False)
 def refractive_radius(profile, w, altitude_km):
     """n r [km] at an altitude; arguments as of `refractivity_at`: profile, w, `altitude_km`."""
     return (profile.radius_km + altitude_km) * (1.0 + refractivity_at(profile, w, altitude_km))
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def index_at(profile, w, i, altitude_km):
     """n - 1 at an altitude in a layer, at its top the value that the medium has there.
 
@@ -198,7 +198,7 @@ def screen_table(screen: Screen | None, profile: RayProfile, w: int, wavelength_
     return np.concatenate([head, x, screen.at(z), screen.powers(wavelength_nm)])
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def passing(pool, at, p, u):
     """T at 550 nm of the ray of invariant p [km] that arrives where n r cos i is u [km], negative past its lowest.
 

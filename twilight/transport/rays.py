@@ -78,13 +78,13 @@ class RayPath(NamedTuple):
     free: bool
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _positive(slope):
     """d(n r)/dr for the estimate of a zero: `slope`, or in a duct, where it is not positive, 1 as without air."""
     return 1.0 if slope < 0.05 else slope
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _snell(p, x, uu, x_beyond, uu_beyond):
     """Bending [rad] at a jump of the index, i' - i, for a ray of invariant p [km].
 
@@ -95,7 +95,7 @@ def _snell(p, x, uu, x_beyond, uu_beyond):
     return -math.asin(max(-1.0, min(1.0, sine)))
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def _through_layer(profile, w, i, z, end, n, x, uu, p, path):
     """`path` with what a ray collects in layer i; its u_km is left as it was.
 
@@ -135,14 +135,14 @@ def _through_layer(profile, w, i, z, end, n, x, uu, p, path):
     return RayPath(bending, tau, length, u_km, True)
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _in_vacuum(profile, altitude_km, uu, stop_km):
     """u [km] at `stop_km` of a ray that goes straight there from `altitude_km`, where u^2 is `uu` [km^2]."""
     rise = stop_km - altitude_km
     return math.sqrt(max(0.0, uu + rise * (2.0 * (profile.radius_km + altitude_km) + rise)))
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def outward(profile, w, altitude_km, u_km, stop_km):
     """Follow a ray up from `altitude_km`, where u = n r cos(zenith angle) >= 0, to `stop_km` or to the vacuum.
 
@@ -208,19 +208,19 @@ def outward(profile, w, altitude_km, u_km, stop_km):
     return RayPath(path.bending_rad, path.optical_depth, length, u, True)
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _turned(path, angle_rad):
     """The path with `angle_rad` more of bending."""
     return RayPath(path.bending_rad + angle_rad, path.optical_depth, path.length_km, path.u_km, path.free)
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _trapped(path):
     """The path of a ray that ends in a duct."""
     return RayPath(path.bending_rad, path.optical_depth, path.length_km, 0.0, False)
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _altitude_in_layer(profile, w, i, z, n_here, missing, way):
     """Altitude [km] in a layer up to which n r changes by `missing` [km] on the way from z, by Newton's method.
 
@@ -242,7 +242,7 @@ def _altitude_in_layer(profile, w, i, z, n_here, missing, way):
     return y
 
 
-@njit(cache=True)
+@njit(cache=True, makes_arrays=False)
 def lowest_point(profile, w, altitude_km, u_km, below_ground):
     """Altitude [km] of the lowest point of a ray that goes down from `altitude_km` with |u| = `u_km`, and GROUND or
     OUTSIDE; with `below_ground` the layer below the ground is entered too, and its bottom is the lowest answer."""
@@ -286,7 +286,7 @@ def lowest_point(profile, w, altitude_km, u_km, below_ground):
     return z, GROUND
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def altitude_along(profile, w, altitude_km, u_km):
     """Altitude [km] of a ray from its lowest point at `altitude_km` where u = n r cos i has grown to `u_km`."""
     n_layers = profile.top_km.size
@@ -312,7 +312,7 @@ def altitude_along(profile, w, altitude_km, u_km):
     return z + max(0.0, missing)
 
 
-@njit(cache=True)
+@njit(cache=True, makes_arrays=False)
 def sun_ray(profile, w, altitude_km, u_km, below_ground):
     """Bending [rad] and optical depth of the ray that arrives at `altitude_km` from the apparent direction with
     n r cos i = `u_km` (negative: from below the horizontal), and its status OUTSIDE, GROUND or TRAPPED."""
@@ -331,7 +331,7 @@ NO_LIGHT = -1.0
 """Transmittance that marks a line of sight which does not leave the air."""
 
 
-@njit(cache=True)
+@njit(cache=True, makes_arrays=False)
 def _follow(profile, w, altitude_km, elevation_rad, bending, transmittance):
     """Fill bending (H,) [rad] and transmittance (H,), or NO_LIGHT, at one wavelength.
 

@@ -94,7 +94,7 @@ def distance_to_sphere(altitude_km, cos_zenith, target_altitude_km, earth_radius
     return c / (root - b)
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def _ray_curvature(profile, z):
     """da/ds over cos a of a level ray, 1/(R + z) + d ln n/dz, and dpsi/ds over cos a, 1/(R + z), at altitude z."""
     i, f = locate(profile, z)
@@ -103,7 +103,7 @@ def _ray_curvature(profile, z):
     return flat + gradient[i] * (1.0 - f) + gradient[i + 1] * f, flat
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def advance(profile, z, psi, a, h):
     """One Runge-Kutta step of length h [km]: altitude z [km], geocentric angle psi and elevation a [rad] at its end."""
     k1, f1 = _ray_curvature(profile, z)
@@ -124,7 +124,7 @@ def advance(profile, z, psi, a, h):
     )
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def step_length(profile, z, slope, travelled, fineness, thick_fineness, depth, darkest):
     """Length [km] that a step at altitude z may have, for a ray whose altitude changes by `slope` per length.
 
@@ -150,7 +150,7 @@ def step_length(profile, z, slope, travelled, fineness, thick_fineness, depth, d
     return ds
 
 
-@njit(cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def step(profile, j, z, psi, a, h):
     """A step of at most h [km] from (z, psi, a) in the interval stop_km[j]..stop_km[j + 1].
 

@@ -165,7 +165,7 @@ class MomentSeries(NamedTuple):
     at_one: np.ndarray
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _light_of(air, stokes, d, moments, w):
     """Light of one wavelength in direction d of moments (3, S, W), and the sum of the sizes of its parts.
 
@@ -207,7 +207,7 @@ def _fit(series, n):
     cosine_series(form, n, series.coefficient)
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _from_series(series, n, cos_azimuth, moments):
     """Fill the moments at one azimuth from a series of n intervals."""
     least, form = series.least, series.at_one

@@ -96,7 +96,7 @@ class Workspace(NamedTuple):
     density: np.ndarray
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def cos_sun(angle, to_sun, cos_azimuth):
     """Cosine of the solar zenith angle at a geocentric `angle` [rad] from the start of a ray.
 
@@ -105,7 +105,7 @@ def cos_sun(angle, to_sun, cos_azimuth):
     return math.cos(angle) * to_sun[0] + math.sin(angle) * to_sun[1] * cos_azimuth
 
 
-@njit(cache=True, makes_arrays=False)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _between(place, k, t):
     """(altitude [km], angle [rad], cosine) within the step whose points are k and k + 1; t: fraction of the step.
 
@@ -181,7 +181,7 @@ def _add_piece(air, view, k, begin, end, square, parts, work, moments):
                         moments[2, s, w] += source * lowered
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def refracted_phase(air, stokes, d, s, w, lifted, lowered):
     """Element `stokes` of the matrix of species s in direction d, sun lifted and ray lowered.
 
@@ -212,7 +212,7 @@ def _densities(weight, k, density):
         density[w, 1] = slope
 
 
-@njit(cache=True, makes_arrays=False)
+@njit(inner=True, cache=True, makes_arrays=False)
 def along(air, r, view, d, work, moments):
     """Moments (3, S, W) of the light along ray r in the direction `view`: sums over points of g fraction_s E/F0, and of
     that times the angles by which the sun is lifted and the ray is lowered.
@@ -269,7 +269,7 @@ def along(air, r, view, d, work, moments):
                     moments[2, s, w] += source * bent[j, 1]
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def _error(rays, work, k0, before, i, after, all_lit):
     """By how much of all light in the direction a step that is not cut may be wrong, and how much the logarithm of the
     sunlight changes in it where that is too much.
@@ -313,7 +313,7 @@ def _error(rays, work, k0, before, i, after, all_lit):
     return error, change
 
 
-@njit(cache=True, makes_arrays=False)
+@njit(inner=True, cache=True, makes_arrays=False)
 def _cut(air, view, k, all_lit, change, work, moments):
     """Add the light of the step of points k and k + 1, cut in parts, to the moments.
 

@@ -1,21 +1,13 @@
 """A solver and an output format for twilight: `--solver uniform --only luminance-csv`."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from twilight.api.extension import BareField, Capabilities, TwilightError, whole_file
+from twilight.api.extension import BareField, Capabilities, option, settings, whole_file
 
 
-@dataclass(frozen=True)
+@settings
 class Settings:
-    """radiance: of the whole sky above the air, sun-normalised [sr^-1]."""
-
-    radiance: float = 0.01
-
-    def __post_init__(self):
-        if not 0.0 <= self.radiance < np.inf:
-            raise TwilightError(f"solver.radiance is {self.radiance:g}; allowed is 0 and more")
+    radiance: float = option("of the whole sky above the air, sun-normalised [sr^-1]", default=0.01, ge=0.0)
 
 
 class UniformField(BareField):

@@ -67,13 +67,13 @@ class _Row:
 
     @property
     def place(self) -> tuple[float | None, float | None]:
-        found = []
+        angles_deg = []
         for name in ("Latitude", "Longitude"):
             value = next(
                 (self.get(key, -360.0, 360.0) for key in self.values if key.startswith((f"Site_{name}", name))), np.nan
             )
-            found.append(float(value) if np.isfinite(value) else None)
-        return found[0], found[1]
+            angles_deg.append(float(value) if np.isfinite(value) else None)
+        return angles_deg[0], angles_deg[1]
 
 
 def read_aeronet(path: Path, wanted: PlaceAndTime) -> Reading:
@@ -117,25 +117,25 @@ def read_aeronet(path: Path, wanted: PlaceAndTime) -> Reading:
     site = lines[title + 1].strip() if title + 1 < at else ""
     site = row.values.get("AERONET_Site", row.values.get("Site", site)).strip()
     kind = "inversion" if inversion else "AOD"
-    here = times[chosen], *places[chosen]
-    source = f"AERONET {kind} {path.name}: {site}, {spoken(times[chosen])}{wanted.away(*here)}"
-    made = tuple(replace(part, source=source) for part in parts)
-    return Reading("aeronet", made, warnings=wanted.warnings(source, *here))
+    moment_and_place = times[chosen], *places[chosen]
+    source = f"AERONET {kind} {path.name}: {site}, {spoken(times[chosen])}{wanted.away(*moment_and_place)}"
+    sourced = tuple(replace(part, source=source) for part in parts)
+    return Reading("aeronet", sourced, warnings=wanted.warnings(source, *moment_and_place))
 
 
 def _depths(row: _Row) -> list[Part]:
     """The parts of a row of optical depths, without their source; empty where it has none."""
-    found: dict[float, float] = {}
+    depth_of_nm: dict[float, float] = {}
     for name in row.values:
         if (match := DEPTH.fullmatch(name)) is None:
             continue
         one = row.get(name, -0.1, 20.0)
         if np.isfinite(one) and one > 0.0:
             exact = row.get(EXACT.format(match[1]), 0.2, 5.0)
-            found[round(1e3 * exact, 2) if np.isfinite(exact) else float(match[1])] = one
-    if not found:
+            depth_of_nm[round(1e3 * exact, 2) if np.isfinite(exact) else float(match[1])] = one
+    if not depth_of_nm:
         return []
-    nm, depth = np.array(sorted(found.items())).T
+    nm, depth = np.array(sorted(depth_of_nm.items())).T
     if nm.size == 1:  # the exponent stands for a second channel
         exponent = row.get(EXPONENT, -3.0, 6.0)
         if np.isfinite(exponent):

@@ -88,8 +88,8 @@ def between(
     slack = MOST_STEPS_OUTSIDE * float(np.max(np.diff(x)))
     if not x[0] - slack <= at <= x[-1] + slack:
         if unit == "s":
-            low, high, here = (spoken(datetime.fromtimestamp(v, UTC)) for v in (x[0], x[-1], at))
-            raise TwilightError(f"{path}: {name} goes from {low} to {high}, and {here} is asked for")
+            low, high, asked_for = (spoken(datetime.fromtimestamp(v, UTC)) for v in (x[0], x[-1], at))
+            raise TwilightError(f"{path}: {name} goes from {low} to {high}, and {asked_for} is asked for")
         raise TwilightError(f"{path}: {name} goes from {x[0]:g} to {x[-1]:g} {unit}, and {at:g} is asked for")
     at = float(np.clip(at, x[0], x[-1]))
     i = int(np.clip(np.searchsorted(x, at, side="right") - 1, 0, x.size - 2))

@@ -35,8 +35,9 @@ from twilight.atmosphere.measured.parts import (
 from twilight.atmosphere.profiles import MOLECULES_PER_CM2_PER_DU
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
+from twilight.base.reading import reading
 from twilight.io.air.grid_points import between, by_valid_time, dimension, weighted
-from twilight.io.air.lines import PlaceAndTime, reason, spoken
+from twilight.io.air.lines import PlaceAndTime, spoken
 
 COORDINATES = {
     "latitude": ("latitude", "lat"),
@@ -112,19 +113,16 @@ def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
     said: set[str] = set()
     name = ""
     try:
-        for data in datasets:
-            name = name or _name(data)
-            found, levels, where, single, there = _at_the_place(path, data, wanted)
-            said.add(where)
-            warned |= set(wanted.warnings(f"{name or 'map'} {path.name}: {where}", single, *there))
-            on_levels = {key: value for key, value in found.items() if np.ndim(value)}
-            columns |= {key: value for key, value in found.items() if key not in on_levels}
-            if levels is not None:
-                profiles.append((levels, on_levels))
-    except TwilightError:
-        raise
-    except Exception as error:  # values are read only now, and what a damaged file raises depends on the library
-        raise TwilightError(f"{path}: is damaged, or not the map that its names promise: {reason(error)}") from None
+        with reading(path, "the map that its names promise"):  # values are read only now
+            for data in datasets:
+                name = name or _name(data)
+                found, levels, where, single, there = _at_the_place(path, data, wanted)
+                said.add(where)
+                warned |= set(wanted.warnings(f"{name or 'map'} {path.name}: {where}", single, *there))
+                on_levels = {key: value for key, value in found.items() if np.ndim(value)}
+                columns |= {key: value for key, value in found.items() if key not in on_levels}
+                if levels is not None:
+                    profiles.append((levels, on_levels))
     finally:
         for data in datasets:
             data.close()
@@ -161,7 +159,7 @@ def _open(path: Path, content: str) -> list[Any]:
     """The datasets of a file: GRIB may hold several that share no coordinates."""
     import xarray  # start-up: half a second, and most climates name no such file
 
-    try:
+    with reading(path, f"a complete {'GRIB' if content == 'grib' else 'netCDF'} file"):
         if content == "grib":
             try:
                 import cfgrib  # optional
@@ -179,11 +177,6 @@ def _open(path: Path, content: str) -> list[Any]:
         engine = "h5netcdf" if content == "netcdf" else "scipy"
         options = {"phony_dims": "sort"} if content == "netcdf" else {}
         return [xarray.open_dataset(path, engine=engine, backend_kwargs=options)]
-    except TwilightError:
-        raise
-    except Exception as error:  # what a damaged file raises depends on the library that reads it
-        name = "GRIB" if content == "grib" else "netCDF"
-        raise TwilightError(f"{path}: is damaged, or no {name}: {reason(error)}") from None
 
 
 def _name(data: Any) -> str:
@@ -255,7 +248,7 @@ def _at_the_place(
         if unit.lower() not in HPA:
             raise TwilightError(f"{path}: {pressure} is in {unit!r}; allowed are hPa, Pa, kPa, mbar")
         levels = levels * HPA[unit.lower()]
-    found: dict[str, Any] = {}
+    variables: dict[str, Any] = {}
     for name in data.data_vars:
         variable = data[name]
         if not np.issubdtype(variable.dtype, np.number):
@@ -263,12 +256,12 @@ def _at_the_place(
         value = weighted(variable, weights).squeeze()
         on_levels = value.ndim == 1 and pressure is not None and value.dims == data[pressure].dims
         if value.ndim == 0:
-            found[str(name)] = float(value)
+            variables[str(name)] = float(value)
         elif on_levels:
-            found[str(name)] = np.asarray(value.values, dtype=float)
+            variables[str(name)] = np.asarray(value.values, dtype=float)
         elif str(name) in USED:
             raise TwilightError(f"{path}: {name} {_too_many(value, data, pressure)}")
-    return found, levels, " ".join(words), single, on_map
+    return variables, levels, " ".join(words), single, on_map
 
 
 def _too_many(value: Any, data: Any, pressure: str | None) -> str:
@@ -343,11 +336,11 @@ def _check_hydrostatic(path: Path, pressure_hpa: np.ndarray, temperature_k: np.n
     """TwilightError for pressures and heights that are not of one air, as where one of them is in another unit."""
     metres = -np.diff(np.log(pressure_hpa)) * 0.5 * (temperature_k[1:] + temperature_k[:-1])
     expected = float(metres.sum()) * parts.GAS_CONSTANT / (parts.MOLAR_MASS_DRY * parts.STANDARD_GRAVITY)
-    found = float(height_m[-1] - height_m[0])
-    if expected > 0.0 and not 0.8 <= found / expected <= 1.25:
+    thickness_m = float(height_m[-1] - height_m[0])
+    if expected > 0.0 and not 0.8 <= thickness_m / expected <= 1.25:
         raise TwilightError(
-            f"{path}: has {1e-3 * found:.3g} km of air between {pressure_hpa[0]:g} and {pressure_hpa[-1]:g} hPa, which "
-            f"its temperatures make {1e-3 * expected:.3g} km: z (geopotential) must be in m2 s-2, H and gh in m"
+            f"{path}: has {1e-3 * thickness_m:.3g} km of air between {pressure_hpa[0]:g} and {pressure_hpa[-1]:g} hPa, "
+            f"which its temperatures make {1e-3 * expected:.3g} km: z (geopotential) must be in m2 s-2, H and gh in m"
         )
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.base.errors import TwilightError
+from twilight.base.reading import reading
 
 MAX_BYTES = 400_000_000
 """Largest file of text that is read."""
@@ -30,7 +31,7 @@ NOT_MEASURED = ("", "nan", "n/a", "na", "null", "none", "m", "-", "--", "//", "/
 
 def read_bytes(path: Path, count: int = -1) -> bytes:
     """The first bytes of a file, -1: all; of the one file in a zip archive where it is one."""
-    try:
+    with reading(path, "a file that can be read"):
         if path.stat().st_size > MAX_BYTES:
             raise TwilightError(f"{path}: is larger than {MAX_BYTES // 1_000_000} MB, which is the most allowed")
         if not zipfile.is_zipfile(path):
@@ -48,9 +49,6 @@ def read_bytes(path: Path, count: int = -1) -> bytes:
                 )
             with archive.open(members[0]) as file:
                 return file.read(count)
-    except (OSError, zipfile.BadZipFile, RuntimeError, NotImplementedError) as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        raise TwilightError(f"{path}: cannot be read: {reason}") from None
 
 
 def read_lines(path: Path) -> list[str]:
@@ -100,11 +98,6 @@ def moment(path: Path, line: int, text: str, layout: str) -> datetime:
     except ValueError:
         example = f"{datetime(2026, 6, 21, 12):{layout}}"
         raise TwilightError(f"{path}: line {line}: `{text.strip()[:60]}` is no time such as {example}") from None
-
-
-def reason(error: Exception) -> str:
-    """What a library says of a damaged file, on one line of 200 characters at most."""
-    return " ".join(str(error).split())[:200]
 
 
 FAR_KM, FAR_HOURS = 300.0, 12.0
@@ -177,9 +170,9 @@ class PlaceAndTime:
                 )
         if self.time is None:
             if len(index) > 1:
-                here = [times[i] for i in index]
+                moments = [times[i] for i in index]
                 raise TwilightError(
-                    f"{file}: holds {len(here)} {what}, from {spoken(min(here))} to {spoken(max(here))}; say "
+                    f"{file}: holds {len(moments)} {what}, from {spoken(min(moments))} to {spoken(max(moments))}; say "
                     "which by its time (air.at, --at, or the sun's)"
                 )
             return index[0]

@@ -90,23 +90,23 @@ def read_sounding(path: Path, wanted: PlaceAndTime) -> Reading:
     """
     lines = read_lines(path)
     if is_igra(lines):
-        found = list(_igra(path, lines, wanted))
+        soundings = list(_igra(path, lines, wanted))
     else:
-        found = [_wyoming_csv(path, lines)] if is_wyoming_csv(lines) else list(_wyoming(path, lines))
-    places = [(s.latitude_deg, s.longitude_deg) for s in found]
-    one = found[wanted.nearest([s.time for s in found], path, "soundings", places)]
-    here = one.time, one.latitude_deg, one.longitude_deg
-    source = f"sounding {path.name}: {one.station}, {spoken(one.time)}{wanted.away(*here)}"
-    rows = np.array(sorted(one.rows, key=lambda row: -row[0])).reshape(-1, 4)
+        soundings = [_wyoming_csv(path, lines)] if is_wyoming_csv(lines) else list(_wyoming(path, lines))
+    places = [(s.latitude_deg, s.longitude_deg) for s in soundings]
+    sounding = soundings[wanted.nearest([s.time for s in soundings], path, "soundings", places)]
+    moment_and_place = sounding.time, sounding.latitude_deg, sounding.longitude_deg
+    source = f"sounding {path.name}: {sounding.station}, {spoken(sounding.time)}{wanted.away(*moment_and_place)}"
+    rows = np.array(sorted(sounding.rows, key=lambda row: -row[0])).reshape(-1, 4)
     rows = rows[np.concatenate([[True], np.diff(rows[:, 0]) < 0.0])] if len(rows) else rows
     if len(rows) > MOST_LEVELS:
         even = np.linspace(np.log(rows[0, 0]), np.log(rows[-1, 0]), MOST_LEVELS)
         rows = rows[np.unique(np.searchsorted(-np.log(rows[:, 0]), -even).clip(0, len(rows) - 1))]
-    latitude = one.latitude_deg if one.latitude_deg is not None else wanted.latitude_deg
+    latitude = sounding.latitude_deg if sounding.latitude_deg is not None else wanted.latitude_deg
     pressure, height, temperature, water = rows.T
     at = 45.0 if latitude is None else latitude
     column = column_of(path, source, pressure, height, temperature, water, at)
-    return Reading("sounding", (column,), warnings=wanted.warnings(source, *here))
+    return Reading("sounding", (column,), warnings=wanted.warnings(source, *moment_and_place))
 
 
 def column_of(
@@ -140,7 +140,7 @@ def _wyoming(path: Path, lines: list[str]) -> Iterator[_Sounding]:
     for head, end in zip(heads, [*heads[1:], len(lines)], strict=True):
         before = [" ".join(re.sub(r"<[^>]*>", " ", line).split()) for line in lines[max(0, head - 12) : head]]
         after = " ".join(re.sub(r"<[^>]*>", " ", line) for line in lines[head:end])
-        title = next((found for line in reversed(before) if (found := WYOMING_TITLE.search(line))), None)
+        title = next((match for line in reversed(before) if (match := WYOMING_TITLE.search(line))), None)
         if title is not None:
             time = moment(path, head + 1, f"{title[3]} {title[4]}", "%H %d %b %Y")
             station = title[1] or title[2] or "a station without a name"

@@ -65,17 +65,17 @@ def night_radiance(
     """
     levels = levels or NightLevels()
     elevation, azimuth = np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float)
-    here = (sun_elevation_deg, sun_azimuth_deg, place, observer_altitude_km)
-    radiance = _above_air(medium.wavelength_nm, elevation, azimuth, levels, *here)
+    geometry = (sun_elevation_deg, sun_azimuth_deg, place, observer_altitude_km)
+    radiance = _above_air(medium.wavelength_nm, elevation, azimuth, levels, *geometry)
     rows, columns = (np.arange(30) + 0.5) * 3.0, np.arange(24) * 15.0
-    hemisphere = _above_air(medium.wavelength_nm, rows, columns, levels, *here)
+    hemisphere = _above_air(medium.wavelength_nm, rows, columns, levels, *geometry)
     weight = np.sin(2 * np.radians(rows))  # cosine x solid angle
     mean = np.einsum("e,eaw->w", weight / weight.sum() / columns.size, hemisphere)
-    seen = veil(medium, elevation, observer_altitude_km).behind(radiance, mean)
+    dimmed = veil(medium, elevation, observer_altitude_km).behind(radiance, mean)
     if levels.light_pollution_cd_per_m2 > 0.0:
         lamps = pollution_radiance(medium.wavelength_nm, elevation, levels.light_pollution_cd_per_m2)
-        seen = seen + lamps[:, None, :]
-    return seen
+        dimmed = dimmed + lamps[:, None, :]
+    return dimmed
 
 
 def _above_air(

@@ -105,8 +105,8 @@ def blended(stars: Stars, resolution_rad: float) -> Stars:
             light[i] += light[j]
             moment[i] += moment[j]
     directions = moment / np.linalg.norm(moment, axis=1, keepdims=True)
-    made = Stars(directions, -2.5 * np.log10(light), stars.hip, stars.names).take(free)
-    return made.take(np.argsort(made.magnitude, kind="stable"))
+    points = Stars(directions, -2.5 * np.log10(light), stars.hip, stars.names).take(free)
+    return points.take(np.argsort(points.magnitude, kind="stable"))
 
 
 VEGA_550NM = 3.631e-11
@@ -220,17 +220,17 @@ class Raster:
             return none
         widest = WIDEST * SPREAD_PIXELS * float(self._step.max())
         near, nearest = self._tree.query(towards, distance_upper_bound=widest)
-        seen = np.flatnonzero(np.isfinite(near))
-        width = SPREAD_PIXELS * self._step[nearest[seen]]
-        lists = self._tree.query_ball_point(towards[seen], WIDEST * width)
+        shown = np.flatnonzero(np.isfinite(near))
+        width = SPREAD_PIXELS * self._step[nearest[shown]]
+        lists = self._tree.query_ball_point(towards[shown], WIDEST * width)
         count = np.array([len(one) for one in lists], int)
         if not count.sum():
             return none
-        pixel, which = np.concatenate([np.asarray(one, int) for one in lists]), np.repeat(np.arange(seen.size), count)
-        square = ((self._rays[pixel] - towards[seen][which]) ** 2).sum(axis=-1)
+        pixel, which = np.concatenate([np.asarray(one, int) for one in lists]), np.repeat(np.arange(shown.size), count)
+        square = ((self._rays[pixel] - towards[shown][which]) ** 2).sum(axis=-1)
         variance = width[which] ** 2
         fraction = np.exp(-0.5 * square / variance) / (2.0 * np.pi * variance * -np.expm1(-0.5 * WIDEST**2))
-        return self._pixel[pixel], seen[which], fraction
+        return self._pixel[pixel], shown[which], fraction
 
     def add(self, picture: np.ndarray, towards: np.ndarray, irradiance: np.ndarray, hidden: np.ndarray | None = None):
         """Add points of an irradiance (N, K) to a picture (H, W, K); hidden (H, W): where nothing of them is seen."""
@@ -243,18 +243,18 @@ class Raster:
 
 def _spacing(rays: np.ndarray, otherwise: float) -> np.ndarray:
     """The largest distance (H, W) of a pixel's direction from its neighbours' below and beside it."""
-    found = np.zeros(rays.shape[:2])
+    spacing = np.zeros(rays.shape[:2])
     for axis in range(2):
         if rays.shape[axis] == 1:
-            found = np.maximum(found, otherwise)
+            spacing = np.maximum(spacing, otherwise)
             continue
         step = np.linalg.norm(np.diff(rays, axis=axis), axis=-1)
         # a jump, from face to face of a cube, is no distance between neighbours
         step = np.where(step < 20.0 * np.nanmedian(step), step, 0.0)
         low = np.concatenate([step, np.zeros_like(step.take([0], axis))], axis=axis)
         high = np.concatenate([np.zeros_like(step.take([0], axis)), step], axis=axis)
-        found = np.fmax(found, np.fmax(low, high))
-    return np.where(found > 0.0, found, otherwise)
+        spacing = np.fmax(spacing, np.fmax(low, high))
+    return np.where(spacing > 0.0, spacing, otherwise)
 
 
 def precession(years: float) -> np.ndarray:

@@ -43,10 +43,10 @@ def adaptation_coefficient(photopic: np.ndarray, scotopic: np.ndarray) -> tuple[
     m = np.full(np.broadcast_shapes(p.shape, s.shape), 0.5)
     for _ in range(NEWTON_STEPS):
         light, weight = m * p + (1.0 - m) * s * MESOPIC_RATIO, m + (1.0 - m) * MESOPIC_RATIO
-        found = np.clip(MESOPIC_OFFSET + MESOPIC_PER_DECADE * np.log10(light / weight), 0.0, 1.0)
+        next_m = np.clip(MESOPIC_OFFSET + MESOPIC_PER_DECADE * np.log10(light / weight), 0.0, 1.0)
         slope = MESOPIC_PER_DECADE / np.log(10.0) * ((p - s * MESOPIC_RATIO) / light - (1.0 - MESOPIC_RATIO) / weight)
-        inside = (found > 0.0) & (found < 1.0)
-        m = np.clip(m + (found - m) / np.where(inside, np.maximum(1.0 - slope, 0.5), 1.0), 0.0, 1.0)
+        inside = (next_m > 0.0) & (next_m < 1.0)
+        m = np.clip(m + (next_m - m) / np.where(inside, np.maximum(1.0 - slope, 0.5), 1.0), 0.0, 1.0)
     return m, (m * p + (1.0 - m) * s * MESOPIC_RATIO) / (m + (1.0 - m) * MESOPIC_RATIO)
 
 
@@ -127,34 +127,34 @@ def quantity(which: str | Quantity) -> Quantity:
         return _within(kind, rest)
     band, _, system = name.partition(":")
     try:
-        found = response(band)
+        curve = response(band)
     except TwilightError as error:
         raise TwilightError(f"quantity: {error}; or one of {', '.join(QUANTITIES)}") from None
     if system not in ("", "AB", "Vega"):
         raise TwilightError(f"quantity: {name}: the system '{system}' is not known; AB and Vega are")
-    usual = system or found.system
+    usual = system or curve.system
     return Quantity(
         name,
-        f"magnitude_{_word(found.name)}{'_' + system.lower() if system else ''}_per_arcsec2",
+        f"magnitude_{_word(curve.name)}{'_' + system.lower() if system else ''}_per_arcsec2",
         "mag arcsec-2",
         ("direction",),
-        (found,),
-        lambda light: light.magnitude(found, usual),
-        f"surface brightness in {found.name} ({usual}; {found.source})",
+        (curve,),
+        lambda light: light.magnitude(curve, usual),
+        f"surface brightness in {curve.name} ({usual}; {curve.source})",
     )
 
 
 def _within(kind: str, name: str) -> Quantity:
-    found = response(name)
+    curve = response(name)
     if kind == "photons":
         unit, text = "s-1 m-2", "photons"
         return Quantity(
-            f"photons:{name}", f"photons_{_word(found.name)}_per_s_m2", unit, _BOTH, (found,),
-            lambda light: light.photons(found), f"{text} within {found.name} ({found.source})",
+            f"photons:{name}", f"photons_{_word(curve.name)}_per_s_m2", unit, _BOTH, (curve,),
+            lambda light: light.photons(curve), f"{text} within {curve.name} ({curve.source})",
         )  # fmt: skip
     return Quantity(
-        f"in:{name}", f"light_in_{_word(found.name)}_w_per_m2", "W m-2", _BOTH, (found,),
-        lambda light: light.within(found), f"energy within {found.name} ({found.source})",
+        f"in:{name}", f"light_in_{_word(curve.name)}_w_per_m2", "W m-2", _BOTH, (curve,),
+        lambda light: light.within(curve), f"energy within {curve.name} ({curve.source})",
     )  # fmt: skip
 
 
@@ -228,22 +228,22 @@ class Spectra:
 
     def within(self, which: object) -> np.ndarray:
         """Energy within a response, integral of L R over wavelength [W m^-2 (sr^-1)], (...)."""
-        found = response(which)
-        return self.weighted(found, found.on_grid())
+        curve = response(which)
+        return self.weighted(curve, curve.on_grid())
 
     def photons(self, which: object) -> np.ndarray:
         """Photons within a response, integral of L R wavelength / (h c) [s^-1 m^-2 (sr^-1)], (...)."""
-        found = response(which)
-        return self.weighted(found, found.on_grid() * found.grid_nm) / _PHOTON_J_NM
+        curve = response(which)
+        return self.weighted(curve, curve.on_grid() * curve.grid_nm) / _PHOTON_J_NM
 
     def magnitude(self, band: object, system: str | None = None) -> np.ndarray:
         """Surface brightness of a radiance [mag arcsec^-2], (...); infinite where there is no light.
 
         band: as of `responses.response`; system: AB, Vega, or None for what is usual with the band.
         """
-        found = response(band)
+        curve = response(band)
         with np.errstate(divide="ignore"):
-            return -2.5 * np.log10(self.weighted(found) * ARCSEC2_SR / zero_point(found, system))
+            return -2.5 * np.log10(self.weighted(curve) * ARCSEC2_SR / zero_point(curve, system))
 
     def photopic(self) -> np.ndarray:
         """Luminance [cd m^-2] or illuminance [lx] by V(lambda) of the 2 deg observer, (...)."""
@@ -357,9 +357,9 @@ def samples_for(responses: Sequence[Response]) -> tuple[float, ...]:
 
     Errors: TwilightError for a response that they do not cover.
     """
-    for one in responses:
-        check_covered(one, np.array(SAMPLES_NM), "the air")
-    ends = [needed_nm(one) for one in responses]
+    for asked in responses:
+        check_covered(asked, np.array(SAMPLES_NM), "the air")
+    ends = [needed_nm(asked) for asked in responses]
     low, high = min(a for a, _ in ends), max(b for _, b in ends)
     first = max(int(np.searchsorted(SAMPLES_NM, low, side="right")) - 1, 0)
     last = min(int(np.searchsorted(SAMPLES_NM, high)), len(SAMPLES_NM) - 1)

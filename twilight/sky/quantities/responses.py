@@ -84,11 +84,11 @@ class Response:
 
 @lru_cache(maxsize=1)
 def _bands() -> dict[str, Response]:
-    found: dict[str, list[tuple[float, float]]] = {}
+    curves: dict[str, list[tuple[float, float]]] = {}
     for row in data_rows("photometry/bands.csv"):
-        found.setdefault(row["band"], []).append((float(row["wavelength_nm"]), float(row["response"])))
+        curves.setdefault(row["band"], []).append((float(row["wavelength_nm"]), float(row["response"])))
     out = {}
-    for name, pairs in found.items():
+    for name, pairs in curves.items():
         nm, value = np.array(pairs).T
         johnson = name in JOHNSON_COUSINS
         system: Any = "Vega" if johnson or name.startswith("gaia") else "AB"
@@ -103,15 +103,17 @@ def _bands() -> dict[str, Response]:
 @lru_cache(maxsize=1)
 def _receptors() -> dict[str, Response]:
     nm, *columns = data_numbers("photometry/alpha_opic.csv")[1].T
-    made = {
+    receptors = {
         name: Response(name, nm, column, source="CIE S 026:2018")
         for name, column in zip(ALPHA_OPIC, columns, strict=True)
     }
     photopic = spectrum.colour_matching_functions("cie1931_2deg")[:, 1]
-    made["photopic"] = Response("photopic", spectrum.VISIBLE_NM, photopic, source="CIE 018:2019")
-    made["PAR"] = Response("PAR", np.array([400.0, 700.0]), np.ones(2), "photon", source="400 to 700 nm, McCree 1972")
-    made["erythema"] = Response("erythema", ERYTHEMA_NM, erythema(ERYTHEMA_NM), source="ISO/CIE 17166:2019")
-    return made
+    receptors["photopic"] = Response("photopic", spectrum.VISIBLE_NM, photopic, source="CIE 018:2019")
+    receptors["PAR"] = Response(
+        "PAR", np.array([400.0, 700.0]), np.ones(2), "photon", source="400 to 700 nm, McCree 1972"
+    )
+    receptors["erythema"] = Response("erythema", ERYTHEMA_NM, erythema(ERYTHEMA_NM), source="ISO/CIE 17166:2019")
+    return receptors
 
 
 def erythema(wavelength_nm: np.ndarray) -> np.ndarray:
@@ -126,8 +128,8 @@ def scotopic_efficiency() -> np.ndarray:
     """V'(lambda) of the CIE 1951 scotopic observer at ``spectrum.VISIBLE_NM``, (471,), from colour-science."""
     from colour import SDS_LEFS  # start-up
 
-    found = SDS_LEFS["CIE 1951 Scotopic Standard Observer"]
-    return np.interp(spectrum.VISIBLE_NM, found.wavelengths, found.values, left=0.0, right=0.0)
+    curve = SDS_LEFS["CIE 1951 Scotopic Standard Observer"]
+    return np.interp(spectrum.VISIBLE_NM, curve.wavelengths, curve.values, left=0.0, right=0.0)
 
 
 @lru_cache(maxsize=1)
@@ -139,10 +141,10 @@ def _scotopic() -> Response:
 def _camera(channel: str) -> Response:
     from colour import MSDS_CAMERA_SENSITIVITIES  # start-up
 
-    found = MSDS_CAMERA_SENSITIVITIES[CAMERA]
+    curves = MSDS_CAMERA_SENSITIVITIES[CAMERA]
     column = ("red", "green", "blue").index(channel)
     return Response(
-        f"camera-{channel}", found.wavelengths, np.maximum(found.values[:, column], 0.0), source="Darrodi et al. 2015"
+        f"camera-{channel}", curves.wavelengths, np.maximum(curves.values[:, column], 0.0), source="Darrodi et al. 2015"
     )
 
 
@@ -202,32 +204,32 @@ def _from_speclite(name: str) -> Response:
     from speclite import filters  # optional
 
     try:
-        found = filters.load_filter(name)
+        curve = filters.load_filter(name)
     except ValueError:
         raise TwilightError(f"the band '{name}' is neither one of {', '.join(names())} nor one of speclite's") from None
-    nm = np.asarray(found.wavelength, float) / 10.0
-    return Response(name, nm, np.asarray(found.response, float), "photon", "AB", "speclite")
+    nm = np.asarray(curve.wavelength, float) / 10.0
+    return Response(name, nm, np.asarray(curve.response, float), "photon", "AB", "speclite")
 
 
 def _file(path: Path) -> Response:
     lines = numbered_lines(path)
     delimiter = delimiter_of(lines[0][1]) if lines else ","
-    found: list[tuple[float, float]] = []
+    pairs: list[tuple[float, float]] = []
     for i, (number, line) in enumerate(lines):
         fields = fields_of(path, number, line, delimiter)
         try:
             if len(fields) != 2:
                 raise ValueError
-            found.append((as_number(fields[0], delimiter), as_number(fields[1], delimiter)))
+            pairs.append((as_number(fields[0], delimiter), as_number(fields[1], delimiter)))
         except ValueError:
             if i > 0:
                 raise TwilightError(
                     f"{path}: line {number}: needs two numbers, wavelength [nm] and response to energy, with a comma "
                     "between them; or with a semicolon, where decimals have commas"
                 ) from None
-    if not found:
+    if not pairs:
         raise TwilightError(f"{path}: needs two columns of numbers, wavelength [nm] and response to energy")
-    nm, value = np.array(found).T
+    nm, value = np.array(pairs).T
     return Response(path.stem, nm, value, source=str(path))
 
 

@@ -154,13 +154,13 @@ class SkyLight:
             For a name that is none, a quantity that a direction or a plane does not have, and wavelengths that do not
             cover it.
         """
-        found = quantity(name)
-        check_of(found, "surface" if elevation_deg is None else "direction")
-        for one in found.responses():
-            check_covered(one, self.wavelength_nm)
+        asked = quantity(name)
+        check_of(asked, "surface" if elevation_deg is None else "direction")
+        for curve in asked.responses():
+            check_covered(curve, self.wavelength_nm)
         if elevation_deg is None:
-            return _number(found.value(self._spectra(self.irradiance_factor(horizontal, direct))))
-        return _number(found.value(self._spectra(self.sample(elevation_deg, azimuth_deg))))
+            return _number(asked.value(self._spectra(self.irradiance_factor(horizontal, direct))))
+        return _number(asked.value(self._spectra(self.sample(elevation_deg, azimuth_deg))))
 
 
 def _number(value: np.ndarray) -> Any:

@@ -9,7 +9,6 @@ the others it is Preetham's for the turbidity of the medium.  The former have th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -17,6 +16,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
+from twilight.base.sections import option, settings
 from twilight.solvers.analytic.coefficients import (
     angles,
     cie,
@@ -26,14 +26,13 @@ from twilight.solvers.analytic.coefficients import (
 )
 from twilight.solvers.analytic.daylight import SpectralBins, daylight_chromaticity, direct_transmittance, table
 from twilight.solvers.analytic.limits import (
-    OUTSIDE,
     check_observer,
     check_sun,
     chosen_turbidity,
     hemisphere,
     sky_and_ground,
 )
-from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_choices, check_ranges
+from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
 CAPABILITIES = Capabilities(kind="formula", wavelengths_at_once=ALL_WAVELENGTHS)
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
@@ -48,29 +47,30 @@ OVERCAST_TEMPERATURE_K = 6500.0
 """Colour temperature of overcast skies [K]."""
 
 
-@dataclass(frozen=True)
+@settings
 class CieSettings:
-    """sky_type: 1 to 15 of ISO 15469 (1 and 5 overcast, 7 to 10 partly cloudy, 11 to 15 clear; 12 is the clear sky that
-        Preetham 1999 quotes as eq. 1), or 16, the traditional overcast sky
-    zenith_luminance_cd_per_m2: null: by the sun and, for types 7 to 15, the turbidity
-    turbidity: at 550 nm, for types 7 to 15; null: that of the medium
-    outside: for types 7 to 15, 'nearest' takes the nearest turbidity that Preetham's coefficients cover where the
-        medium's is not, and warns; 'refuse' does not
-    """
+    """Which standard sky, and how bright."""
 
-    sky_type: int = 12
-    zenith_luminance_cd_per_m2: float | None = None
-    turbidity: float | None = None
-    outside: Literal["nearest", "refuse"] = "nearest"
+    sky_type: int = option(
+        "1 to 15 of ISO 15469 (1 and 5 overcast, 7 to 10 partly cloudy, 11 to 15 clear; 12 is the clear sky that "
+        "Preetham 1999 quotes as eq. 1), or 16, the traditional overcast sky",
+        default=12,
+        ge=1,
+        le=16,
+    )
+    zenith_luminance_cd_per_m2: float | None = option(
+        "null: by the sun and, for types 7 to 15, the turbidity", default=None, ge=1e-6, le=1e6
+    )
+    turbidity: float | None = option(
+        "at 550 nm, for types 7 to 15; null: that of the medium", default=None, ge=1.0, le=100.0
+    )
+    outside: Literal["nearest", "refuse"] = option(
+        "for types 7 to 15, 'nearest' takes the nearest turbidity that Preetham's coefficients cover where the "
+        "medium's is not, and warns; 'refuse' does not",
+        default="nearest",
+    )
 
     def __post_init__(self):
-        ranges = {
-            "sky_type": (1, 16),
-            "zenith_luminance_cd_per_m2": (1e-6, 1e6),
-            "turbidity": (1.0, 100.0),
-        }
-        check_ranges(self, ranges)
-        check_choices(self, {"outside": OUTSIDE})
         if self.turbidity is not None and self.sky_type in WITHOUT_SUN:
             raise TwilightError(f"solver.turbidity does nothing for sky_type {self.sky_type}: leave it out")
 

@@ -23,13 +23,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
-from os.path import isfile
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import AfterValidator, ConfigDict, Field
 
 from twilight.base.errors import TwilightError
+from twilight.base.reading import read_text
+from twilight.base.sections import Number, Origins, Section, validate
 
 LOWEST_COSINE = 1e-3
 """exp(B / cos zenith) is held below this cosine (0.06 deg above the horizon), where B < 0 has made it 0."""
@@ -211,18 +213,7 @@ def load_coefficients(name: str) -> SkyCoefficients:
             f"solver.coefficients is {name}; allowed are {', '.join(shipped_sets())} and the path of a .yaml or "
             ".json file"
         )
-    try:
-        if not isfile(path):  # a pipe or a device could go on for ever
-            raise TwilightError(f"solver.coefficients: {path}: there is no such file")
-        if path.stat().st_size > MAX_BYTES:
-            raise TwilightError(
-                f"solver.coefficients: {path}: is larger than {MAX_BYTES // 1000} kB, which no set of coefficients is"
-            )
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "is not text"
-        raise TwilightError(f"solver.coefficients: {path}: cannot be read: {reason}") from None
-    return parse_coefficients(text, str(path))
+    return parse_coefficients(read_text(path, MAX_BYTES), str(path))
 
 
 def file_sha256(name: str) -> str:
@@ -239,6 +230,62 @@ def _shipped(name: str) -> SkyCoefficients:
     return parse_coefficients(text, name)
 
 
+_Polynomial = Annotated[
+    tuple[Annotated[Number, Field(ge=-LARGEST, le=LARGEST)], ...], Field(min_length=1, max_length=5)
+]
+
+
+class _Part(Section):
+    model_config = ConfigDict(extra="ignore")
+
+
+class _Distribution(_Part):
+    A: _Polynomial
+    B: _Polynomial
+    C: _Polynomial
+    D: _Polynomial
+    E: _Polynomial
+
+
+class _ZenithLuminance(_Part):
+    slope: _Polynomial
+    constant: _Polynomial
+    chi: _Polynomial
+
+
+class _Luminance(_Part):
+    distribution: _Distribution
+    zenith_kcd_per_m2: _ZenithLuminance
+
+
+class _Chromaticity(_Part):
+    distribution: _Distribution
+    zenith: tuple[_Polynomial, _Polynomial, _Polynomial, _Polynomial]
+
+
+def _rises(value: tuple[float, float]) -> tuple[float, float]:
+    if value[0] > value[1]:
+        raise ValueError("must be two numbers that do not fall")
+    return value
+
+
+_Turbidity = Annotated[Number, Field(ge=1.0, le=100.0)]
+_Zenith = Annotated[Number, Field(ge=0.0, le=90.0)]
+
+
+class _File(_Part):
+    """A file of coefficients; what else is in it is for people."""
+
+    version: Literal[1]
+    name: str | None = None
+    source: str = ""
+    turbidity: Annotated[tuple[_Turbidity, _Turbidity], AfterValidator(_rises)]
+    sun_zenith_deg: Annotated[tuple[_Zenith, _Zenith], AfterValidator(_rises)]
+    luminance: _Luminance
+    x: _Chromaticity
+    y: _Chromaticity
+
+
 def parse_coefficients(text: str, where: str) -> SkyCoefficients:
     """A set from the text of its file; TwilightError that names ``where`` and the key otherwise."""
     import yaml  # start-up
@@ -247,61 +294,18 @@ def parse_coefficients(text: str, where: str) -> SkyCoefficients:
         data = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError):
         raise TwilightError(f"{where}: is not YAML or JSON") from None
-    if not isinstance(data, dict) or data.get("version") != 1:
-        raise TwilightError(f"{where}: version must be 1: this is not a set of sky coefficients")
+    file = validate(_File, data, Origins({(): where}))
     made = SkyCoefficients(
-        name=_text(data, "name", where, where),
-        source=_text(data, "source", "", where),
-        turbidity=_range(data, "turbidity", where, (1.0, 100.0)),
-        sun_zenith_deg=_range(data, "sun_zenith_deg", where, (0.0, 90.0)),
-        distribution={q: tuple(_numbers(data, (q, "distribution", p), where) for p in PARAMETERS) for q in QUANTITIES},
-        zenith={
-            "luminance": tuple(_numbers(data, ("luminance", "zenith_kcd_per_m2", p), where) for p in ZENITH_LUMINANCE),
-            "x": _rows(data, "x", where),
-            "y": _rows(data, "y", where),
-        },
+        name=file.name or where,
+        source=file.source,
+        turbidity=file.turbidity,
+        sun_zenith_deg=file.sun_zenith_deg,
+        distribution={q: _values(getattr(file, q).distribution) for q in QUANTITIES},
+        zenith={"luminance": _values(file.luminance.zenith_kcd_per_m2), "x": file.x.zenith, "y": file.y.zenith},
     )
     made.check(where)
     return made
 
 
-def _text(data: dict, key: str, default: str, where: str) -> str:
-    value = data.get(key, default)
-    if not isinstance(value, str):
-        raise TwilightError(f"{where}: {key} must be text")
-    return value
-
-
-def _range(data: dict, key: str, where: str, limits: tuple[float, float]) -> tuple[float, float]:
-    values = _numbers(data, (key,), where)
-    if len(values) != 2 or not limits[0] <= values[0] <= values[1] <= limits[1]:
-        raise TwilightError(f"{where}: {key} must be two numbers that do not fall, from {limits[0]:g} to {limits[1]:g}")
-    return values[0], values[1]
-
-
-def _rows(data: dict, quantity: str, where: str) -> tuple[tuple[float, ...], ...]:
-    rows = _get(data, (quantity, "zenith"), where)
-    if not isinstance(rows, list) or len(rows) != 4:
-        raise TwilightError(f"{where}: {quantity}.zenith must be four lists of numbers")
-    return tuple(_as_numbers(row, f"{quantity}.zenith[{i}]", where) for i, row in enumerate(rows))
-
-
-def _numbers(data: dict, path: tuple[str, ...], where: str) -> tuple[float, ...]:
-    return _as_numbers(_get(data, path, where), ".".join(path), where)
-
-
-def _get(data: Any, path: tuple[str, ...], where: str) -> Any:
-    for part in path:
-        if not isinstance(data, dict) or part not in data:
-            raise TwilightError(f"{where}: {'.'.join(path)} is missing")
-        data = data[part]
-    return data
-
-
-def _as_numbers(value: Any, key: str, where: str) -> tuple[float, ...]:
-    numbers = isinstance(value, list) and all(
-        isinstance(v, int | float) and not isinstance(v, bool) and abs(v) <= LARGEST for v in value
-    )
-    if not numbers or not 1 <= len(value) <= 5:
-        raise TwilightError(f"{where}: {key} must be a list of one to five numbers")
-    return tuple(float(v) for v in value)
+def _values(section: Section) -> tuple[tuple[float, ...], ...]:
+    return tuple(value for _, value in section)

@@ -1,11 +1,8 @@
-"""From luminance and chromaticity to spectra by the CIE daylight basis (Preetham 1999, appendix A.5), over the sun.
+"""Preetham 1999, appendix A: sunlight at the ground (A.1, after Iqbal 1983); spectra from luminance and chromaticity
+by the CIE daylight basis (A.5).
 
 A model's spectrum is divided by the solar spectrum in bins: the mean of one over the mean of the other.  The basis is
 known every 10 nm, so bins are 10 nm wide at least; the quotient is then smooth, as sun-normalised radiance has to be.
-
-Tables of the formulae, from data/analytic, read once.
-
-Sunlight at the ground through the constituents of the air, Preetham 1999, appendix A.1 (after Iqbal 1983).
 """
 
 from __future__ import annotations

@@ -1,8 +1,5 @@
-"""What formulae for the sky above the ground refuse, in one sentence.
-
-From the air of a medium to the turbidity of the analytic skies.
-
-The Lambertian ground below an observer who stands on it, for skies that are formulae.
+"""What skies that are formulae share: which suns, observers and turbidities they refuse, the turbidity of a medium, and
+the Lambertian ground below an observer who stands on it.
 """
 
 from __future__ import annotations
@@ -20,8 +17,6 @@ HIGHEST_OBSERVER_KM = 1.0
 """The formulae are those of the sky seen from the ground; up to here above it they are taken for it."""
 ROUNDING_DEG = 1e-6
 """Elevation of the sun outside the limits that counts as rounding [deg]."""
-OUTSIDE = ("nearest", "refuse")
-"""What may be done with a turbidity that a formula does not cover."""
 
 
 def check_observer(medium: Medium, altitude_km: float, solver: str) -> None:

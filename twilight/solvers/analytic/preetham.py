@@ -2,14 +2,14 @@
 horizon.  From the coefficients' highest turbidity (6) to OVERCAST_TURBIDITY it goes linearly over to the CIE's overcast
 sky of flat spectrum without direct sun, as the paper asks for (sec. 5, Fig. 10).
 
-The turbidity is that of the medium (``turbidity.turbidity_of``) unless it is set; everything else about the air, and
+The turbidity is that of the medium (`limits.turbidity_of`) unless it is set; everything else about the air, and
 the ground's albedo, does not change the sky.  Directions below the horizon see the ground, a Lambertian reflector of
 the medium's albedo under this sky and this sun.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -19,11 +19,12 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
+from twilight.base.sections import option, settings
 from twilight.solvers.analytic.aerial import aerial_perspective
 from twilight.solvers.analytic.coefficients import file_sha256, load_coefficients, overcast_luminance
 from twilight.solvers.analytic.daylight import SpectralBins, direct_transmittance
-from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity, sky_and_ground
-from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_choices, check_ranges
+from twilight.solvers.analytic.limits import check_observer, check_sun, chosen_turbidity, sky_and_ground
+from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
 CAPABILITIES = Capabilities(kind="formula", finite_segments=True, wavelengths_at_once=ALL_WAVELENGTHS)
 """All wavelengths are done at once: the turbidity is read from the medium at 550 nm."""
@@ -35,28 +36,34 @@ OVERCAST_TURBIDITY = 10.0
 """Turbidity from which "we would typically expect an overcast sky" (sec. 5)."""
 
 
-@dataclass(frozen=True)
+@settings
 class PreethamSettings:
-    """turbidity: at 550 nm; from 10 on the sky is overcast; null: that of the medium.
-    outside: 'nearest' takes the nearest turbidity that the coefficients cover where the medium's is not, and warns;
-        'refuse' does not.
-    coefficients: 'preetham1999', another set that comes with twilight, or the path of a set that `twilight fit perez`
-        wrote
-    coefficients_sha256: of the file of coefficients, hexadecimal, where it must be that one; empty: any
-    ozone_cm, precipitable_water_cm: of the direct sunlight on the ground that is seen below the horizon
-    """
+    """The turbidity of the sky, and the coefficients of its distributions."""
 
-    turbidity: float | None = None
-    outside: Literal["nearest", "refuse"] = "nearest"
-    coefficients: str = "preetham1999"
-    coefficients_sha256: str = ""
-    ozone_cm: float = 0.35
-    precipitable_water_cm: float = 2.0
-
-    def __post_init__(self):
-        ranges = {"turbidity": (1.0, HIGHEST_TURBIDITY), "ozone_cm": (0.0, 10.0), "precipitable_water_cm": (0.0, 100.0)}
-        check_ranges(self, ranges)
-        check_choices(self, {"outside": OUTSIDE})
+    turbidity: float | None = option(
+        "at 550 nm; from 10 on the sky is overcast; null: that of the medium",
+        default=None,
+        ge=1.0,
+        le=HIGHEST_TURBIDITY,
+    )
+    outside: Literal["nearest", "refuse"] = option(
+        "'nearest' takes the nearest turbidity that the coefficients cover where the medium's is not, and warns; "
+        "'refuse' does not",
+        default="nearest",
+    )
+    coefficients: str = option(
+        "'preetham1999', another set that comes with twilight, or the path of a set that `twilight fit perez` wrote",
+        default="preetham1999",
+    )
+    coefficients_sha256: str = option(
+        "of the file of coefficients, hexadecimal, where it must be that one; empty: any", default=""
+    )
+    ozone_cm: float = option(
+        "of the direct sunlight on the ground that is seen below the horizon", default=0.35, ge=0.0, le=10.0
+    )
+    precipitable_water_cm: float = option(
+        "of the direct sunlight on the ground that is seen below the horizon", default=2.0, ge=0.0, le=100.0
+    )
 
 
 QUALITIES: dict[str, PreethamSettings] = {"standard": PreethamSettings()}

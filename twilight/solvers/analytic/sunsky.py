@@ -7,7 +7,6 @@ interpolated.  Turbidity as for `preetham`, 1 to 10; the ground's albedo counts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -16,9 +15,10 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
 from twilight.base.progress import Progress
+from twilight.base.sections import option, settings
 from twilight.numerics import spectrum
-from twilight.solvers.analytic.limits import OUTSIDE, check_observer, check_sun, chosen_turbidity
-from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities, check_choices, check_ranges
+from twilight.solvers.analytic.limits import check_observer, check_sun, chosen_turbidity
+from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
 NODES_NM = np.arange(320.0, 721.0, 40.0)
 """Wavelengths of the emitter's data [nm]."""
@@ -33,19 +33,18 @@ WAVELENGTHS_PER_CALL = 4
 """Wavelengths that one call of the emitter takes."""
 
 
-@dataclass(frozen=True)
+@settings
 class SunskySettings:
-    """turbidity: at 550 nm; null: that of the medium.
-    outside: 'nearest' takes the nearest turbidity that the data cover where the medium's is not, and warns; 'refuse'
-        does not.
-    """
+    """The turbidity of the sky."""
 
-    turbidity: float | None = None
-    outside: Literal["nearest", "refuse"] = "nearest"
-
-    def __post_init__(self):
-        check_ranges(self, {"turbidity": TURBIDITY})
-        check_choices(self, {"outside": OUTSIDE})
+    turbidity: float | None = option(
+        "at 550 nm; null: that of the medium", default=None, ge=TURBIDITY[0], le=TURBIDITY[1]
+    )
+    outside: Literal["nearest", "refuse"] = option(
+        "'nearest' takes the nearest turbidity that the data cover where the medium's is not, and warns; 'refuse' "
+        "does not",
+        default="nearest",
+    )
 
 
 QUALITIES: dict[str, SunskySettings] = {"standard": SunskySettings()}

@@ -8,8 +8,8 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.progress import Progress
 from twilight.base.threads import in_slices
 from twilight.solvers.base import Convergence
-from twilight.solvers.cells.first_event import multiple_scattering, unit_vectors
-from twilight.solvers.cells.grid import make_directions, make_nodes, real_harmonics
+from twilight.solvers.cells.exact_grid import make_directions, make_nodes, real_harmonics
+from twilight.solvers.cells.exact_view import multiple_scattering, unit_vectors
 from twilight.solvers.cells.ordinates import TINY, Ordinates, ScatteredLight, mirror, once_scattered
 from twilight.solvers.cells.settings import CellsSettings
 from twilight.solvers.cells.stencils import make_mesh, make_stencils

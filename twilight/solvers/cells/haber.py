@@ -1,6 +1,6 @@
 """Haber section 3, the system in five steps, of which the last four are here:
 
-    2  layers of air (`layers`, 4.1.2) and cells around the observer (`grid`, 4.1.3)
+    2  layers of air (4.1.2) and cells around the observer (4.1.3): `grid`
     3  direct light (`first_event`, 4.6.2) along refracted paths (`refraction`, 4.4)
     4  indirect light: passes between all pairs of cells (`exchange`, 4.5.3 to 4.6.2 and 5), of active shells (5), and
        with the ground (`ground`, 4.1.4)

@@ -2,81 +2,66 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 from twilight.base.errors import TwilightError
-from twilight.solvers.base import check_choices, check_ranges
+from twilight.base.sections import option, settings
 
 
-@dataclass(frozen=True)
+@settings
 class CellsSettings:
-    """Haber's cells, and what goes beyond them.
+    """Haber's cells, and what goes beyond them."""
 
-    Both modes:
-    multiple_scattering: 'exact' follows the phase functions at every order, on points around the observer; 'isotropic'
-        is Haber's system on his cells; 'none' is single scattering along exact lines of sight
-    max_orders: most orders of scattering that are followed
-    tolerance: stop earlier when what is missing is known to this fraction of the light at every point (exact: a
-        geometric series is added for it) or an order adds less than this fraction (isotropic); 0 follows max_orders
-    refraction: bend the sunbeam (exact: and spread it)
-
-    Isotropic mode:
-    azimuth_cells: S, the number of cells around a ring; their angular size is 360/S deg in azimuth and elevation
-    active_shell_step: every n-th shell takes part in multiple scattering
-    inner_radius_km: R_min, radius of the innermost shell
-    sun_tolerance_deg: of the binary search for the refracted path to the sun
-    reduce_extinction: in light scattered twice or more take g of the aerosol's scattering from its extinction too, so
-        that none is lost; Haber takes it from scattering alone
-
-    Exact mode:
-    degree: of the Legendre series that phase functions are followed to (delta-scaled beyond)
-    polar_directions: directions per hemisphere
-    azimuth_directions: directions around
-    azimuth_nodes: azimuths of the points, a multiple of azimuth_directions
-    node_density: of the points in altitude and radius, 1 is standard
-    """
-
-    COMMON: ClassVar[tuple[str, ...]] = (
-        "multiple_scattering",
-        "max_orders",
-        "refraction",
-        "azimuth_cells",
-        "active_shell_step",
+    multiple_scattering: Literal["exact", "isotropic", "none"] = option(
+        "'exact' follows the phase functions at every order, on points around the observer; 'isotropic' is Haber's "
+        "system on his cells; 'none' is single scattering along exact lines of sight",
+        default="exact",
     )
-    """Options that are shown first."""
-
-    azimuth_cells: int = 60
-    active_shell_step: int = 4
-    inner_radius_km: float = 0.1
-    sun_tolerance_deg: float = 0.1
-    reduce_extinction: bool = False
-    max_orders: int = 60
-    tolerance: float = 1e-3
-    multiple_scattering: Literal["exact", "isotropic", "none"] = "exact"
-    degree: int = 6
-    polar_directions: int = 6
-    azimuth_directions: int = 14
-    azimuth_nodes: int = 28
-    node_density: float = 0.8
-    refraction: bool = True
+    max_orders: int = option("most orders of scattering that are followed", default=60, ge=1, le=100)
+    refraction: bool = option("bend the sunbeam (exact: and spread it)", default=True)
+    azimuth_cells: int = option(
+        "S, the number of cells around a ring; their angular size is 360/S deg in azimuth and elevation",
+        default=60,
+        ge=8,
+        le=360,
+    )
+    active_shell_step: int = option("every n-th shell takes part in multiple scattering", default=4, ge=1, le=16)
+    inner_radius_km: float = option("R_min, radius of the innermost shell", default=0.1, ge=0.001, le=10.0, expert=True)
+    sun_tolerance_deg: float = option(
+        "of the binary search for the refracted path to the sun", default=0.1, ge=1e-4, le=0.5, expert=True
+    )
+    reduce_extinction: bool = option(
+        "in light scattered twice or more take g of the aerosol's scattering from its extinction too, so that none "
+        "is lost; Haber takes it from scattering alone",
+        default=False,
+        expert=True,
+    )
+    tolerance: float = option(
+        "stop earlier when what is missing is known to this fraction of the light at every point (exact: a "
+        "geometric series is added for it) or an order adds less than this fraction (isotropic); 0 follows "
+        "max_orders",
+        default=1e-3,
+        ge=0.0,
+        le=0.5,
+        expert=True,
+    )
+    degree: int = option(
+        "of the Legendre series that phase functions are followed to (delta-scaled beyond)",
+        default=6,
+        ge=2,
+        le=32,
+        expert=True,
+    )
+    polar_directions: int = option("directions per hemisphere", default=6, ge=2, le=32, expert=True)
+    azimuth_directions: int = option("directions around", default=14, ge=4, le=96, expert=True)
+    azimuth_nodes: int = option(
+        "azimuths of the points, a multiple of azimuth_directions", default=28, ge=4, le=192, expert=True
+    )
+    node_density: float = option(
+        "of the points in altitude and radius, 1 is standard", default=0.8, ge=0.3, le=5.0, expert=True
+    )
 
     def __post_init__(self):
-        ranges = {
-            "azimuth_cells": (8, 360),
-            "inner_radius_km": (0.001, 10.0),
-            "active_shell_step": (1, 16),
-            "max_orders": (1, 100),
-            "tolerance": (0.0, 0.5),
-            "sun_tolerance_deg": (1e-4, 0.5),
-            "degree": (2, 32),
-            "polar_directions": (2, 32),
-            "azimuth_directions": (4, 96),
-            "azimuth_nodes": (4, 192),
-            "node_density": (0.3, 5.0),
-        }
-        check_ranges(self, ranges)
-        check_choices(self, {"multiple_scattering": ("exact", "isotropic", "none")})
         if self.azimuth_cells % 2:
             raise TwilightError(f"solver.azimuth_cells is {self.azimuth_cells}; it must be even")
         if self.azimuth_nodes % self.azimuth_directions or self.azimuth_nodes % 2:

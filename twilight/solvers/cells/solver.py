@@ -12,14 +12,14 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.solvers.base import BareField, Cost
 from twilight.solvers.cells.exact import ExactCells
-from twilight.solvers.cells.exchange import make_active_shells
-from twilight.solvers.cells.first_event import (
+from twilight.solvers.cells.exact_view import (
     MultipleView,
     coarse_elevations,
     horizon_deg,
     make_straight_lines,
     single_scattering,
 )
+from twilight.solvers.cells.exchange import make_active_shells
 from twilight.solvers.cells.grid import make_grid
 from twilight.solvers.cells.haber import HaberField
 from twilight.solvers.cells.settings import QUALITIES, CellsSettings, check_sun
@@ -42,7 +42,7 @@ WAVELENGTHS_OF_A_PASS = 32
 
 SET_UP_S = (0.19, 2.15e-4)
 """Processor seconds of a wavelength: of any, and times the product of its angles and density; as all figures here of
-`draft` and `standard`, eight wavelengths (`benchmarks/compare.csv`)."""
+`draft` and `standard`, eight wavelengths (`benchmarks/results/compare.csv`)."""
 SET_UP_BYTES = (1.55e7, 2.0e4)
 """Bytes of a wavelength, likewise."""
 DIRECTION_S = 3.9e-7

@@ -14,7 +14,7 @@ import numpy as np
 
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
-from twilight.solvers.cells.grid import CellNodes, QuadratureDirections
+from twilight.solvers.cells.exact_grid import CellNodes, QuadratureDirections
 from twilight.transport.lines import ALTITUDE, DISTANCE, END_DISTANCE, GROUND, new_line, trace_line
 from twilight.transport.profile import Profile
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import functools
-import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
+from twilight.base.reading import reading
+from twilight.base.sections import option, settings
 from twilight.base.threads import one_blas_thread
 from twilight.solvers.base import BareField, Cost, ModelError, observer_at
 from twilight.solvers.compact.air import LIMITED, air_of, limited, side_by_side
@@ -38,19 +37,19 @@ CACHED_OBSERVERS = 4
 """Observers whose skies are cached."""
 
 
-@dataclass(frozen=True)
+@settings
 class CompactSettings:
-    """polarisation: the Stokes parameters Q and U too"""
+    """What is computed beside the radiance."""
 
-    polarisation: bool = True
+    polarisation: bool = option("the Stokes parameters Q and U too", default=True)
 
 
 QUALITIES: dict[str, CompactSettings] = {"standard": CompactSettings()}
 
 
 COST = Cost(fixed_bytes=2.0e8, bytes_per_wavelength=1.0e7, cpu_s_per_wavelength=0.035, cpu_s_per_direction=5e-5)
-"""Cost of a field: eight wavelengths take 272 MiB and 0.28 processor seconds (`benchmarks/compare.csv`); of a direction
-and wavelength where a sky has some hundred, which compute the sun's beam anew."""
+"""Of a field: eight wavelengths take 272 MiB and 0.28 processor seconds (`benchmarks/results/compare.csv`), a direction
+and wavelength 50 microseconds in a sky of some hundred, which compute the sunbeam anew."""
 
 
 @functools.lru_cache(maxsize=1)
@@ -61,10 +60,8 @@ def shipped_model() -> Model:
 
 def load_model(path: Path) -> Model:
     """Read a file of the model; TwilightError for one that is none."""
-    try:
+    with reading(path, "a model of clear air"):
         return Model.load(path)
-    except (OSError, KeyError, ValueError, EOFError, BadZipFile, zlib.error) as error:
-        raise TwilightError(f"{path}: is no model of clear air ({error})") from None
 
 
 def prepare(

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from typing import Literal
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.solvers.base import Cost, check_choices, check_ranges
+from twilight.base.sections import option, settings
+from twilight.solvers.base import Cost
 from twilight.solvers.montecarlo.leg import LegOptions
 from twilight.solvers.montecarlo.paths import WalkOptions
 
@@ -19,115 +19,149 @@ FIRST_LEG_SAG_KM = 1e-4
 """Largest distance [km] of the chords of a line of sight from the refracted ray."""
 LATER_LEG_SAG_KM = 2e-3
 """Largest distance [km] of the chords of later legs from the refracted ray: 1/4000 of the scale height of air."""
-APPROXIMATIONS = ("none", "isotropic_after_first")
-"""Values of the setting `approximation`."""
 
 
-@dataclass(frozen=True)
+@settings
 class MonteCarloSettings:
-    """What is computed, when a run stops, and how paths are sampled; sampling changes the noise and never the mean.
+    """What is computed, when a run stops, and how paths are sampled; sampling changes the noise and never the mean."""
 
-    target_stderr: relative standard error of each pixel and wavelength; None: `samples` alone decides.
-    samples: samples per pixel and wavelength where there is no target; a sample is a line of sight with
-        `paths_per_sample` paths that go on from it.
-    max_samples: most samples of one pixel and wavelength.
-    time_limit_s: time [s] of one call after which no sample is begun; `prepare` leaves the importance function as it is
-        after the same time again.  Two samples of each arm are taken in any case, and a result says whether it is
-        complete.  None: no limit.
-    max_orders: highest order of scattering (a reflection by the ground counts as one); None: all of them.
-    approximation: "none", or "isotropic_after_first" (Haber 2005 sec. 4.5.3): light scattered once scatters again
-        isotropically, in air whose aerosol is reduced by similarity, and is seen through air reduced by the third
-        Legendre moment.
-    refraction: bend the direct sunlight.
-    spreading: let bending thin the direct sunlight out.
-    bent_lines_of_sight: directions asked for are apparent ones, and every leg of a path follows the refracted ray;
-        without `refraction` lines are straight in any case.
-    polarisation: carry Stokes vectors (I, Q, U) from event to event; False: scalar theory, which is off by up to
-        10-20 % in single directions of blue twilight.  "isotropic_after_first" is scalar theory in any case.
-    seed: any integer; names the random numbers.
-    chunk_samples: samples per stream of random numbers.
-    pilot_samples: samples of each of two arms from which the other arm's number is set.
-
-    How paths are sampled:
-    paths_per_sample: stratified paths that go on from one line of sight.
-    importance_sweeps: iterations of the importance function with its own source; 0: no importance function.
-    importance_point_fraction: fraction of the events whose point on the leg is drawn in proportion to the importance
-        function.
-    importance_direction_fraction: fraction of the candidate directions that are drawn in proportion to the importance
-        function.
-    direction_candidates: candidate directions after an event, of which one is taken.
-    roulette_threshold: a path may end by chance (Russian roulette) where the light expected of it is below this
-        fraction of what one path is worth at the line of sight; 0: neither roulette nor splitting.
-    splitting_rate: paths that go on from a later leg whose expected light is what one path is worth at the line of
-        sight.
-    control_variate: take the importance function for the light beyond each leg and sample the difference.
-    first_leg_step_km, first_leg_step_depth: largest length [km] and largest optical depth of the pieces of a line of
-        sight.
-    later_leg_step_km, later_leg_step_depth: largest length [km] and largest optical depth of the pieces of later legs.
-    exact_beam_fraction: fraction of the look-ups in the table of sunlight that are corrected by the exact value.
-    """
-
-    COMMON: ClassVar[tuple[str, ...]] = (
-        "target_stderr",
-        "samples",
-        "time_limit_s",
-        "max_orders",
-        "polarisation",
-        "seed",
+    target_stderr: float | None = option(
+        "relative standard error of each pixel and wavelength; null: `samples` alone decides",
+        default=0.01,
+        ge=1e-6,
+        le=1.0,
     )
-
-    target_stderr: float | None = 0.01
-    samples: int = 64
-    max_samples: int = 1_000_000
-    time_limit_s: float | None = None
-    max_orders: int | None = None
-    approximation: str = "none"
-    refraction: bool = True
-    spreading: bool = True
-    bent_lines_of_sight: bool = True
-    polarisation: bool = True
-    seed: int = 1
-    chunk_samples: int = 256
-    pilot_samples: int = 8
-    paths_per_sample: int = 8
-    importance_sweeps: int = 3
-    importance_point_fraction: float = 0.95
-    importance_direction_fraction: float = 0.9
-    direction_candidates: int = 6
-    roulette_threshold: float = 0.3
-    splitting_rate: float = 1.0
-    control_variate: bool = True
-    first_leg_step_km: float = 10.0
-    first_leg_step_depth: float = 0.2
-    later_leg_step_km: float = 40.0
-    later_leg_step_depth: float = 0.7
-    exact_beam_fraction: float = 0.0625
-
-    def __post_init__(self):
-        ranges = {
-            "target_stderr": (1e-6, 1.0),
-            "samples": (2, 10**12),
-            "max_samples": (2, 10**12),
-            "time_limit_s": (0.0, 1e12),
-            "max_orders": (1, ALL_ORDERS),
-            "seed": (0, 2**63 - 1),
-            "chunk_samples": (1, 2**31),
-            "pilot_samples": (2, 2**31),
-            "paths_per_sample": (1, 4096),
-            "importance_sweeps": (0, 50),
-            "importance_point_fraction": (0.0, 0.99),
-            "importance_direction_fraction": (0.0, 0.99),
-            "direction_candidates": (1, 1000),
-            "roulette_threshold": (0.0, 100.0),
-            "splitting_rate": (0.01, 100.0),
-            "first_leg_step_km": (0.1, 1000.0),
-            "first_leg_step_depth": (0.01, 1.0),
-            "later_leg_step_km": (0.1, 1000.0),
-            "later_leg_step_depth": (0.01, 1.0),
-            "exact_beam_fraction": (0.001, 1.0),
-        }
-        check_ranges(self, ranges)
-        check_choices(self, {"approximation": APPROXIMATIONS})
+    samples: int = option(
+        "samples per pixel and wavelength where there is no target; a sample is a line of sight with "
+        "`paths_per_sample` paths that go on from it",
+        default=64,
+        ge=2,
+        le=10**12,
+    )
+    time_limit_s: float | None = option(
+        "time [s] of one call after which no sample is begun; `prepare` leaves the importance function as it is "
+        "after the same time again. Two samples of each arm are taken in any case, and a result says whether it is "
+        "complete. null: no limit",
+        default=None,
+        ge=0.0,
+        le=1e12,
+    )
+    max_orders: int | None = option(
+        "highest order of scattering (a reflection by the ground counts as one); null: all of them",
+        default=None,
+        ge=1,
+        le=ALL_ORDERS,
+    )
+    polarisation: bool = option(
+        "carry Stokes vectors (I, Q, U) from event to event; false: scalar theory, which is off by up to 10-20 % in"
+        " single directions of blue twilight. 'isotropic_after_first' is scalar theory in any case",
+        default=True,
+    )
+    seed: int = option("any integer; names the random numbers", default=1, ge=0, le=2**63 - 1)
+    max_samples: int = option(
+        "most samples of one pixel and wavelength", default=1_000_000, ge=2, le=10**12, expert=True
+    )
+    approximation: Literal["none", "isotropic_after_first"] = option(
+        "'none', or 'isotropic_after_first' (Haber 2005 sec. 4.5.3): light scattered once scatters again "
+        "isotropically, in air whose aerosol is reduced by similarity, and is seen through air reduced by the third"
+        " Legendre moment",
+        default="none",
+        expert=True,
+    )
+    refraction: bool = option("bend the direct sunlight", default=True, expert=True)
+    spreading: bool = option("let bending thin the direct sunlight out", default=True, expert=True)
+    bent_lines_of_sight: bool = option(
+        "directions asked for are apparent ones, and every leg of a path follows the refracted ray; without "
+        "`refraction` lines are straight in any case",
+        default=True,
+        expert=True,
+    )
+    chunk_samples: int = option("samples per stream of random numbers", default=256, ge=1, le=2**31, expert=True)
+    pilot_samples: int = option(
+        "samples of each of two arms from which the other arm's number is set", default=8, ge=2, le=2**31, expert=True
+    )
+    paths_per_sample: int = option(
+        "stratified paths that go on from one line of sight", default=8, ge=1, le=4096, expert=True
+    )
+    importance_sweeps: int = option(
+        "iterations of the importance function with its own source; 0: no importance function",
+        default=3,
+        ge=0,
+        le=50,
+        expert=True,
+    )
+    importance_point_fraction: float = option(
+        "fraction of the events whose point on the leg is drawn in proportion to the importance function",
+        default=0.95,
+        ge=0.0,
+        le=0.99,
+        expert=True,
+    )
+    importance_direction_fraction: float = option(
+        "fraction of the candidate directions that are drawn in proportion to the importance function",
+        default=0.9,
+        ge=0.0,
+        le=0.99,
+        expert=True,
+    )
+    direction_candidates: int = option(
+        "candidate directions after an event, of which one is taken", default=6, ge=1, le=1000, expert=True
+    )
+    roulette_threshold: float = option(
+        "a path may end by chance (Russian roulette) where the light expected of it is below this fraction of what "
+        "one path is worth at the line of sight; 0: neither roulette nor splitting",
+        default=0.3,
+        ge=0.0,
+        le=100.0,
+        expert=True,
+    )
+    splitting_rate: float = option(
+        "paths that go on from a later leg whose expected light is what one path is worth at the line of sight",
+        default=1.0,
+        ge=0.01,
+        le=100.0,
+        expert=True,
+    )
+    control_variate: bool = option(
+        "take the importance function for the light beyond each leg and sample the difference",
+        default=True,
+        expert=True,
+    )
+    first_leg_step_km: float = option(
+        "largest length [km] and largest optical depth of the pieces of a line of sight",
+        default=10.0,
+        ge=0.1,
+        le=1000.0,
+        expert=True,
+    )
+    first_leg_step_depth: float = option(
+        "largest length [km] and largest optical depth of the pieces of a line of sight",
+        default=0.2,
+        ge=0.01,
+        le=1.0,
+        expert=True,
+    )
+    later_leg_step_km: float = option(
+        "largest length [km] and largest optical depth of the pieces of later legs",
+        default=40.0,
+        ge=0.1,
+        le=1000.0,
+        expert=True,
+    )
+    later_leg_step_depth: float = option(
+        "largest length [km] and largest optical depth of the pieces of later legs",
+        default=0.7,
+        ge=0.01,
+        le=1.0,
+        expert=True,
+    )
+    exact_beam_fraction: float = option(
+        "fraction of the look-ups in the table of sunlight that are corrected by the exact value",
+        default=0.0625,
+        ge=0.001,
+        le=1.0,
+        expert=True,
+    )
 
     @property
     def polarised(self) -> bool:
@@ -160,17 +194,17 @@ QUALITIES = {
 
 
 SUN_DEG = (-12.0, -9.0, -6.0, -4.0, 0.0, 5.0, 30.0)
-"""Suns of `benchmarks/compare.csv`, rows of `standard`."""
+"""Suns of `benchmarks/results/compare.csv`, rows of `standard`."""
 TO_ONE_PERCENT_S = (0.187, 0.131, 0.059, 0.028, 0.022, 0.017, 0.0091)
 """Processor seconds to 1 % in a direction and wavelength, the mean over a sky and eight wavelengths (ibid.)."""
 SAMPLE_S = (227e-6, 241e-6, 211e-6, 159e-6, 162e-6, 153e-6, 121e-6)
-"""Processor seconds of a sample of PATHS paths (`benchmarks/montecarlo_speed.csv`)."""
+"""Processor seconds of a sample of PATHS paths (`benchmarks/results/montecarlo_speed.csv`)."""
 PATHS = 8
 PREPARE_S = 3.0
 """Processor seconds of the importance function of a wavelength with SWEEPS sweeps (ibid.)."""
 SWEEPS = 3
 WAVELENGTH_BYTES = 1.3e7
-"""Bytes of a wavelength: eight take 98 MiB (`benchmarks/compare.csv`)."""
+"""Bytes of a wavelength: eight take 98 MiB (`benchmarks/results/compare.csv`)."""
 
 
 def cost(

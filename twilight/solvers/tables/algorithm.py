@@ -18,15 +18,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
+from twilight.base.sections import option, settings
 from twilight.base.threads import in_slices
-from twilight.solvers.base import Cost, check_ranges
+from twilight.solvers.base import Cost
 from twilight.solvers.tables.mapping import (
     IRRADIANCE_TEXELS,
     LEAST_LIGHT,
@@ -63,56 +64,50 @@ EDGE_KM = 1e-7
 """Distance below and above a level at which coefficients may jump [km]."""
 
 
-@dataclass(frozen=True)
+@settings
 class TablesSettings:
-    """Sizes and mapping of the tables, and how they are filled.
+    """Sizes and mapping of the tables, and how they are filled."""
 
-    mapping: from (r, mu, mu_s, nu) to texels: bruneton2008 (sec. 4 of the paper; it ends with the sun at -11.5 deg) or
-        bruneton2017 (of his later code; it ends at lowest_sun_deg)
-    lowest_sun_deg: of the mapping bruneton2017; below it tables hold their last texel
-    scattering_r, scattering_mu, scattering_mu_s, scattering_nu: texels of S
-    scattering_angles: texels of nu: cosines, even in nu, as his mappings have them; or half_sines, even in the sine
-        of half the scattering angle, close together towards the sun, where aerosol scatters most
-    interpolation: between texels of S: linear, as on a graphics card, or logarithmic (what was scattered once, which is
-        zero in the shadow, is linear)
-    max_orders: orders of scattering (5 in the paper)
-    degree: of the Legendre series of the phase functions in the integral over incident light (delta-scaled beyond)
-    polar_directions, azimuth_directions: of that integral, per hemisphere and over half a turn
-    step_density: of the points along the rays
-    """
-
-    COMMON: ClassVar[tuple[str, ...]] = (
-        "mapping", "lowest_sun_deg", "scattering_mu_s", "scattering_nu", "interpolation", "max_orders",
-    )  # fmt: skip
-
-    mapping: Literal["bruneton2008", "bruneton2017"] = "bruneton2008"
-    lowest_sun_deg: float = -30.0
-    scattering_r: int = 32
-    scattering_mu: int = 128
-    scattering_mu_s: int = 32
-    scattering_nu: int = 8
-    scattering_angles: Literal["cosines", "half_sines"] = "cosines"
-    interpolation: Literal["linear", "logarithmic"] = "linear"
-    max_orders: int = 5
-    degree: int = 12
-    polar_directions: int = 12
-    azimuth_directions: int = 16
-    step_density: float = 1.0
+    mapping: Literal["bruneton2008", "bruneton2017"] = option(
+        "from (r, mu, mu_s, nu) to texels: bruneton2008 (sec. 4 of the paper; it ends with the sun at -11.5 deg) or"
+        " bruneton2017 (of his later code; it ends at lowest_sun_deg)",
+        default="bruneton2008",
+    )
+    lowest_sun_deg: float = option(
+        "of the mapping bruneton2017; below it tables hold their last texel", default=-30.0, ge=-89.0, le=-1.0
+    )
+    scattering_mu_s: int = option("texels of S", default=32, ge=4, le=1024)
+    scattering_nu: int = option("texels of S", default=8, ge=2, le=256)
+    interpolation: Literal["linear", "logarithmic"] = option(
+        "between texels of S: linear, as on a graphics card, or logarithmic (what was scattered once, which is zero"
+        " in the shadow, is linear)",
+        default="linear",
+    )
+    max_orders: int = option("orders of scattering (5 in the paper)", default=5, ge=1, le=100)
+    scattering_r: int = option("texels of S", default=32, ge=4, le=256, expert=True)
+    scattering_mu: int = option("texels of S", default=128, ge=8, le=1024, expert=True)
+    scattering_angles: Literal["cosines", "half_sines"] = option(
+        "texels of nu: cosines, even in nu, as his mappings have them; or half_sines, even in the sine of half the "
+        "scattering angle, close together towards the sun, where aerosol scatters most",
+        default="cosines",
+        expert=True,
+    )
+    degree: int = option(
+        "of the Legendre series of the phase functions in the integral over incident light (delta-scaled beyond)",
+        default=12,
+        ge=2,
+        le=32,
+        expert=True,
+    )
+    polar_directions: int = option(
+        "of that integral, per hemisphere and over half a turn", default=12, ge=2, le=64, expert=True
+    )
+    azimuth_directions: int = option(
+        "of that integral, per hemisphere and over half a turn", default=16, ge=3, le=128, expert=True
+    )
+    step_density: float = option("of the points along the rays", default=1.0, ge=0.2, le=10.0, expert=True)
 
     def __post_init__(self):
-        ranges = {
-            "lowest_sun_deg": (-89.0, -1.0),
-            "scattering_r": (4, 256),
-            "scattering_mu": (8, 1024),
-            "scattering_mu_s": (4, 1024),
-            "scattering_nu": (2, 256),
-            "max_orders": (1, 100),
-            "degree": (2, 32),
-            "polar_directions": (2, 64),
-            "azimuth_directions": (3, 128),
-            "step_density": (0.2, 10.0),
-        }
-        check_ranges(self, ranges)
         if self.scattering_mu % 2:
             raise TwilightError(
                 f"solver.expert.scattering_mu is {self.scattering_mu}; it must be even: half looks down"
@@ -139,7 +134,7 @@ QUALITIES: dict[str, TablesSettings] = {
 
 TEXEL_DIRECTION_S = 9.6e-9
 """Processor seconds of a texel of S, an incident direction, a wavelength and an order after the first: `standard` and
-`fine`, within 15 % (`benchmarks/compare.csv`)."""
+`fine`, within 15 % (`benchmarks/results/compare.csv`)."""
 TEXEL_BYTES = 68.0
 """Bytes of a texel and wavelength while tables are filled (ibid.)."""
 DIRECTION_S = 3e-7

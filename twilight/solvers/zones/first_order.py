@@ -189,7 +189,7 @@ def scatter_sunlight(rays, point, beams, phases, ground_factor, out, begin, end)
                 add_sunlit_ground(rays, ray, beams, ground_factor, out[node, i])
 
 
-@njit(cache=True, nogil=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def interpolate_phase(table, angle, out):
     """Values out (T, F, S, LANES) of a table (N, S, LANES) at fractional indices angle (T, F), linearly."""
     for t in range(out.shape[0]):
@@ -201,7 +201,7 @@ def interpolate_phase(table, angle, out):
                 store(out, (t, a, s), (ONE - b1) * load(table, (j, s)) + b1 * load(table, (j + 1, s)))
 
 
-@njit(inner=True, cache=True, nogil=True)
+@njit(inner=True, cache=True, nogil=True, makes_arrays=False)
 def add_sunlit_ground(rays, ray, beams, ground_factor, sums):
     """Sunlight that the Lambertian ground sends back at the end of a ray, added to I in sums (T, F, Stokes, LANES).
 

@@ -73,7 +73,7 @@ class SlabSource(NamedTuple):
     by_spin2: np.ndarray
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def fill_slab_source(point, k, light, grid, series, low, high, source):
     """Fill the `SlabSource` at the altitude and in the polar angle of point k, over nodes low..high of the solar zenith
     angle."""
@@ -120,7 +120,7 @@ def fill_slab_source(point, k, light, grid, series, low, high, source):
         store(source.log_mean, t, g * lower + f * upper)
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def refine_spin2(grid, first, low, high, amplitude):
     """Fill amplitude (T', A, LANES) of Q and U, its columns from `first` on, between the nodes by cubics: on the fine
     grid of solar zenith angles low..high."""
@@ -135,7 +135,7 @@ def refine_spin2(grid, first, low, high, amplitude):
             store(amplitude, (t, m), near + (y0 * load(amplitude, (j0, m)) + y3 * load(amplitude, (j3, m))))
 
 
-@njit(inner=True, cache=True)
+@njit(inner=True, cache=True, makes_arrays=False)
 def add_spin2(point, k, ratio, series, nodes, per_interval, by_spin2, amplitude):
     """The source of Q and U at nodes of the solar zenith angle, set in their rows of amplitude (T', A, LANES), and what
     Q and U of the light give to I, added to its rows.
@@ -208,7 +208,7 @@ def empty_slab_source(point, light, grid, series):
     )
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def sum_intensity(amplitudes, j, b0, b1, c, highest):
     """I over the mean, `Lanes`, at an azimuth.
 
@@ -224,7 +224,7 @@ def sum_intensity(amplitudes, j, b0, b1, c, highest):
     return amplitude
 
 
-@njit(inner=True, cache=True, inline=True)
+@njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def sum_q_and_u(amplitudes, j, b0, b1, c, first, azimuthal_orders):
     """Q and U over the mean, `Lanes` each; amplitudes of Q begin at column `first`, azimuthal_orders: of each.
 
@@ -288,7 +288,7 @@ def scatter(rays, point, light, grid, series, out, begin, end):
                 add_ground(rays, ray, light.log_ground, out[node, i])
 
 
-@njit(inner=True, cache=True, nogil=True)
+@njit(inner=True, cache=True, nogil=True, makes_arrays=False)
 def add_ground(rays, ray, log_ground, sums):
     """Light of the Lambertian ground at the end of a ray, unpolarised, added to sums (T, F, Stokes, LANES).
 

@@ -117,10 +117,14 @@ STATES_NOTHING = Stated()
 
 
 def read_stated(path: str | Path) -> Stated:
-    """What a JPEG, PNG, TIFF or RAW file says of its picture; nothing for any other, or one that is damaged."""
+    """What a JPEG, PNG, TIFF, HEIF or RAW file says of its picture; nothing for any other, or one that is damaged."""
     from PIL import ExifTags, Image  # start-up
 
     path = Path(path)
+    with contextlib.suppress(ImportError):
+        import pillow_heif  # optional
+
+        pillow_heif.register_heif_opener()
     try:
         with warnings.catch_warnings(), Image.open(path) as image:
             warnings.simplefilter("ignore")

@@ -1,4 +1,5 @@
-"""Photographs as linear RGB: EXR; HDR, TIFF, PNG, JPEG with OpenImageIO (extra `photo`); RAW with rawpy (`raw`).
+"""Photographs as linear RGB: EXR; HDR, TIFF, PNG, JPEG by OpenImageIO (extra `photo`); HEIF by pillow-heif (`heif`);
+RAW by rawpy (`raw`).
 
 Pixels are upright, as a file's orientation says, in the whole picture where the file holds a piece of one, and their
 light is Rec. 709 whatever colours the file states (``camera.stated``).
@@ -21,7 +22,15 @@ from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
 from twilight.base.reading import MEMORY_FRACTION, first_line, memory_bytes
 from twilight.io.exr import OPAQUE, exr_size, laid_out, read_latlong_exr, write_channels
-from twilight.studies.camera.stated import STATES_NOTHING, Colours, colours_of, place_of, radiance_head, upright
+from twilight.studies.camera.stated import (
+    STATES_NOTHING,
+    Colours,
+    colours_of,
+    of_profile,
+    place_of,
+    radiance_head,
+    upright,
+)
 
 MAX_PIXELS = 400_000_000
 """Larger pictures are refused before memory is taken for them: 400 megapixels are 5 GB of linear RGB."""
@@ -33,8 +42,9 @@ SATURATED_FRACTION = 0.98
 
 RADIANCE_SUFFIXES = (".hdr", ".pic", ".rgbe")
 SAMPLE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+HEIF_SUFFIXES = (".heic", ".heif", ".hif")
 RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf", ".pef", ".srw", ".raw")
-SUFFIXES = (*RADIANCE_SUFFIXES, ".exr", *SAMPLE_SUFFIXES, *RAW_SUFFIXES)
+SUFFIXES = (*RADIANCE_SUFFIXES, ".exr", *SAMPLE_SUFFIXES, *HEIF_SUFFIXES, *RAW_SUFFIXES)
 
 ResponseFunction = Callable[[np.ndarray], np.ndarray]
 """Undoes a camera's curve: samples (..., 3) in 0..1 to relative exposure (..., 3), see ``camera.response``."""
@@ -111,6 +121,8 @@ def read_samples(path: str | Path) -> StoredImage:
         return _floating(path, _exr(path))
     if suffix in (*RADIANCE_SUFFIXES, *SAMPLE_SUFFIXES):
         return _openimageio(path)
+    if suffix in HEIF_SUFFIXES:
+        return _heif(path)
     if suffix in RAW_SUFFIXES:
         return _raw(path)
     raise TwilightError(f"{path}: the ending '{path.suffix}' is not known; read are {', '.join(SUFFIXES)}")
@@ -255,6 +267,26 @@ def _without_native_messages() -> Iterator[None]:
         os.dup2(stderr, 2)
         os.close(stderr)
         os.close(null)
+
+
+def _heif(path: Path) -> StoredImage:
+    """A phone's HEIF, which says how it stands and its colours; 8 bits."""
+    try:
+        import pillow_heif  # optional
+    except ImportError:
+        raise missing("pillow_heif", f"{path}: a HEIF picture") from None
+    from PIL import Image  # start-up
+
+    pillow_heif.register_heif_opener()
+    try:
+        with Image.open(path) as image:
+            _check_size(path, *image.size)
+            samples = np.asarray(image.convert("RGB"), dtype=np.float32) / np.float32(255)
+            profile = image.info.get("icc_profile")
+    except (OSError, ValueError, SyntaxError, EOFError, RuntimeError) as error:
+        raise TwilightError(f"{path}: is not a complete picture ({first_line(error)})") from None
+    colours = STATES_NOTHING if not profile else of_profile(path, profile, grey=False)
+    return StoredImage(samples, np.any(samples > SATURATED_FRACTION, axis=-1), 8, False, colours=colours)
 
 
 # RAW ------------------------------------------------------------------------------------------------------------

@@ -24,10 +24,9 @@ import yaml
 from pydantic import Field, model_validator
 
 from twilight.base.errors import TwilightError
+from twilight.base.sections import Flag, Integer, Number, Origins, Section, key, validate
 from twilight.base.whole_files import whole_file
-from twilight.config.base import Flag, Integer, Number, Section, key
 from twilight.config.document import read_yaml
-from twilight.config.validate import Origins, validate
 from twilight.numerics import lenses
 from twilight.numerics.directions import azimuth_elevation, camera_axes
 from twilight.numerics.projections import around, off_axis
@@ -141,6 +140,10 @@ class CameraModel(Section):
                     f"{' with this distortion' if any(lens.distortion) else ''} can show"
                 )
         return self
+
+    def changed(self, **parts: Any) -> CameraModel:
+        """The same camera but for these sections; nothing that was derived of the old ones stays."""
+        return CameraModel(**{name: getattr(self, name) for name in self.model_fields_set} | parts)
 
     # -- derived quantities -------------------------------------------------------------------------------------------
 
@@ -290,7 +293,7 @@ def read_camera(path: str | Path) -> CameraModel:
             raise TwilightError(
                 f"{path}: response must be linear, srgb, an exponent or the path of a CSV file; there is no {curve}"
             )
-        camera = camera.model_copy(update={"response": str(curve)})
+        camera = camera.changed(response=str(curve))
     return camera
 
 

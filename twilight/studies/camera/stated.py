@@ -75,7 +75,7 @@ def colours_of(path: Path, spec: Any) -> Colours:
         raise TwilightError(f"{path}: holds amounts of ink ({model}), which say no light; save it as sRGB")
     profile = spec.getattribute("ICCProfile")
     if profile is not None:
-        return _of_profile(path, np.asarray(profile, dtype=np.uint8).tobytes(), grey=spec.nchannels <= 2)
+        return of_profile(path, np.asarray(profile, dtype=np.uint8).tobytes(), grey=spec.nchannels <= 2)
     if path.suffix.lower() == ".png":
         return _of_png(path)
     space = spec.get_int_attribute("Exif:ColorSpace", EXIF_SRGB)
@@ -134,8 +134,8 @@ def _matrix(path: Path, chromaticities: tuple[float, ...]) -> np.ndarray | None:
 # ICC profiles ---------------------------------------------------------------------------------------------------
 
 
-def _of_profile(path: Path, data: bytes, grey: bool) -> Colours:
-    """A profile of three primaries and their curves, or, of a grey picture, of a grey curve."""
+def of_profile(path: Path, data: bytes, grey: bool) -> Colours:
+    """An ICC profile of three primaries and their curves, or, of a grey picture, of a grey curve."""
     from PIL import ImageCms  # start-up
 
     try:

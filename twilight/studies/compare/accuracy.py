@@ -47,8 +47,8 @@ def radiance_errors(value: np.ndarray, reference: np.ndarray, standard_error: np
     sigma = 100.0 * standard_error[lit] / reference[lit]
     noise = (noise_quantile(sigma, 0.5), noise_quantile(sigma, 0.95), noise_largest(sigma))
     size = np.abs(relative)
-    found = (np.median(size), np.percentile(size, 95), size.max())
-    return _without_noise(found, noise, float(relative.mean()))
+    quantiles = (np.median(size), np.percentile(size, 95), size.max())
+    return _without_noise(quantiles, noise, float(relative.mean()))
 
 
 def noise_quantile(sigma: np.ndarray, fraction: float) -> float:
@@ -74,8 +74,10 @@ def _bisect(sigma: np.ndarray, probability, wanted: float) -> float:
     return high
 
 
-def _without_noise(found: tuple[float, float, float], noise: tuple[float, float, float], mean: float) -> ErrorQuantiles:
-    median, p95, largest = (float(np.sqrt(max(f**2 - n**2, 0.0))) for f, n in zip(found, noise, strict=True))
+def _without_noise(
+    quantiles: tuple[float, float, float], noise: tuple[float, float, float], mean: float
+) -> ErrorQuantiles:
+    median, p95, largest = (float(np.sqrt(max(f**2 - n**2, 0.0))) for f, n in zip(quantiles, noise, strict=True))
     return ErrorQuantiles(median, p95, largest, mean, *noise)
 
 
@@ -145,8 +147,8 @@ def _distance_errors(difference: np.ndarray, shifts: np.ndarray) -> ErrorQuantil
     noise = (0.0, 0.0, 0.0)
     if shifts.size:
         noise = (float(np.median(shifts)), float(np.percentile(shifts, 95)), float(np.median(shifts.max(axis=1))))
-    found = (np.median(difference), np.percentile(difference, 95), difference.max())
-    return _without_noise(found, noise, float(difference.mean()))
+    quantiles = (np.median(difference), np.percentile(difference, 95), difference.max())
+    return _without_noise(quantiles, noise, float(difference.mean()))
 
 
 def _lab(xyz: np.ndarray, observer: str) -> np.ndarray:

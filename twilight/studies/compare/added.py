@@ -54,8 +54,8 @@ class AddedTable:
 
     def directions(self, sun: float) -> tuple[np.ndarray, np.ndarray]:
         """Elevations and azimuths [deg] of a sun's directions, in the order of the table."""
-        found = dict.fromkeys(place[1:3] for place in self.values if place[0] == sun)
-        elevation, azimuth = np.array(list(found)).T
+        places = dict.fromkeys(place[1:3] for place in self.values if place[0] == sun)
+        elevation, azimuth = np.array(list(places)).T
         return elevation, azimuth
 
     def radiance(self, sun: float, reference: ReferenceSolution, config: Config) -> np.ndarray:
@@ -65,11 +65,11 @@ class AddedTable:
         Errors: TwilightError for a value that the table lacks.
         """
         directions = list(zip(reference.elevation_deg, reference.azimuth_deg, strict=True))
-        found = np.array([[self.value(sun, e, a, nm) for nm in reference.wavelength_nm] for e, a in directions])
+        radiance = np.array([[self.value(sun, e, a, nm) for nm in reference.wavelength_nm] for e, a in directions])
         if self.column == SUN_NORMALISED:
-            return found
+            return radiance
         distance_au = getattr(config.sun, "distance_au", None) or 1.0
-        return found / solar_irradiance(reference.wavelength_nm, config.solar_spectrum, distance_au)
+        return radiance / solar_irradiance(reference.wavelength_nm, config.solar_spectrum, distance_au)
 
     def value(self, sun: float, elevation: float, azimuth: float, nm: float) -> float:
         """The number of one place, or of that across the sun's vertical; TwilightError where there is none."""
@@ -115,14 +115,14 @@ def _column(path: Path, line: int, header: Sequence[str]) -> str:
                 f"{path}: line {line}: lacks the column {key}; needed are {', '.join(PLACE_COLUMNS)} and "
                 f"{SUN_NORMALISED} or {ABSOLUTE}"
             )
-    found = [key for key in (SUN_NORMALISED, ABSOLUTE) if key in header]
-    if len(found) != 1:
-        got = "both" if found else "neither"
+    columns = [key for key in (SUN_NORMALISED, ABSOLUTE) if key in header]
+    if len(columns) != 1:
+        got = "both" if columns else "neither"
         raise TwilightError(
             f"{path}: line {line}: needs one column of radiances, {SUN_NORMALISED} (over the sun's irradiance) or "
             f"{ABSOLUTE}, and has {got}"
         )
-    return found[0]
+    return columns[0]
 
 
 def _place(values: Iterable[float]) -> Place:
@@ -149,14 +149,14 @@ def references_of(
     added: AddedTable, solver: ReferenceSolver, suns: Sequence[float], progress: Progress
 ) -> dict[float, ReferenceSolution]:
     """Reference solutions in the directions of a table, under some of its suns."""
-    found: dict[float, ReferenceSolution] = {}
+    references: dict[float, ReferenceSolution] = {}
     for i, sun in enumerate(suns):
         if sun not in added.suns():
             there = ", ".join(f"{s:g}" for s in added.suns())
             raise TwilightError(f"{added.path}: has no sun at {sun:g} deg; it has {there}")
         tell = part_of(progress, i / len(suns), 1.0 / len(suns))
-        found |= solver.references([sun], added.directions(sun), tell)
-    return found
+        references |= solver.references([sun], added.directions(sun), tell)
+    return references
 
 
 def rows_of(added: AddedTable, references: Mapping[float, ReferenceSolution], config: Config) -> list[ComparisonRow]:

@@ -10,9 +10,9 @@ import numpy as np
 from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
+from twilight.base.sections import unknown
 from twilight.config.scene import Config
 from twilight.config.solver import choose_solver
-from twilight.config.validate import unknown
 from twilight.scene.medium import wavelengths_of
 from twilight.studies.compare.accuracy import ColourErrors, ErrorQuantiles, colour_errors, radiance_errors
 from twilight.studies.compare.bench import Bench

@@ -61,10 +61,10 @@ def read_lines(path: Path) -> tuple[int, list[str], list[tuple[int, dict[str, st
     Empty lines and those that begin with # are left out.
     Errors: TwilightError that names the file, and the line of a row with other cells than the header.
     """
-    found = cells_of(path)
-    if not found:
+    numbered = cells_of(path)
+    if not numbered:
         raise TwilightError(f"{path}: holds no radiances")
-    (line_of_header, header), *rows = found
+    (line_of_header, header), *rows = numbered
     return line_of_header, header, [(line, dict(zip(header, cells, strict=True))) for line, cells in rows]
 
 
@@ -153,7 +153,7 @@ class ReferenceSolver:
             solver.QUALITIES["reference"], target_stderr=self.target_stderr, seed=SEED, time_limit_s=self.time_limit_s
         )
         self.folder.mkdir(parents=True, exist_ok=True)
-        found: dict[float, ReferenceSolution] = {}
+        solutions: dict[float, ReferenceSolution] = {}
         solved: Field | None = None
         meter = PhasedProgress(progress)
         for i, sun in enumerate(suns):
@@ -164,8 +164,8 @@ class ReferenceSolver:
                     scene = resolve(self.config, solver=(solver, settings))
                     solved = solve(scene, progress=meter, cached=False)
                 write_references(file, {sun: _computed(solved, sun, directions, file)})
-            found[sun] = read_references(file)[sun]
-        return found
+            solutions[sun] = read_references(file)[sun]
+        return solutions
 
     def _key(self, sun: float, directions: tuple[np.ndarray, np.ndarray], settings: str) -> str:
         hashed = resolved_configuration(self.config, SunElevation(elevation_deg=sun))
@@ -178,7 +178,7 @@ class ReferenceSolver:
 
 def _computed(solved: Field, sun: float, directions: tuple[np.ndarray, np.ndarray], file: Path) -> ReferenceSolution:
     """The reference of one sun; what is begun is cached in files beside `file` until it is done."""
-    found = solved.radiance_with_error(sun, *directions, checkpoint=file)
-    assert found.standard_error is not None
-    error = np.nan_to_num(found.standard_error, nan=0.0)
-    return ReferenceSolution(*directions, solved.medium.wavelength_nm, found.radiance, error)
+    answer = solved.radiance_with_error(sun, *directions, checkpoint=file)
+    assert answer.standard_error is not None
+    error = np.nan_to_num(answer.standard_error, nan=0.0)
+    return ReferenceSolution(*directions, solved.medium.wavelength_nm, answer.radiance, error)

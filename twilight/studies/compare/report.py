@@ -191,13 +191,13 @@ def read_points(path: str | Path, *, processor: bool = False) -> list[FigurePoin
 
     Errors: TwilightError for a file that cannot be read or has other columns.
     """
-    found = []
+    points = []
     column = "cpu_s" if processor else "time_s"
     try:
         with open(path, newline="", encoding="utf-8") as stream:
             for row in csv.DictReader(line for line in stream if not line.startswith("#")):
                 if row[column] and row["p95_percent"]:
-                    found.append(
+                    points.append(
                         FigurePoint(
                             row["solver"],
                             row["quality"],
@@ -210,7 +210,7 @@ def read_points(path: str | Path, *, processor: bool = False) -> list[FigurePoin
                     )
     except (OSError, KeyError, ValueError) as error:
         raise TwilightError(f"{path}: is not a table of errors and times: {error}") from None
-    return found
+    return points
 
 
 def draw(

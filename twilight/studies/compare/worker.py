@@ -100,12 +100,12 @@ class _Execution:
         if self.timed:
             self._timed_runs(scene, clock)
         for wanted in dict.fromkeys(_named_wavelengths(d) for d in self.directions.values()):
-            here = [s for s in self.suns if _named_wavelengths(self.directions[s]) == wanted]
-            made = None
-            for sun in (s for s in here if s not in self.failed | self.sent):
+            suns = [s for s in self.suns if _named_wavelengths(self.directions[s]) == wanted]
+            field = None
+            for sun in (s for s in suns if s not in self.failed | self.sent):
                 try:
-                    made = made or self._solve(scene if wanted is None else self._scene(np.array(wanted)))
-                    self._send_radiance(made, sun)
+                    field = field or self._solve(scene if wanted is None else self._scene(np.array(wanted)))
+                    self._send_radiance(field, sun)
                 except TwilightError as error:
                     self._fail(sun, error)
 
@@ -120,9 +120,9 @@ class _Execution:
     def _warm_up(self, scene: Scene) -> None:
         """Every kernel once, at one wavelength and in few directions, so that it is loaded before the clock starts."""
         try:
-            made = self._solve(self._scene(scene.medium.wavelength_nm[:1].copy()))
+            field = self._solve(self._scene(scene.medium.wavelength_nm[:1].copy()))
             for sun in self.suns[:1]:
-                self._light(made, sun, np.array([3.0, 60.0]), np.array([0.0, 90.0]))
+                self._light(field, sun, np.array([3.0, 60.0]), np.array([0.0, 90.0]))
         except TwilightError:
             pass  # the run itself will say so
 
@@ -137,7 +137,7 @@ class _Execution:
             compiled = clock.seconds
             try:
                 with set_up:
-                    made = self._solve(scene)
+                    field = self._solve(scene)
             except TwilightError as error:
                 for sun in self.suns:
                     self._fail(sun, error)
@@ -149,7 +149,7 @@ class _Execution:
                 d = self.directions[sun]
                 try:
                     with skies[sun]:
-                        light = self._light(made, sun, np.array(d["elevation_deg"]), np.array(d["azimuth_deg"]))
+                        light = self._light(field, sun, np.array(d["elevation_deg"]), np.array(d["azimuth_deg"]))
                 except TwilightError as error:
                     self._fail(sun, error)
                     continue
@@ -163,12 +163,12 @@ class _Execution:
                 self.send({"compiled_s": clock.seconds})
                 raise Compiled
 
-    def _light(self, made: Field, sun: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+    def _light(self, field: Field, sun: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Radiance (D, W) in directions (D,), as files hold it: read from the sky's table, or computed one by one by a
         solver whose time grows with the directions."""
         if self.solver.CAPABILITIES.standard_error:
-            return made.radiance(sun, elevation_deg, azimuth_deg)
-        return made.table(sun).light(elevation_deg, azimuth_deg)
+            return field.radiance(sun, elevation_deg, azimuth_deg)
+        return field.table(sun).light(elevation_deg, azimuth_deg)
 
     def _send_timing(self, sun: float, set_up: _Clocks, sky: _Clocks, directions: int) -> None:
         import numba  # start-up
@@ -186,9 +186,9 @@ class _Execution:
         }
         self.send({"sun": sun, "timing": timing})
 
-    def _send_radiance(self, made: Field, sun: float) -> None:
+    def _send_radiance(self, field: Field, sun: float) -> None:
         d = self.directions[sun]
-        self._send(sun, self._light(made, sun, np.array(d["elevation_deg"]), np.array(d["azimuth_deg"])))
+        self._send(sun, self._light(field, sun, np.array(d["elevation_deg"]), np.array(d["azimuth_deg"])))
 
     def _send(self, sun: float, radiance: np.ndarray) -> None:
         if not (radiance >= 0).all():  # an estimate, by its noise

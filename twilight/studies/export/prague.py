@@ -167,9 +167,9 @@ def _emphasis(zero_deg: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.n
     """Rounded means over the azimuth (C, E) beside the largest, which is the level (C,), of light (rows, A, C)."""
     mean = np.log(light).mean(axis=1)
     order = np.argsort(zero_deg)
-    found = np.stack([np.interp(EMPHASIS_DEG, zero_deg[order], column[order]) for column in mean.T])
-    top = found.max(axis=1)
-    return np.exp(found - top[:, None]).astype(np.float16).astype(float), np.exp(top)
+    emphasis = np.stack([np.interp(EMPHASIS_DEG, zero_deg[order], column[order]) for column in mean.T])
+    top = emphasis.max(axis=1)
+    return np.exp(emphasis - top[:, None]).astype(np.float16).astype(float), np.exp(top)
 
 
 def _store(

@@ -62,14 +62,14 @@ def airs_of(climates: list[str], visibility_km: tuple[float, ...] | None) -> lis
     Errors: TwilightError for what cannot be scaled, and for two climates of the same visibility.
     """
     series = [load_axes(name, None, None, ("climates",)) for name in climates]
-    for name, one in zip(climates, series, strict=True):
-        config = one.config({})
+    for name, case in zip(climates, series, strict=True):
+        config = case.config({})
         if config.climate.medium is not None:
             raise TwilightError(f"{name}: the Prague model knows computed air, no table")
     if len(series) > 1:
         if visibility_km is not None:
             raise TwilightError("--visibility: is for one climate; several climates have visibilities of their own")
-        own = [PragueAir(KOSCHMIEDER / ground_extinction_per_km(one.config({})), one, None) for one in series]
+        own = [PragueAir(KOSCHMIEDER / ground_extinction_per_km(case.config({})), case, None) for case in series]
         own.sort(key=lambda air: air.visibility_km)
         for near, far in pairwise(own):
             if far.visibility_km < 1.001 * near.visibility_km:
@@ -77,13 +77,13 @@ def airs_of(climates: list[str], visibility_km: tuple[float, ...] | None) -> lis
                     f"{', '.join(climates)}: two of them have a visibility of {near.visibility_km:.4g} km"
                 )
         return own
-    found = series[0]
-    if found.config({}).climate.aerosol is None:
+    first = series[0]
+    if first.config({}).climate.aerosol is None:
         raise TwilightError(f"{climates[0]}: has no aerosol, so that no visibility can be set")
     depths = (0.1, 0.5)
-    thin, thick = (ground_extinction_per_km(found.config({"aerosol.optical_depth_550nm": d})) for d in depths)
+    thin, thick = (ground_extinction_per_km(first.config({"aerosol.optical_depth_550nm": d})) for d in depths)
     slope = (thick - thin) / (depths[1] - depths[0])
-    clear = ground_extinction_per_km(found.config({}), aerosol=False)
+    clear = ground_extinction_per_km(first.config({}), aerosol=False)
     airs = []
     for km in sorted(visibility_km or VISIBILITY_KM):
         depth = depths[0] + (KOSCHMIEDER / km - thin) / slope
@@ -92,7 +92,7 @@ def airs_of(climates: list[str], visibility_km: tuple[float, ...] | None) -> lis
                 f"--visibility: {km:g} km is not allowed; {climates[0]} without aerosol is seen through for "
                 f"{KOSCHMIEDER / clear:.0f} km, so that less than that is"
             )
-        airs.append(PragueAir(km, found, float(f"{depth:.6g}")))
+        airs.append(PragueAir(km, first, float(f"{depth:.6g}")))
     return airs
 
 
@@ -117,16 +117,16 @@ def channel_nodes(channels: int, start_nm: float, width_nm: float, nodes: int) -
         fine = start_nm + width_nm * (c + (np.arange(200) + 0.5) / 200)
         measure = solar_at(fine) / fine.size
         x, mass = (fine - fine.mean()) / width_nm, measure.sum()
-        before, here = np.zeros(x.size), np.full(x.size, mass**-0.5)
+        before, polynomial = np.zeros(x.size), np.full(x.size, mass**-0.5)
         diagonal, beside = [], [0.0]
         for _ in range(nodes):
-            diagonal.append(float((measure * x * here**2).sum()))
-            following = (x - diagonal[-1]) * here - beside[-1] * before
+            diagonal.append(float((measure * x * polynomial**2).sum()))
+            following = (x - diagonal[-1]) * polynomial - beside[-1] * before
             beside.append(float(np.sqrt((measure * following**2).sum())))
-            before, here = here, following / beside[-1]
+            before, polynomial = polynomial, following / beside[-1]
         jacobi = np.diag(diagonal) + np.diag(beside[1:-1], 1) + np.diag(beside[1:-1], -1)
-        found, vectors = np.linalg.eigh(jacobi)
-        places.append(fine.mean() + width_nm * found)
+        roots, vectors = np.linalg.eigh(jacobi)
+        places.append(fine.mean() + width_nm * roots)
         weights.append(mass * vectors[0] ** 2)
     return ChannelNodes(np.concatenate(places), np.array(weights))
 
@@ -147,11 +147,11 @@ def transmittance_roots(field: Any, altitude_m: np.ndarray, nodes: ChannelNodes)
 
     field: a `Field`, whose wavelengths are the nodes of the channels.
     """
-    found = []
+    roots = []
     for altitude in altitude_m:
         passed = field.of_terms(partial(_passed, altitude_m=altitude))
-        found.append(np.sqrt(nodes.mean(passed) / nodes.irradiance.sum(axis=-1)))
-    return np.array(found)
+        roots.append(np.sqrt(nodes.mean(passed) / nodes.irradiance.sum(axis=-1)))
+    return np.array(roots)
 
 
 def _passed(medium: Any, altitude_m: float) -> np.ndarray:
@@ -160,8 +160,8 @@ def _passed(medium: Any, altitude_m: float) -> np.ndarray:
     deep = _without_ground(medium, 1e-3 * RADIUS_M + below - medium.bottom_km)
     profile = prepare_profile(deep)
     high = medium.bottom_km - below + 1e-3 * altitude_nodes_m(ALTITUDES)
-    here = medium.bottom_km - below + 1e-3 * altitude_m
-    start = deep.earth_radius_km + here
+    altitude_km = medium.bottom_km - below + 1e-3 * altitude_m
+    start = deep.earth_radius_km + altitude_km
     out, depth = np.ones((DISTANCES, ALTITUDES, medium.n_wavelengths)), np.zeros(medium.n_wavelengths)
     for d, angle in enumerate(distance_nodes_m(DISTANCES) / RADIUS_M):
         for a, altitude in enumerate(high):
@@ -170,10 +170,12 @@ def _passed(medium: Any, altitude_m: float) -> np.ndarray:
             length = float(np.hypot(across, up))
             if length > 1e-9:
                 mu = up / length
-                to_top = -start * mu + np.sqrt((start * mu) ** 2 + (start + medium.top_km - here) ** 2 - start**2)
+                to_top = -start * mu + np.sqrt(
+                    (start * mu) ** 2 + (start + medium.top_km - altitude_km) ** 2 - start**2
+                )
                 length = min(length, to_top)
-                seen = chord_depth(profile, here, mu, length, depth)
-                out[d, a] = np.exp(-depth if seen else -length * medium.extinction_per_km[0])
+                free = chord_depth(profile, altitude_km, mu, length, depth)
+                out[d, a] = np.exp(-depth if free else -length * medium.extinction_per_km[0])
     return out
 
 

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from twilight.base.errors import TwilightError
+from twilight.base.reading import reading
 from twilight.base.whole_files import whole_file
 
 
@@ -101,9 +102,9 @@ def polarisation_record(rank: int, sun: int, zenith: int) -> np.dtype:
     return np.dtype([("term", np.dtype([("sun", "<f4", (sun,)), ("zenith", "<f4", (zenith,))]), (rank,))])
 
 
-def write_prague(path: str | Path, made: PragueFile) -> int:
+def write_prague(path: str | Path, data: PragueFile) -> int:
     """Write a file whole or not at all; its size in bytes.  Errors: TwilightError where the system refuses."""
-    axes, sky, passed = made.axes, made.radiance, made.transmittance
+    axes, sky, passed = data.axes, data.radiance, data.transmittance
     parts = [_counted(axis) for axis in (axes.visibility_km, axes.albedo, axes.altitude_m, axes.elevation_deg)]
     parts += [struct.pack("<iddi", axes.channels, axes.start_nm, axes.width_nm, sky.rank)]
     parts += [_counted(breaks) for breaks in (sky.sun_break_rad, sky.zenith_break_rad, sky.emphasis_break_rad)]
@@ -112,8 +113,8 @@ def write_prague(path: str | Path, made: PragueFile) -> int:
     parts += [struct.pack("<5i", distances, altitudes, len(passed.visibility_km), observers, rank)]
     for array in (passed.altitude_m, passed.visibility_km, passed.factors, passed.weights):
         parts += [np.ascontiguousarray(array, "<f4").tobytes()]
-    if made.polarisation is not None:
-        pol = made.polarisation
+    if data.polarisation is not None:
+        pol = data.polarisation
         parts += [struct.pack("<i", pol.rank), _counted(pol.sun_break_rad), _counted(pol.zenith_break_rad)]
         parts += [pol.records.tobytes()]
     with whole_file(path) as temporary, temporary.open("wb") as stream:
@@ -131,10 +132,8 @@ def read_prague(path: str | Path) -> PragueFile:
     Errors: TwilightError where there is none, and for one that ends early or goes on behind its end.
     """
     path = Path(path)
-    try:
+    with reading(path, "a file that can be read"):
         content = memoryview(path.read_bytes())
-    except OSError as error:
-        raise TwilightError(f"{path}: cannot be read ({error.strerror or error})") from None
     take = _Reader(path, content)
     visibility, albedo, altitude, elevation = (take.counted() for _ in range(4))
     channels, start, width, rank = take.numbers("<iddi")

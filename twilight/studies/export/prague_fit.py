@@ -36,12 +36,12 @@ class LinearBasis(NamedTuple):
 
 def linear_basis(index: np.ndarray, fraction: np.ndarray, count: int) -> LinearBasis:
     """Of N directions, of which each lies a fraction behind the break of that index."""
-    here = np.arange(index.size)
+    rows_of = np.arange(index.size)
 
     def matrix(low: np.ndarray, high: np.ndarray | None) -> sparse.csr_array:
         if high is None:
-            return sparse.csr_array((low, (index, here)), shape=(count, index.size))
-        places = (np.concatenate([index, index + 1]), np.concatenate([here, here]))
+            return sparse.csr_array((low, (index, rows_of)), shape=(count, index.size))
+        places = (np.concatenate([index, index + 1]), np.concatenate([rows_of, rows_of]))
         return sparse.csr_array((np.concatenate([low, high]), places), shape=(count, index.size))
 
     low, high = 1.0 - fraction, fraction
@@ -96,8 +96,8 @@ def first_guess(sun_breaks: int, zenith_breaks: int, channels: int, rank: int) -
     """Term r is cos(pi r u), with u from 0 to 1 over the breaks: (C, G, R) and (C, A, R)."""
 
     def cosines(count: int) -> np.ndarray:
-        one = np.cos(np.pi * np.arange(rank) * np.linspace(0.0, 1.0, count)[:, None])
-        return np.repeat(one[None], channels, axis=0)
+        basis = np.cos(np.pi * np.arange(rank) * np.linspace(0.0, 1.0, count)[:, None])
+        return np.repeat(basis[None], channels, axis=0)
 
     return cosines(sun_breaks), cosines(zenith_breaks)
 

@@ -111,9 +111,11 @@ def fit_set(skies: Sequence[ColourSky], name: str, source: str) -> SkyCoefficien
         z = np.radians([90.0 - sky.sun_elevation_deg for sky in skies])
         fit = _fit_zenith_luminance if quantity == "luminance" else _fit_zenith_chromaticity
         zenith[quantity] = fit(t, z, np.array(scales))
-    made = SkyCoefficients(name, source, (turbidities[0], turbidities[-1]), (suns[0], suns[-1]), distribution, zenith)
-    made.check(name)
-    return made
+    coefficients = SkyCoefficients(
+        name, source, (turbidities[0], turbidities[-1]), (suns[0], suns[-1]), distribution, zenith
+    )
+    coefficients.check(name)
+    return coefficients
 
 
 def _shape(parameters: np.ndarray, sky: ColourSky) -> np.ndarray:
@@ -154,15 +156,15 @@ def _fit_parameters(
     lowest, highest = BOUNDS[quantity]
     best = None
     for first in [start] if start is not None else STARTS[quantity]:
-        found = least_squares(
+        fit = least_squares(
             residuals,
             np.ravel(first),
             bounds=(np.tile(lowest, rows), np.tile(highest, rows)),
             x_scale=np.tile([1.0, 1.0, 5.0, 1.0, 0.5], rows),
             max_nfev=400,
         )
-        if best is None or found.cost < best.cost:
-            best = found
+        if best is None or fit.cost < best.cost:
+            best = fit
     assert best is not None
     return best.x.reshape(rows, 5)
 
@@ -178,14 +180,14 @@ def _fit_zenith_luminance(turbidity, sun_zenith_rad, luminance) -> tuple[tuple[f
         slope, constant, chi = low[:, None] * (1 - fraction) + high[:, None] * fraction
         return slope * np.tan(chi * (np.pi - 2.0 * sun_zenith_rad)) + constant
 
-    found = least_squares(
+    fit = least_squares(
         lambda values: np.log(np.maximum(model(values), SMALLEST) / truth),
         [3.0, 1.0, 0.42, 15.0, 1.0, 0.39],
         bounds=(np.tile([-100.0, 0.0, 0.01], 2), np.tile([1000.0, 100.0, 0.49], 2)),
         x_scale=np.tile([3.0, 1.0, 0.05], 2),
         max_nfev=2000,
     )
-    low, high = found.x.reshape(2, 3)
+    low, high = fit.x.reshape(2, 3)
     rise = (high - low) / (ends[1] - ends[0])
     return tuple((float(r), float(c)) for r, c in zip(rise, low - rise * ends[0], strict=True))
 

@@ -46,13 +46,13 @@ HEAD = """\
 """
 
 
-def write_set(made: SkyCoefficients, facts: dict[str, Any], path: Path) -> None:
+def write_set(coefficients: SkyCoefficients, facts: dict[str, Any], path: Path) -> None:
     """Write a set as YAML, whole or not at all, with the facts about its fit under `fit`.
 
     Raises TwilightError where it cannot be written, or what is written would not be accepted by the solver.
     """
     text = HEAD + yaml.safe_dump(
-        made.as_document() | {"fit": facts}, sort_keys=False, default_flow_style=None, width=118
+        coefficients.as_document() | {"fit": facts}, sort_keys=False, default_flow_style=None, width=118
     )
     parse_coefficients(text, str(path))
     with whole_file(path) as temporary:
@@ -76,11 +76,11 @@ class SetError:
     chromaticity_p95: float
 
 
-def error_of(made: SkyCoefficients, skies: Sequence[ColourSky]) -> SetError:
+def error_of(coefficients: SkyCoefficients, skies: Sequence[ColourSky]) -> SetError:
     """Errors of a set over skies whose turbidity and sun it covers."""
     bias, absolute, distribution, chromaticity = [], [], [], []
     for sky in skies:
-        luminance, x, y = made.sky(sky.turbidity, sky.sun_elevation_deg, sky.elevation_deg, sky.azimuth_deg)
+        luminance, x, y = coefficients.sky(sky.turbidity, sky.sun_elevation_deg, sky.elevation_deg, sky.azimuth_deg)
         ratio = luminance / sky.luminance
         bias.append(np.log(ratio))
         absolute.append(np.abs(ratio - 1.0))

@@ -6,21 +6,14 @@ A scheduler that is already there (on every node `NUMBA_NUM_THREADS` may set the
     dask worker tcp://HOST:8786 --nworkers 4 --nthreads 1      # on each node, with twilight installed
     twilight sweep sweep-haze --scheduler tcp://HOST:8786
 
-A batch system, after `pip install '.[jobqueue]'`, with what a job is in ~/.config/dask/jobqueue.yaml:
+A batch system, after `pip install '.[jobqueue]'`, with what a job is in ~/.config/dask/jobqueue.yaml; the command
+itself stays on the login node and writes the dataset, while jobs may come, go and be killed:
 
     jobqueue:
-      slurm:
-        name: twilight
-        queue: standard
-        cores: 1
-        memory: 4GB
-        walltime: '04:00:00'
-        interface: ib0
-        job-script-prologue: ['export NUMBA_NUM_THREADS=1']
+      slurm: {name: twilight, queue: standard, cores: 1, memory: 4GB, walltime: '04:00:00', interface: ib0,
+              job-script-prologue: ['export NUMBA_NUM_THREADS=1']}
 
     twilight sweep sweep-haze --batch-system slurm --workers 40
-
-The command itself stays on the login node and writes the dataset; jobs may come, go and be killed meanwhile.
 """
 
 from __future__ import annotations
@@ -29,7 +22,7 @@ import logging
 import os
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -48,15 +41,10 @@ BATCH_SYSTEMS = {
     "oar": "OARCluster",
     "moab": "MoabCluster",
 }
-
 _DASK_SETTINGS: dict[str, Any] = {
     "distributed.scheduler.worker-ttl": None,  # a kernel that keeps the interpreter's lock is no dead worker
-    "distributed.scheduler.http.routes": [],  # pages that show and end tasks
-    "distributed.worker.http.routes": [],
-    "distributed.nanny.http.routes": [],
-    "distributed.worker.memory.target": False,
-    "distributed.worker.memory.spill": False,
-    "distributed.worker.memory.pause": False,
+    **{f"distributed.{who}.http.routes": [] for who in ("scheduler", "worker", "nanny")},  # pages that end tasks
+    **{f"distributed.worker.memory.{limit}": False for limit in ("target", "spill", "pause")},
     "distributed.admin.tick.limit": "1h",
     "distributed.comm.timeouts.connect": "10s",
 }
@@ -76,6 +64,12 @@ class Resources:
     threads: int | None = None
 
 
+def check_installed(resources: Resources) -> None:
+    """Raise TwilightError where a package is missing that these resources need."""
+    if resources.batch_system is not None and not is_installed("dask_jobqueue"):
+        raise missing("dask_jobqueue", f"--batch-system: {resources.batch_system}")
+
+
 @contextmanager
 def connect(resources: Resources) -> Iterator[Client]:
     """A client of Dask's, whose cluster goes with it where this process has started it.
@@ -84,55 +78,27 @@ def connect(resources: Resources) -> Iterator[Client]:
     """
     check_installed(resources)
     import dask  # start-up
-    import distributed  # noqa: F401 - before the settings: what it sets itself would go with them
+    import distributed  # before the settings: what it sets itself would go with them
 
-    with dask.config.set(_DASK_SETTINGS), _without_dask_log():
-        if resources.scheduler is not None:
-            with _client(resources.scheduler) as client:
-                yield client
-            return
-        cluster = _local(resources) if resources.batch_system is None else _jobs(resources)
+    with dask.config.set(_DASK_SETTINGS), ExitStack() as opened:
+        # what Dask logs about lost workers and schedulers is said by the sweep, in one sentence
+        opened.callback(logging.disable, logging.root.manager.disable)
+        logging.disable(logging.CRITICAL)
+        where: Any = resources.scheduler
+        if where is None:
+            where = _local(resources) if resources.batch_system is None else _jobs(resources)
+            opened.callback(_close, where)
         try:
-            with _client(cluster) as client:
-                yield client
-        finally:
-            with suppress(Exception):  # it may be gone already
-                cluster.close(timeout=5)
-
-
-@contextmanager
-def _without_dask_log() -> Iterator[None]:
-    """What Dask logs about lost workers and schedulers is said by the sweep, in one sentence."""
-    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
-    levels = {name: logging.getLogger(name).level for name in names}
-    try:
-        for name in names:
-            logging.getLogger(name).setLevel(logging.CRITICAL)
-        yield
-    finally:
-        for name, level in levels.items():
-            logging.getLogger(name).setLevel(level)
-
-
-def check_installed(resources: Resources) -> None:
-    """Raise TwilightError where a package is missing that these resources need."""
-    if resources.batch_system is not None and not is_installed("dask_jobqueue"):
-        raise missing("dask_jobqueue", f"--batch-system: {resources.batch_system}")
-
-
-@contextmanager
-def _client(where: Any) -> Iterator[Client]:
-    from distributed import Client  # start-up
-
-    try:
-        client = Client(where, timeout=10, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
-        raise TwilightError(f"--scheduler: {where} cannot be reached ({str(error).splitlines()[0]})") from None
-    try:
+            client = distributed.Client(where, timeout=10, set_as_default=False)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise TwilightError(f"--scheduler: {where} cannot be reached ({str(error).splitlines()[0]})") from None
+        opened.callback(_close, client)
         yield client
-    finally:
-        with suppress(Exception):
-            client.close(timeout=5)
+
+
+def _close(what: Any) -> None:
+    with suppress(Exception):  # it may be gone already
+        what.close(timeout=5)
 
 
 def cores() -> int:

@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
@@ -44,101 +44,80 @@ def run_sweep(
     threads: of each worker; None: as the worker was started.
     Errors: TwilightError where the scheduler is lost or the store cannot be written; what was finished stays.
     """
-    return _SweepRun(client, store, threads, progress or silent).all_tasks()
-
-
-class _SweepRun:
-    def __init__(self, client: Client, store: Store, threads: int | None, progress: Progress):
-        self.client, self.store, self.threads, self.progress = client, store, threads, progress
-        self.tasks = [task for task in store.sweep.tasks if task.key not in store.done]
-        self.running: dict[Future, Task] = {}
-        self.finished: queue.SimpleQueue[Future] = queue.SimpleQueue()
-        self.outcome = SweepOutcome()
-        self.run = secrets.token_hex(4)
-
-    def all_tasks(self) -> SweepOutcome:
-        begin = time.perf_counter()
-        waiting = iter(self.tasks)
-        total = sum(task.skies for task in self.tasks)
-        done = 0
-        try:
-            while True:
-                for task in itertools.islice(waiting, max(0, self._room() - len(self.running))):
-                    self._submit(task)
-                if not self.running:
-                    break
-                future = self._next()
-                task = self.running.pop(future)
-                self._receive(future, task)
-                done += task.skies
-                self.outcome.wall_s = time.perf_counter() - begin
-                self._report(done, total)
-        finally:
-            self._release_workers()
-        return self.outcome
-
-    def _room(self) -> int:
-        """How many tasks may be given out at a time, so that results do not pile up and few are lost."""
-        workers = self.client.scheduler_info(n_workers=-1)["workers"].values()
-        return TASKS_PER_THREAD * max(1, sum(worker["nthreads"] for worker in workers))
-
-    def _submit(self, task: Task) -> None:
-        # a scheduler remembers how a key ended, so that each run has keys of its own
-        key = f"twilight-{task.key}-{self.run}"
-        future = self.client.submit(compute, self.store.sweep.payload(task), self.threads, key=key, pure=False)
-        self.running[future] = task
-        future.add_done_callback(self.finished.put)
-
-    def _next(self) -> Future:
-        lost_since: float | None = None
+    begin, outcome = time.perf_counter(), SweepOutcome()
+    missing = [task for task in store.sweep.tasks if task.key not in store.done]
+    waiting, total, done = iter(missing), sum(task.skies for task in missing), 0
+    running: dict[Future, Task] = {}
+    finished: queue.SimpleQueue[Future] = queue.SimpleQueue()
+    run = secrets.token_hex(4)  # a scheduler remembers how a key ended, so that each run has keys of its own
+    try:
         while True:
-            try:
-                return self.finished.get(timeout=0.5)
-            except queue.Empty:
-                pass
-            if self.client.status == "running":
-                lost_since = None
-                continue
-            lost_since = lost_since or time.perf_counter()
-            if self.client.status == "closed" or time.perf_counter() - lost_since > LOST_AFTER_S:
-                raise self._lost()
-
-    def _lost(self) -> TwilightError:
-        return TwilightError(
-            f"the scheduler is gone; {len(self.store.done)} of {len(self.store.sweep.tasks)} tasks are in "
-            f"{self.store.path}, and the same command computes the rest"
-        )
-
-    def _receive(self, future: Future, task: Task) -> None:
-        if future.status == "cancelled":
-            raise self._lost()
-        try:
-            result = future.result()
-        except Exception as error:  # whatever a task dies of is its reason
-            if future.status == "cancelled" or self.client.status != "running":
-                raise self._lost() from None
-            self.outcome.failed[task.key] = _reason(error)
-            return
-        self.store.write(task, result)
-        future.release()
-        self.outcome.tasks += 1
-        self.outcome.skies += task.skies
-        self.outcome.cpu_s += result.cpu_s
-
-    def _report(self, done: int, total: int) -> None:
-        speed = self.outcome.skies / max(self.outcome.wall_s, 1e-9)
-        words = f"{done:,} of {total:,} skies, {speed:.3g} a second"
-        bad = len(self.outcome.failed)
-        self.progress(words + (f", {bad} tasks failed" if bad else ""), done / max(total, 1))
-
-    def _release_workers(self) -> None:
-        """Workers of a scheduler that lives on are not left with tasks that nobody waits for, nor with a field."""
+            for task in itertools.islice(waiting, max(0, _room(client) - len(running))):
+                key = f"twilight-{task.key}-{run}"
+                future = client.submit(compute, store.sweep.payload(task), threads, key=key, pure=False)
+                running[future] = task
+                future.add_done_callback(finished.put)
+            if not running:
+                return outcome
+            future = _next(client, store, finished)
+            task = running.pop(future)
+            _receive(client, store, future, task, outcome)
+            done += task.skies
+            outcome.wall_s = time.perf_counter() - begin
+            bad = f", {len(outcome.failed)} tasks failed" if outcome.failed else ""
+            speed = outcome.skies / max(outcome.wall_s, 1e-9)
+            (progress or silent)(f"{done:,} of {total:,} skies, {speed:.3g} a second{bad}", done / max(total, 1))
+    finally:
+        # workers of a scheduler that lives on are not left with tasks that nobody waits for, nor with a field
         with suppress(Exception):
-            if self.client.status == "running":
-                if self.running:
-                    self.client.cancel(list(self.running), force=True)
+            if client.status == "running":
+                if running:
+                    client.cancel(list(running), force=True)
                 else:
-                    self.client.run(forget, on_error="ignore")
+                    client.run(forget, on_error="ignore")
+
+
+def _room(client: Client) -> int:
+    """How many tasks may be given out at a time, so that results do not pile up and few are lost."""
+    workers = client.scheduler_info(n_workers=-1)["workers"].values()
+    return TASKS_PER_THREAD * max(1, sum(worker["nthreads"] for worker in workers))
+
+
+def _next(client: Client, store: Store, finished: queue.SimpleQueue[Future]) -> Future:
+    """The next future that ends; TwilightError where the scheduler is gone."""
+    connected = time.perf_counter()
+    while True:
+        with suppress(queue.Empty):
+            return finished.get(timeout=0.5)
+        if client.status == "running":
+            connected = time.perf_counter()
+        elif client.status == "closed" or time.perf_counter() - connected > LOST_AFTER_S:
+            raise _lost(store)
+
+
+def _lost(store: Store) -> TwilightError:
+    return TwilightError(
+        f"the scheduler is gone; {len(store.done)} of {len(store.sweep.tasks)} tasks are in {store.path}, and the same "
+        f"command computes the rest"
+    )
+
+
+def _receive(client: Client, store: Store, future: Future, task: Task, outcome: SweepOutcome) -> None:
+    """Write what a task gave, or note why it failed."""
+    if future.status == "cancelled":
+        raise _lost(store)
+    try:
+        result = future.result()
+    except Exception as error:  # whatever a task dies of is its reason
+        if client.status != "running":
+            raise _lost(store) from None
+        outcome.failed[task.key] = _reason(error)
+        return
+    store.write(task, result)
+    future.release()
+    outcome.tasks += 1
+    outcome.skies += task.skies
+    outcome.cpu_s += result.cpu_s
 
 
 def _reason(error: Exception) -> str:
@@ -156,6 +135,5 @@ def failures(store: Store, outcome: SweepOutcome) -> Iterator[tuple[str, list[tu
         by_reason.setdefault(reason, []).append(scene)
     for task in store.sweep.tasks:
         if task.key in outcome.failed:
-            scenes: Any = (scene for block in task.blocks for scene in block.scenes())
-            by_reason.setdefault(outcome.failed[task.key], []).extend(scenes)
+            by_reason.setdefault(outcome.failed[task.key], []).extend(task.scenes())
     yield from by_reason.items()

@@ -24,12 +24,12 @@ SHADE_STEP_S = 20.0
 """Step of time at which the shades of a figure begin and end [s]."""
 
 
-def write_table(made: TimeSeries, path: Path, note: str) -> None:
+def write_table(series: TimeSeries, path: Path, note: str) -> None:
     """A row for each time: time, the sun's elevation, and every column with its unit in its name."""
-    names = ["time", "sun_elevation_deg", *(one.variable for one in made.columns)]
+    names = ["time", "sun_elevation_deg", *(column.variable for column in series.columns)]
     cells = (
-        [time.isoformat(), f"{sun:.4f}", *(_cell(values[i]) for values in made.values)]
-        for i, (time, sun) in enumerate(zip(made.times, made.sun_elevation_deg, strict=True))
+        [time.isoformat(), f"{sun:.4f}", *(_cell(values[i]) for values in series.values)]
+        for i, (time, sun) in enumerate(zip(series.times, series.sun_elevation_deg, strict=True))
     )
     write_csv(path, names, cells, note)
 
@@ -38,34 +38,34 @@ def _cell(value: float) -> str:
     return f"{value:.6g}" if np.isfinite(value) else ""
 
 
-def write_dataset(made: TimeSeries, path: Path, attributes: dict[str, Any]) -> None:
+def write_dataset(series: TimeSeries, path: Path, attributes: dict[str, Any]) -> None:
     """The table as netCDF along `time` (UTC)."""
     import xarray  # start-up
 
-    time = np.array([t.astimezone(UTC).replace(tzinfo=None) for t in made.times], "datetime64[us]")
+    time = np.array([t.astimezone(UTC).replace(tzinfo=None) for t in series.times], "datetime64[us]")
     variables: dict[str, Any] = {
         one.variable: ("time", values, {"units": one.unit, "long_name": one.about})
-        for one, values in zip(made.columns, made.values, strict=True)
+        for one, values in zip(series.columns, series.values, strict=True)
     }
-    sun = ("time", made.sun_elevation_deg, {"units": "degree", "standard_name": "solar_elevation_angle"})
+    sun = ("time", series.sun_elevation_deg, {"units": "degree", "standard_name": "solar_elevation_angle"})
     coords = {"time": time.astype("datetime64[ns]"), "solar_elevation_angle": sun}
     write_netcdf(xarray.Dataset(variables, coords, {"Conventions": "CF-1.10", **attributes}), path)
 
 
-def draw(made: TimeSeries, path: Path, title: str) -> None:
+def draw(series: TimeSeries, path: Path, title: str) -> None:
     """One panel a column over the hours, twilights shaded, crossings marked."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter  # start-up
     from matplotlib.figure import Figure
 
-    zone = made.times[0].tzinfo
-    count = len(made.columns)
+    zone = series.times[0].tzinfo
+    count = len(series.columns)
     figure = Figure(figsize=(8.0, 1.2 + 2.1 * count), layout="constrained")
     axes = figure.subplots(count, 1, sharex=True, squeeze=False)
-    shaded = shades(made)
-    for panel, one, values in zip(axes[:, 0], made.columns, made.values, strict=True):
+    shaded = shades(series)
+    for panel, one, values in zip(axes[:, 0], series.columns, series.values, strict=True):
         for start, stop, depth in shaded:  # day white, each twilight darker, night darkest
             panel.axvspan(start, stop, color=str(1.0 - 0.11 * depth), linewidth=0)
-        panel.plot(made.times, values, color="black", linewidth=1.4)
+        panel.plot(series.times, values, color="black", linewidth=1.4)
         panel.set_ylabel(f"{one.text}\n[{one.unit}]" if one.unit != "1" else one.text, fontsize="small")
         known = values[np.isfinite(values)]
         if known.size and known.min() > 0.0 and known.max() > 100.0 * known.min():
@@ -74,7 +74,7 @@ def draw(made: TimeSeries, path: Path, title: str) -> None:
             panel.invert_yaxis()
         panel.grid(alpha=0.3)
         places: list[tuple[datetime, float]] = []
-        for outcome in made.outcomes:
+        for outcome in series.outcomes:
             if outcome.condition.column.text != one.text:
                 continue
             panel.axhline(outcome.condition.value, color="tab:red", linewidth=0.8, linestyle="--")
@@ -86,7 +86,7 @@ def draw(made: TimeSeries, path: Path, title: str) -> None:
     locator = AutoDateLocator(tz=zone)
     axes[-1, 0].xaxis.set_major_locator(locator)
     axes[-1, 0].xaxis.set_major_formatter(ConciseDateFormatter(locator, tz=zone))
-    axes[-1, 0].set_xlim(made.times[0], made.times[-1])
+    axes[-1, 0].set_xlim(series.times[0], series.times[-1])
     with whole_file(path) as temporary:
         figure.savefig(temporary, dpi=120)
 
@@ -109,20 +109,20 @@ def _label(panel: Any, places: list[tuple[datetime, float]]) -> None:
         taken.append(box)
 
 
-def shades(made: TimeSeries) -> list[tuple[datetime, datetime, int]]:
+def shades(series: TimeSeries) -> list[tuple[datetime, datetime, int]]:
     """First and last time of each twilight, 1 to 3, and night, 4; the sun's elevation is linear between the rows."""
     ends = [SUNRISE_DEG, *SHADED.values()]
-    times = [time.astimezone(UTC) for time in made.times]
+    times = [time.astimezone(UTC) for time in series.times]
     second = np.array([(time - times[0]).total_seconds() for time in times])
     fine = np.linspace(second[0], second[-1], max(2, int(second[-1] / SHADE_STEP_S) + 1))
-    depth = np.digitize(-np.interp(fine, second, made.sun_elevation_deg), [-end for end in ends])
+    depth = np.digitize(-np.interp(fine, second, series.sun_elevation_deg), [-end for end in ends])
     edges = np.flatnonzero(np.diff(depth)) + 1
-    found = []
+    spans = []
     for start, stop in zip([0, *edges], [*edges, fine.size - 1], strict=True):
         if depth[start]:
             first, last = (times[0] + timedelta(seconds=float(fine[k])) for k in (start, stop))
-            found.append((first, last, int(depth[start])))
-    return found
+            spans.append((first, last, int(depth[start])))
+    return spans
 
 
 WRITERS: dict[str, Callable[[TimeSeries, Path, str], None]] = {

@@ -55,10 +55,10 @@ class Column:
     def values(self, field: LightField, moments: Moments, sources: Sequence[str] | None = None) -> np.ndarray:
         """Its values at moments, (N,), of some sources, None: all."""
         if isinstance(self.target, Surface):
-            made = field.surfaces(moments, [self.target], sources)
+            radiance = field.surfaces(moments, [self.target], sources)
         else:
-            made = field.directions(moments, *_angles(self.target, moments), sources)
-        return self.needs.value(field.spectra(made[:, 0]))
+            radiance = field.directions(moments, *_angles(self.target, moments), sources)
+        return self.needs.value(field.spectra(radiance[:, 0]))
 
 
 def column(text: str) -> Column:
@@ -181,22 +181,22 @@ class TimeSeries:
 
 def condition(text: str) -> Condition:
     """The condition of a text such as `V@zenith > 21`; TwilightError for another."""
-    found = _CONDITION.fullmatch(text)
-    if found is None:
+    match = _CONDITION.fullmatch(text)
+    if match is None:
         raise TwilightError(f"--when: '{text}' is not QUANTITY[@WHERE] < VALUE or > VALUE, e.g. 'V@zenith > 21'")
     try:
-        value = float(found["value"])
+        value = float(match["value"])
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise TwilightError(f"--when: '{found['value'].strip()}' is not a number")
-    return Condition(column(found["column"]), found["sign"], value)  # type: ignore[arg-type]
+        raise TwilightError(f"--when: '{match['value'].strip()}' is not a number")
+    return Condition(column(match["column"]), match["sign"], value)  # type: ignore[arg-type]
 
 
 def step_of(text: str) -> timedelta:
     """A duration such as 30s, 1min or 0.5h; TwilightError for another."""
-    found = _STEP.fullmatch(text.strip())
-    seconds = float(found["count"]) * _SECONDS[found["unit"]] if found else 0.0
+    match = _STEP.fullmatch(text.strip())
+    seconds = float(match["count"]) * _SECONDS[match["unit"]] if match else 0.0
     if not 1.0 <= seconds <= 86400.0:
         raise TwilightError(f"--step: '{text}' is not a duration from 1s to 24h, e.g. 30s, 1min, 0.5h")
     return timedelta(seconds=seconds)
@@ -253,37 +253,37 @@ def timeline(
         return column.values(light, moments_of(at))
 
     moments = moments_of(times)
-    wanted = {one.text: one for one in (*columns, *(c.column for c in conditions))}
+    wanted = {asked.text: asked for asked in (*columns, *(c.column for c in conditions))}
     light.prepare(moments, part_of(progress, 0.0, 0.8))
     values = {}
     for n, (text, which) in enumerate(wanted.items()):
         progress(text, 0.8 + 0.1 * n / len(wanted))
         values[text] = which.values(light, moments)
     outcomes = []
-    for n, one in enumerate(conditions):
-        progress(one.text, 0.9 + 0.1 * n / len(conditions))
-        found = []
-        over = _over(one, values[one.column.text])
+    for n, asked in enumerate(conditions):
+        progress(asked.text, 0.9 + 0.1 * n / len(conditions))
+        crossings = []
+        over = _over(asked, values[asked.column.text])
         for i in np.flatnonzero(_passes(over)).tolist():
-            when = _refined(one, times[i], times[i + 1], partial(evaluate, one.column))
+            when = _refined(asked, times[i], times[i + 1], partial(evaluate, asked.column))
             at = moments_at([latitude_deg], [longitude_deg], [when])
-            found.append(Crossing(one, bool(over[i + 1] > 0), when, float(at.sun_elevation_deg[0])))
+            crossings.append(Crossing(asked, bool(over[i + 1] > 0), when, float(at.sun_elevation_deg[0])))
         held = bool(over[0] > 0)
-        prevented = not (found or held) and _moon_prevents(one, light, moments)
-        outcomes.append(Outcome(one, held, tuple(found), prevented))
+        prevented = not (crossings or held) and _moon_prevents(asked, light, moments)
+        outcomes.append(Outcome(asked, held, tuple(crossings), prevented))
     days = sorted({moment.date() for moment in times})
     place = latitude_deg, longitude_deg, time_zone, light.solved.scene.altitude_km
     all_marks = [mark for day in days for mark in twilight_times(day, *place)]
     passed = [mark for mark in all_marks if mark.time is not None and times[0] <= mark.time <= times[-1]]
     # an event that no day of the table has is said once
     missing = {mark.event: mark for mark in all_marks if mark.time is None}
-    here = {mark.event for mark in passed}
-    marks = (*passed, *(mark for event, mark in missing.items() if event not in here))
+    present = {mark.event for mark in passed}
+    marks = (*passed, *(mark for event, mark in missing.items() if event not in present))
     return TimeSeries(
         tuple(times),
         moments.sun_elevation_deg,
         tuple(columns),
-        tuple(values[one.text] for one in columns),
+        tuple(values[asked.text] for asked in columns),
         marks,
         tuple(outcomes),
     )

@@ -53,19 +53,19 @@ def write_points(points: Sequence[PhotometricPoint], path: Path) -> None:
     write_csv(path, POINT_COLUMNS, rows)
 
 
-def level_rows(found: Sequence[Level]) -> list[list[str]]:
+def level_rows(levels: Sequence[Level]) -> list[list[str]]:
     """Rows of LEVEL_COLUMNS."""
     return [
         [v.climate, v.quantity, v.site, f"{v.low_deg:g}", f"{v.high_deg:g}", str(v.count), f"{v.factor:.2f}"]
         + [f"{x:+.3f}" for x in (v.level_dex, v.lowest_dex, v.highest_dex)]
         + [f"{v.slope_difference:+.4f}"]
-        for v in found
+        for v in levels
     ]
 
 
-def write_levels(found: Sequence[Level], path: Path) -> None:
+def write_levels(levels: Sequence[Level], path: Path) -> None:
     """CSV of levels and slopes."""
-    write_csv(path, LEVEL_COLUMNS, level_rows(found))
+    write_csv(path, LEVEL_COLUMNS, level_rows(levels))
 
 
 def write_moonlit(points: Sequence[MoonlitPoint], path: Path) -> None:
@@ -175,12 +175,12 @@ def _draw_moonlit(moonlit: Sequence[MoonlitPoint], climates: list[str], top: Any
 
 def _draw_colour(points: Sequence[PhotometricPoint], climates: list[str], quantity: str, axis: Any) -> None:
     """A ratio of irradiances of level ground: computed, and measured in each session."""
-    here = [p for p in points if p.quantity == quantity]
+    of_quantity = [p for p in points if p.quantity == quantity]
     for i, climate in enumerate(climates):
-        line = {p.sun_elevation_deg: p.computed for p in here if p.climate == climate}
+        line = {p.sun_elevation_deg: p.computed for p in of_quantity if p.climate == climate}
         axis.plot(sorted(line), [line[sun] for sun in sorted(line)], color=f"C{i}", lw=1.4)
     for session, marker in zip(SESSIONS, "v^s", strict=True):
-        line = {p.sun_elevation_deg: p.measured for p in here if p.site == f"session {session}"}
+        line = {p.sun_elevation_deg: p.measured for p in of_quantity if p.site == f"session {session}"}
         axis.plot(list(line), list(line.values()), "k" + marker, ms=4, label=f"session {session}")
     nm = "450" if quantity == COLOURS[0] else "650"
     axis.set(xlabel="true elevation of the sun [deg]", ylabel=f"level ground, {nm}/550 nm")

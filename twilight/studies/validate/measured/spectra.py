@@ -265,10 +265,10 @@ def _residuals(
     recorded: Recorded, basis: Basis, rises: np.ndarray, free_calibration: bool, used: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """r (S', W) of the suns where `used` (S,) is true, and the calibration (W,)."""
-    found = np.log(np.tensordot(rises, basis.ground[:, used], 1) / recorded.irradiance[used])
-    found = found - found.mean(axis=1, keepdims=True)
-    level = found.mean(axis=0) if free_calibration else np.zeros(found.shape[1])
-    return found - level, np.exp(-level)
+    logarithms = np.log(np.tensordot(rises, basis.ground[:, used], 1) / recorded.irradiance[used])
+    logarithms = logarithms - logarithms.mean(axis=1, keepdims=True)
+    level = logarithms.mean(axis=0) if free_calibration else np.zeros(logarithms.shape[1])
+    return logarithms - level, np.exp(-level)
 
 
 def _solve(
@@ -293,11 +293,11 @@ def _solve(
         limits.append({"type": "ineq", "fun": lambda p: transmittance @ p - least, "jac": lambda p: transmittance})
     first = np.full(count, 0.02) if start is None else start.copy()
     first[0] += 1.0 - first.sum()
-    found = minimize(
+    solution = minimize(
         cost, first, jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * count, constraints=limits,
         options={"maxiter": 500, "ftol": 1e-12},
     )  # fmt: skip
-    if not found.success:
-        raise TwilightError(f"no screen was found: {found.message}")
-    rises = np.clip(found.x, 0.0, None)
+    if not solution.success:
+        raise TwilightError(f"no screen was found: {solution.message}")
+    rises = np.clip(solution.x, 0.0, None)
     return rises / rises.sum()

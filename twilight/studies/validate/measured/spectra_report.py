@@ -22,11 +22,11 @@ EACH_COLUMNS = ("sun_elevation_deg", "wavelength_nm", "recorded", "without_scree
 def fit_rows(fits: Sequence[Fit]) -> list[list[str]]:
     """Rows of FIT_COLUMNS, with the standard error behind each T."""
     rows = []
-    for one in fits:
-        cover, top, spread = one.clouds
-        bare = float(np.sqrt(np.mean(one.log_bare**2)))
-        passed = [f"{t:.2f}+-{e:.2f}" for t, e in zip(one.transmission, one.stderr, strict=True)]
-        rows.append([f"{one.from_km:g}", f"{100 * one.rms:.1f}", f"{100 * bare:.1f}", f"{one.zenith_mag.max():.2f}",
+    for fit in fits:
+        cover, top, spread = fit.clouds
+        bare = float(np.sqrt(np.mean(fit.log_bare**2)))
+        passed = [f"{t:.2f}+-{e:.2f}" for t, e in zip(fit.transmission, fit.stderr, strict=True)]
+        rows.append([f"{fit.from_km:g}", f"{100 * fit.rms:.1f}", f"{100 * bare:.1f}", f"{fit.zenith_mag.max():.2f}",
                      f"{cover:.2f}", f"{top:.1f}", f"{spread:.1f}", *passed])  # fmt: skip
     return rows
 

@@ -44,8 +44,7 @@ COLUMNS_DEG = np.arange(-30.0, 211.0, 7.5)
 class Parameter:
     """A parameter of the climate: the key it sets, its nodes (the first and last bound it), and its scale.
 
-    Between nodes it is interpolated in ``scaled``, ln for an optical depth.  beside: at which of the aerosol's nodes it
-    is varied.
+    Between nodes it is interpolated in ``scaled``, ln for an optical depth.
     """
 
     name: str
@@ -53,7 +52,6 @@ class Parameter:
     unit: str
     nodes: tuple[float, ...]
     logarithmic: bool = False
-    beside: int = 1
 
     def scaled(self, value: Any) -> Any:
         """The value in which it is interpolated and fitted."""
@@ -76,9 +74,13 @@ SUN = "sun"
 
 @dataclass(frozen=True)
 class Design:
-    """Which airs are computed: the aerosol first, the others varied about it; nodes: for each air all values."""
+    """Which airs are computed: the aerosol first, the others varied about it; nodes: for each air all values.
+
+    beside: at which of the aerosol's nodes the others are varied; None: they are not.
+    """
 
     others: tuple[Parameter, ...]
+    beside: int | None = 1
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -88,25 +90,25 @@ class Design:
     def nodes(self) -> list[dict[str, float]]:
         middle = {p.name: p.nodes[1] for p in self.others}
         rows = [{AEROSOL.name: value, **middle} for value in AEROSOL.nodes]
-        for p in self.others:
+        for p in self.others if self.beside is not None else ():
             for outer in (p.nodes[0], p.nodes[2]):
-                rows.append({AEROSOL.name: AEROSOL.nodes[p.beside], **middle, p.name: outer})
+                rows.append({AEROSOL.name: AEROSOL.nodes[self.beside], **middle, p.name: outer})
         return rows
 
-    def weights(self, values: Mapping[str, float]) -> np.ndarray:
-        """Weights (M,) of the nodes whose sum of ln(XYZ) is that of an air between them."""
-        x, target = AEROSOL.scaled(np.array(AEROSOL.nodes)), float(AEROSOL.scaled(values[AEROSOL.name]))
+    def weights(self, values: Mapping[str, Any]) -> np.ndarray:
+        """Weights (..., M) of the nodes whose sum of ln(XYZ) is that of an air between them; values (...)."""
+        x, target = AEROSOL.scaled(np.array(AEROSOL.nodes)), AEROSOL.scaled(np.asarray(values[AEROSOL.name], float))
         n = len(AEROSOL.nodes)
-        out = np.zeros(len(self.nodes))
-        out[:n] = spectrum.hermite_matrix(x, np.array([target]))[0]
+        out = np.zeros((*target.shape, len(self.nodes)))
+        out[..., :n] = spectrum.hermite_matrix(x, target.ravel()).reshape(*target.shape, n)
         node = n
-        for p in self.others:
+        for p in self.others if self.beside is not None else ():
             a, b, c = p.scaled(np.array(p.nodes))
-            q = float(p.scaled(values[p.name]))
+            q = p.scaled(values[p.name])
             outer = ((q - b) * (q - c) / ((a - b) * (a - c)), (q - a) * (q - b) / ((c - a) * (c - b)))
             for weight in outer:
-                out[node] += weight
-                out[p.beside] -= weight
+                out[..., node] += weight
+                out[..., self.beside] -= weight
                 node += 1
         return out
 
@@ -217,16 +219,20 @@ class Airs:
             )
         return self._fields[key]
 
-    def first(self, aerosol_type: str, suns: Sequence[float]) -> Skies:
-        """The skies of the type that all others are told from."""
-        splines = [self.splines(aerosol_type, node, suns) for node in self.design.nodes]
-        return Skies(self.design, aerosol_type, np.array(suns), np.array(splines), self.error)
+    def first(self, aerosol_type: str, suns: Sequence[float], depth: float | None = None) -> Skies:
+        """The skies of the type that all others are told from; depth: of aerosol near which the rest is varied."""
+        beside = None
+        if depth is not None:
+            beside = int(np.argmin(np.abs(np.log(AEROSOL.nodes) - np.log(depth))))
+        design = Design(self.design.others, beside)
+        splines = [self.splines(aerosol_type, node, suns) for node in design.nodes]
+        return Skies(design, aerosol_type, np.array(suns), np.array(splines), self.error)
 
     def like(self, first: Skies, aerosol_type: str, values: Mapping[str, float]) -> Skies:
         """The skies of another type: those of the first, changed as one air is by the type."""
         suns = first.sun_elevations_deg.tolist()
         one, other = (self.splines(name, values, suns) for name in (first.aerosol_type, aerosol_type))
-        return Skies(self.design, aerosol_type, first.sun_elevations_deg, first.splines + (other - one), self.error)
+        return Skies(first.design, aerosol_type, first.sun_elevations_deg, first.splines + (other - one), self.error)
 
     @property
     def error(self) -> float:

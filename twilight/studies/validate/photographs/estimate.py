@@ -1,8 +1,8 @@
 """From photographs to their air: the sun where it is not known, the aerosol types, and what they say.
 
-Every aerosol type is fitted in turn (`photographs.fit`).  Intervals are of the highest density of
+Every aerosol type is fitted in turn (`photographs.fit`).  Intervals are the shortest that hold 68 or 95 % of
 
-    exp(-chi^2 / 2),     chi^2 with all other parameters fitted again,
+    exp(-chi^2 / 2),     integrated over all other parameters (airs drawn about the best, and weighted),
 
 all values within a parameter's bounds being as likely before: 68 or 95 of 100 pictures have the truth in them, also of
 a parameter that they do not tell, whose interval is then most of what was tried.
@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from twilight.base.progress import Progress, silent
-from twilight.studies.validate.photographs.airs import AEROSOL, SUN, SUN_DEG, Airs, Parameter, Skies
+from twilight.studies.validate.photographs.airs import AEROSOL, SUN, SUN_DEG, Airs, Design, Parameter, Skies
 from twilight.studies.validate.photographs.fit import REACH, Fit, Frame, Freedom
 from twilight.studies.validate.photographs.photo import Curve
 
@@ -27,8 +27,14 @@ UNCONSTRAINED = 0.6
 LARGEST_MISFIT = 1.0
 """Q beyond which a fit does not fit: 10 % in luminance, or 0.01 in u', v', over the whole sky."""
 
-PROFILE_POINTS = 8
-"""Values of a parameter, around its best, at which all others are fitted again."""
+DRAWN, MOST_TRIED, ROUNDS = 1500, 20000, 3
+"""Airs that are drawn for intervals, of how many tried, and how often, each time about those before."""
+
+WIDER = 1.5
+"""Variances of what is drawn over those expected."""
+
+NEAR_BOUND = 0.01
+"""Distance of an interval to a bound, as a fraction of the range, within which it reaches that."""
 
 SEARCHED_DEG = np.array(
     [-18, -16, -14, -12, -10, -8.5, -7, -6, -5, -4, -3, -2, -1, 0, 1, 2.5, 4, 6, 9, 12, 16, 20, 25, 30, 37, 45, 55, 65,
@@ -57,8 +63,11 @@ EQUIVALENT = 4.0
 NEAR_ENOUGH = (16.0, EQUIVALENT)
 """chi^2 above the best up to which a type is fitted again with a sky of its own, in each round."""
 
-MOST_STARTS = 3
+MOST_STARTS = 2
 """The best of the starts, from which a first fit is made."""
+
+ALBEDOS = (0.25, 0.7)
+"""Where the next begins, as fractions of the range."""
 
 LARGE_PITCH_DEG = 5.0
 """Error of a camera's pitch beyond which a fit begins at several."""
@@ -190,13 +199,13 @@ def first_look(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:
 
 
 def starts(fit: Fit) -> list[np.ndarray]:
-    """Where a first fit begins: optical depths, albedos, pitches where that is not known; the rest in the middle."""
+    """Where a first fit begins: optical depths, pitches where that is not known; the rest in the middle."""
     pitches = [0.5]
-    if fit.freedom.pitch_deg > LARGE_PITCH_DEG:
+    if fit.freedom.pitch > LARGE_PITCH_DEG:
         pitches = [0.3, 0.43, 0.57, 0.7]
     made = []
-    for aerosol, albedo, pitch in itertools.product((0.2, 0.5, 0.8), (0.25, 0.7), pitches):
-        chosen = {AEROSOL.name: aerosol, "albedo": albedo, "pitch": pitch}
+    for aerosol, pitch in itertools.product((0.2, 0.5, 0.8), pitches):
+        chosen = {AEROSOL.name: aerosol, "pitch": pitch}
         made.append(np.array([chosen.get(p.name, 0.5) for p in fit.parameters]))
     return made
 
@@ -205,10 +214,11 @@ def _again(fit: Fit, airs: Airs) -> float:
     """Fit again with the skies of the best values themselves, in the very directions; how far they move, as a fraction
     of the ranges."""
     values, before = fit.values(), fit.x
-    for k, (frame, log_xyz) in enumerate(zip(fit.frames, fit.log_xyz(before, corrected=False), strict=True)):
+    computed = zip(fit.frames, fit.log_xyz(before, corrected=False), fit.uneven(before), strict=True)
+    for k, (frame, log_xyz, uneven) in enumerate(computed):
         sun = values[SUN] if frame.sun_deg is None else frame.sun_deg
         exact = airs.log_xyz(fit.skies.aerosol_type, values, sun, *fit.where(frame, values))
-        fit.corrections[k] = exact - log_xyz
+        fit.corrections[k] = exact + uneven - log_xyz
     fit.find([before])
     return float(np.abs(fit.x - before).max())
 
@@ -217,8 +227,12 @@ def _with_sun(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:
     """The fit of the first type, with the sun where it is sought."""
 
     def fitted(suns: Sequence[float]) -> Fit:
-        made = Fit(frames, airs.first(options.types[0], suns), options.freedom)
-        made.find(starts(made), MOST_STARTS)
+        depths = Fit(frames, airs.first(options.types[0], suns), options.freedom)
+        depths.find(starts(depths), MOST_STARTS)
+        skies = airs.first(options.types[0], suns, depths.values()[AEROSOL.name])
+        made = Fit(frames, skies, options.freedom, depths.errors)
+        albedo = [p.name == "albedo" for p in made.parameters]
+        made.find([np.where(albedo, value, depths.x) for value in ALBEDOS], len(ALBEDOS))
         return made
 
     known = sorted({frame.sun_deg for frame in frames if frame.sun_deg is not None})
@@ -261,13 +275,13 @@ def _search(airs: Airs, frames: Sequence[Frame], options: Options, suns: np.ndar
     for depth in SEARCH_DEPTHS:
         node = airs.design.nodes[depth]
         for s, splines in enumerate(airs.splines(options.types[0], node, suns.tolist())):
-            nodes = len(airs.design.nodes)
-            same = np.broadcast_to(splines, (nodes, 1, *splines.shape))
-            skies = Skies(airs.design, options.types[0], suns[s : s + 1], same, airs.error)
+            design = Design(airs.design.others, None)
+            same = np.broadcast_to(splines, (len(design.nodes), 1, *splines.shape))
+            skies = Skies(design, options.types[0], suns[s : s + 1], same, airs.error)
             fixed = [replace(frame, sun_deg=float(suns[s])) for frame in frames]
             fit = Fit(fixed, skies, options.freedom, errors)
             errors = fit.errors
-            for start in starts(fit)[: len(starts(fit)) // 3]:
+            for start in starts(fit)[: len(starts(fit)) // 3]:  # the same sky for all depths
                 r = fit.residuals(start)
                 misfit[s] = min(misfit[s], float(r @ r))
     return misfit
@@ -288,13 +302,17 @@ def described(fit: Fit, best: Fit) -> AirEstimate:
     made, x = plain(fit, best), fit.x
     covariance = _covariance(fit.jacobian)
     deviation = np.sqrt(np.diag(covariance))
+    drawn, weight = _drawn(fit, covariance)
+    column = np.cumsum(~fit.angles) - 1
     parameters = []
     for i, p in enumerate(fit.parameters):
-        fine, chi2 = _parabola(fit, i, deviation[i]) if fit.angles[i] else _profile(fit, i, deviation[i])
-        weight = np.exp(-0.5 * chi2)
-        weight /= weight.sum()
-        relative_width = float(np.sqrt(weight @ (fine - weight @ fine) ** 2) * np.sqrt(12.0))
-        one, two = (_densest(fine, weight, part) for part in (0.683, 0.954))
+        if fit.angles[i]:
+            one, two = ((x[i] - k * deviation[i], x[i] + k * deviation[i]) for k in (1.0, 2.0))
+            relative_width = float(deviation[i] * np.sqrt(12.0))
+        else:
+            values = drawn[:, column[i]]
+            one, two = (_densest(values, weight, part) for part in (0.683, 0.954))
+            relative_width = float(np.sqrt(weight @ (values - weight @ values) ** 2) * np.sqrt(12.0))
         span = fit.high[i] - fit.low[i]
 
         def value(place: float, p: Parameter = p, low: float = fit.low[i], span: float = span) -> float:
@@ -315,7 +333,9 @@ def described(fit: Fit, best: Fit) -> AirEstimate:
                 bounds=(float(p.nodes[0]), float(p.nodes[-1])),
                 relative_width=relative_width,
                 # at a bound the best value may lie beyond it
-                constrained=made.fits and relative_width <= UNCONSTRAINED and bool(one[0] > 0.0 and one[1] < 1.0),
+                constrained=made.fits
+                and relative_width <= UNCONSTRAINED
+                and bool(one[0] > NEAR_BOUND and one[1] < 1.0 - NEAR_BOUND),
             )
         )
     return replace(
@@ -334,35 +354,46 @@ def _covariance(jacobian: np.ndarray) -> np.ndarray:
     return np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1]) * 12.0e-3)
 
 
-def _densest(fine: np.ndarray, weight: np.ndarray, part: float) -> tuple[float, float]:
-    """Ends of the values of the highest density that hold a part of it."""
-    order = np.argsort(-weight)
-    held = fine[order[: int(np.searchsorted(np.cumsum(weight[order]), part)) + 1]]
-    return float(held.min()), float(held.max())
+def _drawn(fit: Fit, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (N, P) of what is not an angle of the camera, and the weights of each: the angles, near the best linear in
+    what is seen, are integrated over."""
+    held, random = ~fit.angles, np.random.default_rng(1)
+    angles = np.linalg.qr(fit.jacobian[:, fit.angles])[0]
+    told = fit.residuals(fit.x)[fit.errors.root.shape[0] :]
+    low, span = fit.low[held], (fit.high - fit.low)[held]
+    named = [p for p, chosen in zip(fit.parameters, held, strict=True) if chosen]
+
+    def chi2(x: np.ndarray) -> np.ndarray:
+        scaled = low + x * span
+        values = {p.name: p.value(scaled[:, i]) for i, p in enumerate(named)}
+        r = fit.differences(values)[:, fit.errors.used] @ fit.errors.whitening.T
+        r = np.concatenate([r, np.broadcast_to(told, (len(r), told.size))], axis=1)
+        return (r**2).sum(axis=1) - ((r @ angles) ** 2).sum(axis=1)
+
+    middle, even = fit.x[held], 12.0 * np.eye(int(held.sum()))
+    width = np.linalg.inv(np.linalg.inv(covariance[np.ix_(held, held)]) + even)
+    for _ in range(ROUNDS):
+        root = np.linalg.cholesky(WIDER * width + 1e-7 * np.eye(middle.size))
+        z = random.standard_normal((MOST_TRIED, middle.size))
+        x = middle + z @ root.T
+        inside = ((x >= 0.0) & (x <= 1.0)).all(axis=1)
+        x, z = x[inside][:DRAWN], z[inside][:DRAWN]
+        log_weight = -0.5 * chi2(x) + 0.5 * (z**2).sum(axis=1)
+        weight = np.exp(log_weight - log_weight.max())
+        weight /= weight.sum()
+        middle = weight @ x
+        width = (x - middle).T @ ((x - middle) * weight[:, None])
+    return x, weight
 
 
-def _parabola(fit: Fit, i: int, deviation: float) -> tuple[np.ndarray, np.ndarray]:
-    """The same by curvature alone."""
-    fine = np.linspace(0.0, 1.0, 2001)
-    return fine, ((fine - fit.x[i]) / deviation) ** 2
-
-
-def _profile(fit: Fit, i: int, deviation: float) -> tuple[np.ndarray, np.ndarray]:
-    """Values of one parameter, and chi^2 above the best, the others fitted again."""
-    best = fit.x[i]
-    half_width = float(np.clip(3.0 * deviation, 1e-3, 1.0))
-    grid = np.linspace(max(0.0, best - half_width), min(1.0, best + half_width), PROFILE_POINTS)
-    grid = np.unique(np.append(grid, best))
-    chi2 = np.zeros(grid.size)
-    at = int(np.flatnonzero(grid == best)[0])
-    for order in (range(at + 1, grid.size), range(at - 1, -1, -1)):
-        start = fit.x
-        for k in order:
-            start, here, _ = fit.from_start(start, {i: float(grid[k])})
-            chi2[k] = max(0.0, here - fit.chi2)
-    fine = np.linspace(grid[0], grid[-1], 2001)
-    # the root of a parabola is straight: interpolate it
-    return fine, np.interp(fine, grid, np.sqrt(chi2) * np.sign(grid - best)) ** 2
+def _densest(x: np.ndarray, weight: np.ndarray, part: float) -> tuple[float, float]:
+    """Ends of the shortest interval that holds a part of the weight."""
+    order = np.argsort(x)
+    x, passed = x[order], np.concatenate([[0.0], np.cumsum(weight[order])])
+    last = np.searchsorted(passed, passed[:-1] + part) - 1
+    fits = last < x.size
+    first = int(np.argmin(np.where(fits, x[np.minimum(last, x.size - 1)] - x, np.inf)))
+    return float(x[first]), float(x[last[first]])
 
 
 def _costs(fit: Fit) -> dict[str, float]:

@@ -20,7 +20,7 @@ so that exposure, colours and curve are marginalised exactly and the angles are 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -28,6 +28,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
+from twilight.numerics import spectrum
 from twilight.numerics.directions import azimuth_elevation, camera_axes, direction
 from twilight.sky import colour
 from twilight.studies.validate.photographs.airs import SUN, Parameter, Skies, towards
@@ -44,6 +45,15 @@ CAMERA_LN = (0.03, 0.016, 0.016)
 not points."""
 CAMERA_DEG = 45.0
 """Angle over which they are correlated [deg]."""
+YCBCR = np.array([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])
+"""Luma and chroma of JPEG (JFIF 1.02) from stored red, green, blue; each is a whole number."""
+STEPS = (0.2, 0.6, 0.6)
+"""Standard errors of luma and chroma by that, in steps; of luma, noise leaves less.  Twice those of one rounding."""
+INFLATED = 1.25
+"""Factor on all standard errors of pictures in 8 bits, by nine drawn ones (`benchmarks/phone.py --first 300`)."""
+STEP_REACH, STEP_COMMON = 1.0, 0.2
+"""Steps over which they are correlated, for the error is one of values, alike all along a line of one colour; and the
+part of their variance that is common to all values."""
 AMPLITUDES = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Amplitudes of the sky's errors that are tried."""
 SOLVER_DEG = 30.0
@@ -70,22 +80,23 @@ STEP = 2e-3
 """Step of the Jacobian's differences, as a fraction of a parameter's range."""
 AT_BOUND = 5e-3
 """Distance to a bound, as a fraction of a parameter's range, within which a value counts as at the bound."""
-ANGLES = ("heading", "pitch", "roll")
-"""Angles by which a camera may have been held otherwise than told."""
+ANGLES = {"heading": "deg", "pitch": "deg", "roll": "deg", "zoom": "%"}
+"""Angles by which a camera may have been held otherwise than told, and how much wider it may have seen; units."""
 
 
 @dataclass(frozen=True)
 class Freedom:
     """What besides the air may differ: gains of the colours, a tone curve; what counts: brightness, colours; standard
-    errors [deg] of the camera's angles, 0: as told."""
+    errors of the camera's angles [deg] and of the width of its view [%], 0: as told."""
 
     white_balance: bool = False
     curve: bool = False
     brightness: bool = True
     with_colour: bool = True
-    heading_deg: float = 0.0
-    pitch_deg: float = 0.0
-    roll_deg: float = 0.0
+    heading: float = 0.0
+    pitch: float = 0.0
+    roll: float = 0.0
+    zoom: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +105,7 @@ class Frame:
 
     cells: azimuths from the sun.  camera_deg: azimuth (from the sun), elevation and roll of the camera as told.
     sun_deg: true elevation, None where it is sought.  lens (n,): squared angle off the axis, 1 in the corner; None: no
-    lens.  log_exposure: ln of cd m^-2 of the picture's 1, and its standard error; None: unknown.
+    lens.  log_exposure: ln of cd m^-2 of the picture's 1, and its standard error; None: unknown.  eight_bits: of sRGB.
     """
 
     cells: Cells
@@ -102,6 +113,7 @@ class Frame:
     sun_deg: float | None = None
     lens: np.ndarray | None = None
     log_exposure: tuple[float, float] | None = None
+    eight_bits: bool = False
 
     @cached_property
     def own(self) -> np.ndarray:
@@ -113,22 +125,34 @@ class Frame:
         """(3, n) of the photograph."""
         return components(self.cells.xyz, self.cells.colour_known)
 
-    def turned(self, heading: float, pitch: float, roll: float) -> tuple[np.ndarray, np.ndarray]:
-        """Elevations and azimuths from the sun (n,) [deg] of the cells with the camera turned by these angles."""
-        if heading == pitch == roll == 0.0:
+    def rounded(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """What one whole step of luma and of either chroma is in ln G, ln R/G and ln B/G (3, n), and those (n,)."""
+        green, red, blue = self.components[0], *(self.components[0] + self.components[1:])
+        light = np.exp([red, green, blue])
+        stored = 255.0 * colour.srgb_encode(light)
+        per_step = 0.01 / (255.0 * colour.srgb_encode(1.01 * light) - stored)
+        for of_rgb, to_rgb in zip(YCBCR, np.linalg.inv(YCBCR).T, strict=True):
+            r, g, b = to_rgb[:, None] * per_step
+            yield np.array([g, r - g, b - g]), of_rgb @ stored
+
+    def turned(self, heading: float, pitch: float, roll: float, zoom: float) -> tuple[np.ndarray, np.ndarray]:
+        """Elevations and azimuths from the sun (n,) [deg] of the cells with the camera turned by these angles, and its
+        view wider by so many per cent."""
+        if heading == pitch == roll == zoom == 0.0:
             return self.cells.elevation_deg, self.cells.azimuth_deg
         azimuth, elevation, tilt = self.camera_deg
-        a, e = azimuth_elevation(self.own @ camera_axes(azimuth + heading, elevation + pitch, tilt + roll))
+        own = self.own * (1.0 + 0.01 * zoom, 1.0, 1.0 + 0.01 * zoom)
+        a, e = azimuth_elevation(own @ camera_axes(azimuth + heading, elevation + pitch, tilt + roll))
         return e, a
 
 
 def components(xyz: np.ndarray, colour_known: bool = True) -> np.ndarray:
-    """ln G, ln R/G, ln B/G (3, n) of XYZ (n, 3); of a grey photograph ln Y thrice."""
+    """ln G, ln R/G, ln B/G (3, ..., n) of XYZ (..., n, 3); of a grey photograph ln Y thrice."""
     if not colour_known:
-        return np.log(np.repeat(xyz[None, :, 1], 3, axis=0))
+        return np.log(np.repeat(xyz[None, ..., 1], 3, axis=0))
     rgb = colour.xyz_to_linear_rgb(xyz, OBSERVER)
-    floor = 2.0 * FLOOR * xyz[:, 1:2]
-    red, green, blue = np.log(0.5 * (rgb + np.hypot(rgb, floor))).T
+    floor = 2.0 * FLOOR * xyz[..., 1:2]
+    red, green, blue = np.moveaxis(np.log(0.5 * (rgb + np.hypot(rgb, floor))), -1, 0)
     return np.stack([green, red - green, blue - green])
 
 
@@ -146,7 +170,8 @@ class Errors:
         away = np.degrees(np.arccos(np.clip(np.concatenate(where) @ np.concatenate(where).T, -1.0, 1.0)))
         near, wide = np.exp(-away / SKY_DEG), np.exp(-0.5 * (away / SOLVER_DEG) ** 2)
         smooth = np.exp(-away / CAMERA_DEG)
-        near = near * (self.frame[:, None] == self.frame)
+        same = self.frame[:, None] == self.frame
+        near = near * same
         sun = np.asarray(suns_deg, float)[self.frame]
         wide = wide * np.exp(-0.5 * ((sun[:, None] - sun) / SOLVER_SUN_DEG) ** 2)
         solver = 0.5 * solver_error * np.array([1.0, SOLVER_COLOUR, SOLVER_COLOUR])
@@ -156,7 +181,14 @@ class Errors:
             smooth_k = solver[k] ** 2 * wide + CAMERA_LN[k] ** 2 * smooth
             self._fixed[block, block] = smooth_k + NOISE_LN[k] ** 2 * np.eye(n)
             self._sky[block, block] = SKY_LN[k] ** 2 * near
+        for at, frame in enumerate(frames):
+            here = np.flatnonzero(np.tile(self.frame == at, 3))
+            for error, (step, value) in zip(STEPS, frame.rounded() if frame.eight_bits else (), strict=False):
+                alike = np.exp(-np.abs(value[:, None] - value) / STEP_REACH)
+                alike = error**2 * (STEP_COMMON + (1.0 - STEP_COMMON) * alike)
+                self._fixed[np.ix_(here, here)] += np.outer(step, step) * np.tile(alike, (3, 3))
         self._modes(frames, freedom, n)
+        self.inflation = INFLATED if any(frame.eight_bits for frame in frames) else 1.0
         self.amplitude = 0.0
         self.take(1.0)
 
@@ -188,7 +220,7 @@ class Errors:
         """C of what counts; without: a kind of modes that is taken as known."""
         free = self.deviations * [kind != without for kind in self.kinds]
         c = self._fixed + amplitude**2 * self._sky + (self.modes * free**2) @ self.modes.T
-        return c[np.ix_(self.used, self.used)]
+        return self.inflation**2 * c[np.ix_(self.used, self.used)]
 
     def take(self, amplitude: float) -> None:
         """Set the amplitude of the sky's own errors."""
@@ -208,7 +240,7 @@ class Errors:
     def camera(self, difference: np.ndarray) -> np.ndarray:
         """Coefficients of the modes (K,) that a difference (3 n,) most likely holds."""
         white = self.whitening.T @ (self.whitening @ difference[self.used])
-        return self.deviations**2 * (self.modes[self.used].T @ white)
+        return (self.inflation * self.deviations) ** 2 * (self.modes[self.used].T @ white)
 
 
 class Fit:
@@ -227,10 +259,10 @@ class Fit:
         if not suns:
             ends = skies.sun_elevations_deg
             self.parameters.append(Parameter(SUN, "sun.elevation_deg", "deg", (ends[0], ends[-1])))
-        for name in ANGLES:
-            error = getattr(freedom, f"{name}_deg")
+        for name, unit in ANGLES.items():
+            error = getattr(freedom, name)
             if error > 0.0:
-                self.parameters.append(Parameter(name, "", "deg", (-REACH * error, REACH * error)))
+                self.parameters.append(Parameter(name, "", unit, (-REACH * error, REACH * error)))
         bounds = [p.scaled(np.array([p.nodes[0], p.nodes[-1]])) for p in self.parameters]
         self.low, self.high = np.array(bounds).T
         self.angles = np.array([p.name in ANGLES for p in self.parameters])
@@ -256,6 +288,36 @@ class Fit:
             sky = towards(self._under(of_air, sun), *self.where(frame, values))
             made.append(sky + correction if corrected else sky)
         return made
+
+    def uneven(self, x: np.ndarray) -> list[np.ndarray]:
+        """What the mean over each cell has beyond its middle (n, 3), in ln(XYZ), at x."""
+        values, made = self.values(x), []
+        of_air = self.skies.of_air(values)
+        for frame in self.frames:
+            sky = self._under(of_air, values[SUN] if frame.sun_deg is None else frame.sun_deg)
+            elevation, azimuth = self.where(frame, values)
+            if not np.any(frame.cells.spread_deg):
+                made.append(np.zeros((elevation.size, 3)))
+                continue
+            e, a = frame.cells.spread_deg
+            of_parts = [towards(sky, elevation + i * e, azimuth + j * a) for i in (-1, 1) for j in (-1, 1)]
+            made.append(np.log(np.mean(np.exp(of_parts), axis=0)) - towards(sky, elevation, azimuth))
+        return made
+
+    def differences(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """As `difference` (N, 3 n) for many airs and suns, values (N,); the camera's angles as at the best."""
+        best, suns = self.values(), self.skies.sun_elevations_deg
+        weights = self.skies.design.weights(values)
+        sky = []
+        for frame, correction in zip(self.frames, self.corrections, strict=True):
+            here = self.where(frame, best)
+            of_nodes = np.array([[towards(one, *here) for one in node] for node in self.skies.splines])
+            sun = values[SUN] if frame.sun_deg is None else np.full(len(weights), frame.sun_deg)
+            of_suns = spectrum.hermite_matrix(suns, sun) if suns.size > 1 else np.ones((len(weights), 1))
+            both = (weights[:, :, None] * of_suns[:, None, :]).reshape(len(weights), -1)
+            log_xyz = (both @ of_nodes.reshape(both.shape[1], -1)).reshape(len(weights), *correction.shape)
+            sky.append(components(np.exp(log_xyz + correction), frame.cells.colour_known))
+        return self.shown + self.known - np.moveaxis(np.concatenate(sky, axis=-1), 0, 1).reshape(len(weights), -1)
 
     def _under(self, of_air: np.ndarray, sun: float) -> np.ndarray:
         same = np.flatnonzero(self.skies.sun_elevations_deg == sun)

@@ -16,7 +16,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-import colour as science
 import numpy as np
 
 from twilight.base.errors import TwilightError
@@ -76,7 +75,7 @@ class Cells:
     """Cells of a photograph that stand for equal parts of its clear sky; what is compared of them is as of `PhotoSky`.
 
     elevation_deg, azimuth_deg (n,): middle of the clear part of each, azimuth from the sun.
-    xyz (n, 3), solid_angle_sr (n,).
+    xyz (n, 3), solid_angle_sr (n,).  spread_deg (2, n): standard deviations of elevation and azimuth over it.
     """
 
     elevation_deg: np.ndarray
@@ -84,6 +83,7 @@ class Cells:
     xyz: np.ndarray
     solid_angle_sr: np.ndarray
     colour_known: bool = True
+    spread_deg: np.ndarray | float = 0.0
 
     @property
     def counts(self) -> np.ndarray:
@@ -97,15 +97,17 @@ class Cells:
         shape = photo.fine_valid.shape
         middle = np.stack([np.broadcast_to(rows[:, None], shape), np.broadcast_to(columns, shape)], axis=-1)
         k = rows.size // photo.elevation_deg.size
-        where, _ = _average(middle, photo.fine_valid, rows, k, 90.0 / rows.size)
+        both = np.concatenate([middle, middle**2], axis=-1)
+        where, _ = _average(both, photo.fine_valid, rows, k, 90.0 / rows.size)
         weight = photo.solid_angle_sr[photo.counts]
         chosen = np.arange(weight.size)
         if weight.size > most:
             passed = np.cumsum(weight)
             chosen = np.unique(np.searchsorted(passed, (np.arange(most) + 0.5) / most * passed[-1]))
             weight = np.full(weight.size, passed[-1] / chosen.size)
-        e, a = where[photo.counts][chosen].T
-        return cls(e, a, photo.xyz[photo.counts][chosen], weight[chosen], photo.colour_known)
+        e, a, *squares = where[photo.counts][chosen].T
+        spread = np.sqrt(np.maximum(np.array(squares) - np.array([e, a]) ** 2, 0.0))
+        return cls(e, a, photo.xyz[photo.counts][chosen], weight[chosen], photo.colour_known, spread)
 
 
 def photo_sky(panorama: Panorama, valid: np.ndarray, cell_deg: float) -> PhotoSky:
@@ -330,6 +332,8 @@ def _ciede2000(one: np.ndarray, other: np.ndarray, weight: np.ndarray) -> tuple[
     """CIEDE2000 of XYZ (..., 3) with and without the difference in luminance, NaN where masked."""
     there = (weight > 0) & np.isfinite(one).all(axis=-1) & (one[..., 1] > 0) & (other[..., 1] > 0)
     a, b, w = one[there], other[there], weight[there]
+    import colour as science  # start-up
+
     white_xy = science.CCS_ILLUMINANTS[spectrum.OBSERVERS[OBSERVER]]["D65"]
     white = 5.0 * np.exp(np.average(np.log(b[:, 1]), weights=w))
     results = []

@@ -32,7 +32,7 @@ from twilight.studies.camera.exif import (
     read_stated,
 )
 from twilight.studies.camera.image import StoredImage, as_light, read_image, read_samples
-from twilight.studies.camera.model import CameraModel, ImageSize, Orientation
+from twilight.studies.camera.model import CameraModel, ImageSize, Lens, Orientation
 from twilight.studies.camera.response import load_response
 from twilight.studies.validate.photographs import mask as masks
 from twilight.studies.validate.photographs.mask import SKYLINE_ERROR_DEG, TILT_ERROR_DEG, find_horizon, separation_deg
@@ -48,6 +48,8 @@ NARROW_ERROR_DEG = 8.0
 """Standard error of what symmetry tells of a smaller part [deg]."""
 UNKNOWN_PITCH_DEG, UNKNOWN_ROLL_DEG = 12.0, 3.0
 """Standard errors of the angle above the horizontal and of the tilt of a camera of which nothing is known [deg]."""
+ZOOM_ERROR_PERCENT = 1.5
+"""Standard error of the width of a view by a focal length in 35 mm, a whole number, of a lens that distorts [%]."""
 GUESSED_PITCH_DEG = 12.0
 """Elevation of such a camera's axis, about which it is sought [deg]."""
 SPECTRUM_NM = (450.0, 550.0, 620.0)
@@ -70,7 +72,8 @@ class Photograph:
     picture: linear (``camera.image.read_image``).  camera: with its orientation; azimuths count from its own where that
     is unknown.  cell_deg: cells of the comparison.  profile, mask_image (H, W), automatic, min_elevation_deg,
     glare_deg: see ``mask.make_mask``.  errors_deg: standard errors of the camera's azimuth (from north), elevation and
-    roll, 0: as told.  stated: what the file says.  remarks: sentences on where the camera is from.
+    roll, 0: as told.  zoom_error: of the width of the view [%].  balanced: its colours are of the camera as described,
+    else of who knows what white.  stated: what the file says.  remarks: sentences on where the camera is from.
     """
 
     picture: StoredImage
@@ -82,6 +85,8 @@ class Photograph:
     min_elevation_deg: float = 0.0
     glare_deg: float = masks.SUN_GLARE_DEG
     errors_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    zoom_error: float = 0.0
+    balanced: bool = True
     stated: Stated = STATES_NOTHING
     remarks: tuple[str, ...] = ()
 
@@ -97,13 +102,19 @@ class Photograph:
             return None
         return float(np.log(self.stated.cd_per_m2)), LUMINANCE_LN
 
-    def turned(self, pitch_deg: float, roll_deg: float, errors_deg: tuple[float, float, float]) -> Photograph:
-        """The same with its camera turned by these angles."""
+    def turned(
+        self, pitch_deg: float, roll_deg: float, errors_deg: tuple[float, float, float], wider_percent: float = 0.0
+    ) -> Photograph:
+        """The same with its camera turned by these angles, and its view that much wider."""
         old = self.camera.orientation
         elevation = float(np.clip(old.elevation_deg + pitch_deg, -90.0, 90.0))
         roll = (old.roll_deg + roll_deg + 180.0) % 360.0 - 180.0
         held = Orientation(azimuth_deg=old.azimuth_deg, elevation_deg=elevation, roll_deg=roll)
-        return replace(self, camera=self.camera.model_copy(update={"orientation": held}), errors_deg=errors_deg)
+        camera = self.camera.changed(orientation=held)
+        if wider_percent:
+            lens = Lens(field_of_view_deg=_wider(self.camera.lens.field_of_view_deg or 0.0, wider_percent))
+            camera = camera.changed(lens=lens)
+        return replace(self, camera=camera, errors_deg=errors_deg)
 
     @property
     def _k(self) -> int:
@@ -178,6 +189,10 @@ class Photograph:
         return panorama, mask
 
 
+def _wider(field_deg: float, percent: float) -> float:
+    return float(2.0 * np.degrees(np.arctan((1.0 + 0.01 * percent) * np.tan(np.radians(0.5 * field_deg)))))
+
+
 def spectra_of(xyz: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
     """Sun-normalised spectra (..., W) >= 0 of colours (..., 3) [cd m^-2]: straight lines between `SPECTRUM_NM`."""
     lines = np.array([np.interp(wavelength_nm, SPECTRUM_NM, one) for one in np.eye(3)])
@@ -242,6 +257,8 @@ def read_photograph(
     skyline = None if profile is None else masks.read_profile(profile)
     shown = None if mask_image is None else masks.read_mask_image(mask_image)
     stated = read_stated(path)
+    unknown = camera is None
+    by_focal_length = unknown and field_of_view_deg is None
     if camera is None:
         samples = read_samples(path)
         camera = _camera(Path(path), samples, stated, field_of_view_deg)
@@ -257,8 +274,11 @@ def read_photograph(
             stacklevel=2,
         )
     made = Photograph(picture, camera, cell_deg, skyline, shown, automatic, min_elevation_deg, glare_deg, stated=stated)
+    made = replace(made, balanced=not unknown)
     if camera.projection == "latlong":
         return made
+    if by_focal_length:
+        made = replace(made, zoom_error=ZOOM_ERROR_PERCENT)
     if "elevation_deg" in camera.orientation.model_fields_set:
         return replace(made, errors_deg=errors)
     return _held(made, errors[0])
@@ -278,7 +298,7 @@ def _held(photograph: Photograph, compass_deg: float) -> Photograph:
             f"{TILT_ERROR_DEG:g} deg, by the horizon in the picture"
         )
     held = Orientation(azimuth_deg=old.azimuth_deg, elevation_deg=elevation, roll_deg=roll)
-    camera = photograph.camera.model_copy(update={"orientation": held})
+    camera = photograph.camera.changed(orientation=held)
     return replace(photograph, camera=camera, errors_deg=errors, remarks=(note,))
 
 
@@ -286,7 +306,7 @@ def _camera(path: Path, picture: StoredImage, stated: Stated, field_of_view_deg:
     height, width = picture.samples.shape[:2]
     if width != 2 * height or field_of_view_deg is not None:
         made = stated.camera(path, width, height, field_of_view_deg)
-        return made.model_copy(update={"response": "linear"}) if picture.linear else made
+        return made.changed(response="linear") if picture.linear else made
     return CameraModel(
         projection="latlong",
         image=ImageSize(width_px=width, height_px=height),
@@ -297,6 +317,8 @@ def _camera(path: Path, picture: StoredImage, stated: Stated, field_of_view_deg:
 
 UPSIDE_DOWN = 2.0
 """Light of the lower half of a picture over that of the upper beyond which it may stand on its head."""
+ROUGH = 0.04
+"""Difference of ln(light) between neighbours on the ground, or of what stands on it, beyond the noise of a sky."""
 NIGHT_CD_PER_M2 = 2e-3
 """Luminance of the sky below which a picture is one of the night: a zenith with the sun at -15 deg."""
 MOST_SATURATED, MUCH_SATURATED = 0.6, 0.2
@@ -316,7 +338,7 @@ def check_upright(name: str, photograph: Photograph) -> None:
     logarithms = [np.log(np.maximum(half, 1e-6 + 1e-4 * float(small.max()))) for half in (upper, lower)]
     level = [float(np.median(half)) for half in logarithms]
     rough = [float(np.median(np.abs(np.diff(half, axis=1)))) for half in logarithms]
-    if level[1] - level[0] > np.log(UPSIDE_DOWN) and rough[1] < rough[0]:
+    if level[1] - level[0] > np.log(UPSIDE_DOWN) and rough[0] > ROUGH and rough[0] > 2.0 * rough[1]:
         raise TwilightError(
             f"{name}: its lower half is brighter and smoother than its upper: it stands on its head, or shows no sky; "
             "turn it"

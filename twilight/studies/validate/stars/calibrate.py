@@ -142,14 +142,14 @@ def calibrate(
     sources = detect(picture, guess, threshold)
     if guess.projection == "latlong":
         sources = sources.take(guess.directions_own(sources.xy) @ zenith > LOWEST_SIN)
-    found = _search(sources, guess, stars, sky_sr, air)
-    if found is None:
+    searched = _search(sources, guess, stars, sky_sr, air)
+    if searched is None:
         raise TwilightError(
             f"no orientation of the sky fits the {len(sources)} star-like sources of the picture; check projection, "
             "focal length (to 10 %), lens.mirrored"
             f"{', place and time' if air is None else ''}, and that it shows at least some ten stars"
         )
-    attitude, camera = found
+    attitude, camera = searched
     radius = min(FIRST_RADIUS_RAD, 0.03 * image.width_px / camera.focal_length_px)
     fit = refine(Pose(attitude.matrix, camera, air), sources, stars, attitude.centre, radius, orders)
     if fit is None or not _beyond_chance(fit):

@@ -104,10 +104,10 @@ def horizontal(place: StarSite, moment: datetime, pressure_hpa: float, temperatu
         bodies, magnitudes = [], []
         sun = coordinates.get_body_barycentric("sun", time, ephemeris="builtin")
         for name, magnitude in PLANETS.items():
-            seen = coordinates.get_body(name.lower(), time, site, ephemeris="builtin")
+            body = coordinates.get_body(name.lower(), time, site, ephemeris="builtin")
             from_sun = (coordinates.get_body_barycentric(name.lower(), time, ephemeris="builtin") - sun).norm()
-            bodies.append(_east_north_up(seen.transform_to(local)))
-            magnitudes.append(magnitude + 5.0 * np.log10(from_sun.to_value("au") * seen.distance.to_value("au")))
+            bodies.append(_east_north_up(body.transform_to(local)))
+            magnitudes.append(magnitude + 5.0 * np.log10(from_sun.to_value("au") * body.distance.to_value("au")))
     all_of_them = Stars(
         np.concatenate([true, np.array(bodies)]),
         np.concatenate([stars.magnitude, magnitudes]),

@@ -73,8 +73,8 @@ def detect(picture: np.ndarray, camera: CameraModel, threshold: float = 5.0) -> 
     light = np.asarray(picture, dtype=np.float32)
     light = np.nan_to_num(light.mean(axis=-1) if light.ndim == 3 else light, posinf=0.0, neginf=0.0)
     if camera.projection != "latlong":
-        found = _detect_flat(light, threshold, single_pixels=False)
-        return found.take(np.isfinite(camera.angle_off_axis(found.xy)))
+        sources = _detect_flat(light, threshold, single_pixels=False)
+        return sources.take(np.isfinite(camera.angle_off_axis(sources.xy)))
     return _detect_panorama(light, camera, threshold)
 
 
@@ -103,19 +103,19 @@ def _detect_panorama(light: np.ndarray, camera: CameraModel, threshold: float) -
             }
         )
         level = CameraModel.model_validate({"projection": "latlong", "image": {"width_px": width, "height_px": height}})
-        seen = cap.directions(cap.pixel_centres())
-        at = level.project(seen)
+        directions = cap.directions(cap.pixel_centres())
+        at = level.project(directions)
         # the mean over the width of a pixel of the view, which is many pixels of a row wide near the pole
-        stretch = 1.0 / np.maximum(np.hypot(seen[..., 0], seen[..., 1]), 1e-3)
+        stretch = 1.0 / np.maximum(np.hypot(directions[..., 0], directions[..., 1]), 1e-3)
         view = np.zeros((side, side), dtype=np.float32)
         offsets = (np.arange(8) + 0.5) / 8 - 0.5
         for offset in offsets:
             column = np.mod(at[..., 0] - 0.5 + offset * np.minimum(stretch, width / 2), width)
             view += map_coordinates(wrapped, [at[..., 1] - 0.5 + 1.0, column + 3.0], order=1, mode="nearest")
-        found = _detect_flat(view / len(offsets), threshold, single_pixels=True)
-        position = level.project(cap.directions(found.xy))
+        sources = _detect_flat(view / len(offsets), threshold, single_pixels=True)
+        position = level.project(cap.directions(sources.xy))
         polar = sign * (0.5 - position[:, 1] / height) * np.pi >= POLAR_LATITUDE_RAD
-        parts.append(Sources(position, found.flux, found.signal_to_noise, found.width_px).take(polar))
+        parts.append(Sources(position, sources.flux, sources.signal_to_noise, sources.width_px).take(polar))
     joined = [np.concatenate([getattr(p, n) for p in parts]) for n in ("xy", "flux", "signal_to_noise", "width_px")]
     all_of_them = Sources(*joined)
     return all_of_them.take(np.argsort(-all_of_them.flux, kind="stable")[:MOST_STARS])
@@ -164,10 +164,10 @@ def _detect_flat(light: np.ndarray, threshold: float, single_pixels: bool) -> So
     keep = settled & (flux > 0)
     if not single_pixels:
         keep &= ~_hot(_largest_neighbour(above, row, column), ratio[row, column])
-    found = Sources(xy, flux, ratio[row, column], width).take(keep)
-    width_px = float(np.median(found.width_px)) if len(found) else 0.0
-    found = found.take(found.width_px <= WIDEST * max(width_px, SMOOTHING_PX))
-    return _without_twins(found.take(np.argsort(-found.flux, kind="stable")))
+    sources = Sources(xy, flux, ratio[row, column], width).take(keep)
+    width_px = float(np.median(sources.width_px)) if len(sources) else 0.0
+    sources = sources.take(sources.width_px <= WIDEST * max(width_px, SMOOTHING_PX))
+    return _without_twins(sources.take(np.argsort(-sources.flux, kind="stable")))
 
 
 def _centres(above: np.ndarray, row: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -223,11 +223,11 @@ def _hot(neighbour: np.ndarray, signal_to_noise: np.ndarray) -> np.ndarray:
     return (neighbour < LEAST_NEIGHBOUR) if sampled else np.zeros(len(neighbour), dtype=bool)
 
 
-def _without_twins(found: Sources) -> Sources:
+def _without_twins(sources: Sources) -> Sources:
     """Centres that ran into one another within a pixel and a half are one source."""
-    keep = np.ones(len(found), dtype=bool)
-    if len(found):
-        for i, j in sorted(cKDTree(found.xy).query_pairs(1.5)):
+    keep = np.ones(len(sources), dtype=bool)
+    if len(sources):
+        for i, j in sorted(cKDTree(sources.xy).query_pairs(1.5)):
             if keep[i]:
                 keep[j] = False
-    return found.take(keep)
+    return sources.take(keep)

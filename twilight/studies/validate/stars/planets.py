@@ -38,36 +38,36 @@ class Dating:
     others: int
 
 
-def date_by_planets(made: Calibration, first_year: float, last_year: float) -> Dating | None:
+def date_by_planets(calibration: Calibration, first_year: float, last_year: float) -> Dating | None:
     """The date between two Julian years that puts most planets onto bright sources that are no star; None without any.
 
     At least two planets must fit, with nothing as conspicuous as Venus or Jupiter missing.
     Errors: TwilightError where the calibration was made with place and time.
     """
-    air = made.fit.state.air
+    air = calibration.fit.state.air
     if air is None:
         raise TwilightError("planets date pictures whose place and time are unknown; these are known")
     zenith = np.array(air.zenith)
-    unmatched = np.ones(len(made.sources), dtype=bool)
-    unmatched[made.fit.match.source] = False
-    magnitude = made.magnitude_zero - 2.5 * np.log10(made.sources.flux)
+    unmatched = np.ones(len(calibration.sources), dtype=bool)
+    unmatched[calibration.fit.match.source] = False
+    magnitude = calibration.magnitude_zero - 2.5 * np.log10(calibration.sources.flux)
     bright = np.flatnonzero(unmatched & (magnitude < FAINTEST_MAG))
     if len(bright) < LEAST_PLANETS:
         return None
-    own = made.camera.directions_own(made.sources.xy[bright])
+    own = calibration.camera.directions_own(calibration.sources.xy[bright])
     lowered = 2.0 * own - lifted(own, zenith, air.pressure_hpa, air.temperature_c)  # refraction is small: undone so
-    to_equator = precession(made.year)
-    sources = lowered @ made.fit.state.matrix @ to_equator
+    to_equator = precession(calibration.year)
+    sources = lowered @ calibration.fit.state.matrix @ to_equator
     sources /= np.linalg.norm(sources, axis=1, keepdims=True)
     years, tracks = planet_tracks(first_year, last_year, STEP_DAYS)
     chord = np.linalg.norm(tracks[:, :, None, :] - sources[None, None], axis=-1).min(axis=-1)
     distance = 2.0 * np.arcsin(np.clip(0.5 * chord, 0.0, 1.0))  # (time, planet)
     there = distance < LARGEST_SEPARATION_RAD
-    overhead = zenith @ made.fit.state.matrix @ to_equator
+    overhead = zenith @ calibration.fit.state.matrix @ to_equator
     for name, least_deg in CONSPICUOUS.items():
         i = list(PLANETS).index(name)
         high = tracks[:, i] @ overhead > np.sin(np.radians(least_deg))
-        in_picture = made.camera.inside(made.fit.state.project(tracks[:, i] @ to_equator.T))
+        in_picture = calibration.camera.inside(calibration.fit.state.project(tracks[:, i] @ to_equator.T))
         there[high & ~there[:, i] & in_picture] = False
     count = there.sum(axis=1)
     most = int(count.max())

@@ -84,9 +84,9 @@ def match(
 
     As many of the brightest stars in the picture are compared as there may be among the sources: STARS_PER_SOURCE each.
     """
-    found = state.camera.directions_own(sources.xy)
+    directions = state.camera.directions_own(sources.xy)
     limit = np.cos(within_rad) if within_rad < np.pi else -2.0
-    source = np.flatnonzero(found @ centre >= limit)  # False for NaN
+    source = np.flatnonzero(directions @ centre >= limit)  # False for NaN
     own = state.own(stars.directions)
     up = True if state.air is None else own @ np.array(state.air.zenith) > 0.0
     star = np.flatnonzero((own @ centre >= limit) & up)
@@ -94,8 +94,8 @@ def match(
     star = star[: max(4, int(STARS_PER_SOURCE * len(source)))]
     if not len(source) or not len(star):
         return Match(np.empty(0, dtype=int), np.empty(0, dtype=int), np.empty(0))
-    chord, nearest = cKDTree(own[star]).query(found[source])
-    _, back = cKDTree(found[source]).query(own[star])
+    chord, nearest = cKDTree(own[star]).query(directions[source])
+    _, back = cKDTree(directions[source]).query(own[star])
     distance = 2.0 * np.arcsin(np.clip(0.5 * chord, 0.0, 1.0))
     mutual = (back[nearest] == np.arange(len(source))) & (distance <= radius_rad)
     return Match(source[mutual], star[nearest[mutual]], distance[mutual])

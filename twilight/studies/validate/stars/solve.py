@@ -129,9 +129,9 @@ def _free(camera: CameraModel, matches: int, neighbourhood_deg: float, orders: i
 
 def _distances(state: Pose, sources: Sources, stars: Stars, pairs: Match) -> np.ndarray:
     """Angles [rad] (N,) between sources and their stars; pi where a source is outside what the lens can show."""
-    found = state.camera.directions_own(sources.xy[pairs.source])
+    directions = state.camera.directions_own(sources.xy[pairs.source])
     own = state.own(stars.directions[pairs.star])
-    angle = 2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(found - own, axis=1), 0.0, 1.0))
+    angle = 2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(directions - own, axis=1), 0.0, 1.0))
     return np.where(np.isnan(angle), np.pi, angle)
 
 

@@ -1,0 +1,273 @@
+"""Pictures from a `SkyTable` of four channels, by its rule, for any sun between those of the table.
+
+The rule is compiled here because films read some millions of directions a second; `SkyTable.light` is the same.
+
+The sun's disc in a film: lifted, flattened and coloured by the refracted sunbeam, darkened to its limb.
+
+The moon of a film: where it stands in every picture, and its disc.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from datetime import timedelta
+
+import numpy as np
+
+from twilight.base.threads import in_slices
+from twilight.config.scene import Config
+from twilight.config.sun import SunInterval
+from twilight.jit.kernels import njit
+from twilight.jit.simd import LANES, broadcast, exp, load, store
+from twilight.numerics.directions import PHASE_COUNT
+from twilight.scene.scene import placed_moon
+from twilight.show.moonlight import MoonColours, sky_elevations
+from twilight.show.timeline import FilmTimeline
+from twilight.show.tones import CHANNELS, NO_LIGHT, padded_columns
+from twilight.sky.disc import SOLAR_RADIUS_DEG, limb_darkening, mean_limb_darkening
+from twilight.sky.moon import Moon, disc_integral, moon_over, surface, towards_sun
+from twilight.sky.table import DARKEST, SkyTable
+
+NONE = np.float32(0.0)
+"""0 in the single precision of the tables, which a literal is not."""
+ONE = np.float32(1.0)
+"""1 in that precision."""
+BELOW_DEG = 1e-7
+"""How far below the horizon light counts as the ground's [deg]."""
+
+
+@njit(cache=True, nogil=True)
+def _stencil(nodes, x, at, weight):
+    """The four of nodes (N,) about x, at (4,), and their weight (4,), both filled: `hermite_weights` of one place."""
+    last = nodes.size - 1
+    x = min(max(x, nodes[0]), nodes[last])
+    low, high = 0, last
+    while high - low > 1:
+        middle = (low + high) // 2
+        if nodes[middle] <= x:
+            low = middle
+        else:
+            high = middle
+    for k in range(4):
+        at[k] = min(max(low + k - 1, 0), last)
+    h = nodes[at[2]] - nodes[at[1]]
+    before, after = nodes[at[1]] - nodes[at[0]], nodes[at[3]] - nodes[at[2]]
+    b = h / before if before > 0.0 else 0.0
+    a = h / after if after > 0.0 else 0.0
+    left, right = 1.0 / (1.0 + b), 1.0 / (1.0 + a)
+    u = (x - nodes[at[1]]) / h
+    p, q = u * (1.0 - u) ** 2, u**2 * (1.0 - u)
+    inner = p * left - q * right
+    outer_left, outer_right = p * (1.0 - left) * b, q * (1.0 - right) * a
+    weight[0] = -outer_left
+    weight[1] = (1.0 + 2.0 * u) * (1.0 - u) ** 2 - inner + outer_left
+    weight[2] = u**2 * (3.0 - 2.0 * u) + inner + outer_right
+    weight[3] = -outer_right
+
+
+@njit(cache=True, nogil=True)
+def _draw(table, phase, rows, columns, darkest, directions, azimuth, above, horizon, sun, sun_azimuth, near, out, i, j):
+    """Light out (N, 4) of directions i to j.
+
+    table (rows, columns, LANES): S of the channels, then A; phase (angles, LANES): 0, then ln P; rows, columns: nodes
+    [deg]; darkest (4,): light that counts as none; directions (N, 2): elevation [deg] and its cosine; azimuth (N,)
+    [deg]; above (N,): part of each pixel that is over the horizon [deg]; sun: apparent [deg]; sun_azimuth [deg];
+    near [au^-2]: one over the square of its distance; i, j: range of directions.
+    """
+    at, weight = np.empty(4, np.int64), np.empty(4)
+    across, beside = np.empty(4, np.int64), np.empty(4)
+    channels = np.empty((1, LANES), np.float32)
+    n_angles, level = phase.shape[0], math.cos(math.radians(sun))
+    for p in range(i, j):
+        a = abs((azimuth[p] - sun_azimuth + 180.0) % 360.0 - 180.0)
+        _stencil(columns, a, across, beside)
+        half = math.sin(math.radians(0.5 * (directions[p, 0] - sun)))
+        chord = half * half + directions[p, 1] * level * math.sin(math.radians(0.5 * a)) ** 2
+        place = math.sqrt(2.0 * math.asin(math.sqrt(min(1.0, chord))) / math.pi) * (n_angles - 1)
+        k = min(int(place), n_angles - 2)
+        f = np.float32(place - k)
+        for c in range(CHANNELS):
+            out[p, c] = 0.0
+        for side in range(2):
+            fraction = above[p] if side == 1 else 1.0 - above[p]
+            if fraction <= 0.0:
+                continue
+            e = max(directions[p, 0], horizon) if side == 1 else min(directions[p, 0], horizon - BELOW_DEG)
+            _stencil(rows, e, at, weight)
+            value = broadcast(NONE)
+            for m in range(4):
+                if weight[m] != 0.0:
+                    for n in range(4):
+                        value += np.float32(weight[m] * beside[n]) * load(table, (at[m], across[n]))
+            value += (ONE - f) * load(phase, k) + f * load(phase, k + 1)
+            store(channels, 0, exp(value))
+            for c in range(CHANNELS):
+                light = channels[0, c] + channels[0, CHANNELS + c]
+                if light > darkest[c]:
+                    out[p, c] += near * fraction * light
+
+
+@dataclass
+class Painter:
+    """Draws a fixed set of directions under any sun.
+
+    table: of four channels [cd m^-2] at 1 au, many suns, and the ground.  elevation_deg, azimuth_deg (H, W): azimuth
+    from north, or from whatever the sun's azimuth is counted from; NaN is outside the picture.
+    """
+
+    table: SkyTable
+    elevation_deg: np.ndarray
+    azimuth_deg: np.ndarray
+
+    def __post_init__(self) -> None:
+        self.outside = ~np.isfinite(self.elevation_deg)
+        elevation = np.nan_to_num(self.elevation_deg)
+        self._azimuth = np.nan_to_num(self.azimuth_deg).ravel()
+        self.horizon_deg = horizon_of(self.table)
+        tall = np.abs(np.gradient(elevation, axis=0)) + np.abs(np.gradient(elevation, axis=1))
+        self._above = np.clip((elevation - self.horizon_deg) / np.maximum(tall, 1e-9) + 0.5, 0.0, 1.0).ravel()
+        self._directions = np.stack([elevation.ravel(), np.cos(np.radians(elevation)).ravel()], axis=-1)
+        self._columns, self._column = padded_columns(self.table.azimuth_deg)
+        self._phase = np.zeros((PHASE_COUNT, LANES), np.float32)
+        if self.table.log_phase is not None:
+            self._phase[:, CHANNELS:] = self.table.log_phase
+
+    def light(self, sun_elevation_deg: float, sun_azimuth_deg: float = 0.0, distance_au: float = 1.0) -> np.ndarray:
+        """The channels [cd m^-2], (H, W, 4), without the sun's disc; 0 outside the picture."""
+        sky = self.table.under(sun_elevation_deg)
+        smooth = sky.smooth[0][:, self._column]
+        layers = np.full((*smooth.shape[:2], LANES), NO_LIGHT, np.float32)
+        layers[..., :CHANNELS] = smooth
+        if sky.aureole is not None:
+            layers[..., CHANNELS:] = sky.aureole[0][:, self._column]
+        darkest = 2.0 * DARKEST * np.exp(smooth.max(axis=(0, 1)).astype(float))
+        out = np.empty((self._azimuth.size, CHANNELS))
+        nodes = layers, self._phase, self.table.elevation_deg, self._columns, darkest
+        about = self._directions, self._azimuth, self._above, self.horizon_deg
+        sun = float(sky.apparent_sun_deg[0]), sun_azimuth_deg, 1.0 / distance_au**2
+        in_slices(lambda i, j: _draw(*nodes, *about, *sun, out, i, j), self._azimuth.size)
+        out = out.reshape(*self.elevation_deg.shape, CHANNELS)
+        out[self.outside] = 0.0
+        return out
+
+
+def horizon_of(table: SkyTable) -> float:
+    """Apparent elevation of the horizon [deg]: the lowest break of a table that has the ground."""
+    rows = table.elevation_deg
+    return float(rows[np.flatnonzero(np.diff(rows) == 0.0)[0]])
+
+
+DARKENED_AT_NM = np.array([550.0])
+"""Wavelength of the limb darkening of all wavelengths, as on the page of `twilight view` [nm]."""
+
+
+@dataclass(frozen=True)
+class RefractedBeam:
+    """refraction_deg (N,), beam (N, 4): of the sun's disc at 1 au, as `show.space.sunbeam`; horizon_deg: apparent."""
+
+    refraction_deg: np.ndarray
+    beam: np.ndarray
+    horizon_deg: float
+
+    def near(self, elevation_deg: np.ndarray, body_elevation_deg: float, pixel_deg: float) -> np.ndarray:
+        """Whether apparent elevations [deg] may show a body at a true elevation."""
+        with np.errstate(invalid="ignore"):
+            near = np.abs(elevation_deg - body_elevation_deg) < 2.0 + pixel_deg
+            return near & (elevation_deg >= self.horizon_deg)
+
+    def at(self, elevation_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """True elevations [rad] (M,), and what the whole disc would give (M, 4), at apparent elevations (M,) [deg]."""
+        nodes = sky_elevations(self.horizon_deg)
+        true = np.radians(elevation_deg - np.interp(elevation_deg, nodes, self.refraction_deg))
+        logs = [np.interp(elevation_deg, nodes, column) for column in np.log(self.beam).T]
+        return true, np.stack([np.exp(log) for log in logs], axis=-1)
+
+
+@dataclass(frozen=True)
+class DiscPainter(RefractedBeam):
+    """Draws the sun's disc."""
+
+    def light(
+        self,
+        elevation_deg: np.ndarray,
+        azimuth_deg: np.ndarray,
+        pixel_deg: float,
+        sun_elevation_deg: float,
+        sun_azimuth_deg: float,
+        distance_au: float,
+    ) -> np.ndarray:
+        """Channels of the film's tone [cd m^-2], (H, W, 4).
+
+        sun_elevation_deg: true.  Edges are smoothed over pixel_deg; a disc of less than a pixel keeps its light.
+        """
+        light = np.zeros((*elevation_deg.shape, 4))
+        near = self.near(elevation_deg, sun_elevation_deg, pixel_deg)
+        if not near.any():
+            return light
+        true, beam = self.at(elevation_deg[near])
+        sun, across = np.radians(sun_elevation_deg), np.radians(azimuth_deg[near] - sun_azimuth_deg)
+        cosine = np.sin(true) * np.sin(sun) + np.cos(true) * np.cos(sun) * np.cos(across)
+        away = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        radius = SOLAR_RADIUS_DEG / distance_au
+        filled = np.clip((radius - away) / pixel_deg + 0.5, 0.0, min(1.0, np.pi * (radius / pixel_deg) ** 2))
+        mu = np.sqrt(np.clip(1.0 - (away / radius) ** 2, 0.0, 1.0))
+        dark = limb_darkening(mu[..., None], DARKENED_AT_NM)[..., 0] / mean_limb_darkening(DARKENED_AT_NM)[0]
+        # what the disc gives at 1 au over the solid angle that it has there
+        solid = np.pi * np.sin(np.radians(SOLAR_RADIUS_DEG)) ** 2
+        light[near] = (filled * dark / solid)[:, None] * beam
+        return light
+
+
+PIECE_DEG = 0.03
+"""Distance of the points of a pixel whose mean is the disc's light in it [deg]."""
+MOST_PIECES = 16
+"""Most points across a pixel."""
+
+
+def moons_of(config: Config, line: FilmTimeline) -> list[Moon] | None:
+    """The moon of every picture, its azimuth from the sun's; None where the configuration has none.
+
+    One that is put somewhere stands still, as seen from the sun's azimuth.
+    """
+    if config.moon is None:
+        return None
+    suns = zip(line.time_s, line.elevation_deg, line.azimuth_deg, line.distance_au, strict=True)
+    sun = config.sun
+    if not isinstance(sun, SunInterval):
+        return [placed_moon(config.moon, float(e), float(au)) for _, e, _, au in suns]
+    start, where = sun.aware(sun.start), (sun.latitude_deg, sun.longitude_deg)
+    altitude_km = config.observer.altitude_km
+    return [moon_over(start + timedelta(seconds=float(t)), *where, float(a), altitude_km) for t, _, a, _ in suns]
+
+
+@dataclass(frozen=True)
+class MoonDiscPainter(RefractedBeam):
+    """Draws the moon's disc, whose beam is the sun's in moonlight."""
+
+    colours: MoonColours
+
+    def light(
+        self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, pixel_deg: float, moon: Moon, sun_elevation_deg: float
+    ) -> np.ndarray:
+        """Channels [cd m^-2] of the disc in directions (H, W), (H, W, 4); azimuth from the sun's.
+
+        A pixel has the mean of its points, so that a disc smaller than it keeps its light.
+        """
+        light = np.zeros((*elevation_deg.shape, 4))
+        near = self.near(elevation_deg, moon.elevation_deg, pixel_deg)
+        if not near.any():
+            return light
+        true, beam = self.at(elevation_deg[near])
+        m, across = np.radians(moon.elevation_deg), np.radians(azimuth_deg[near] - moon.azimuth_deg)
+        radius = np.sin(np.radians(moon.radius_deg))
+        x = np.cos(true) * np.sin(across) / radius
+        y = (np.sin(true) * np.cos(m) - np.cos(true) * np.sin(m) * np.cos(across)) / radius
+        facing = np.cos(true) * np.cos(m) * np.cos(across) + np.sin(true) * np.sin(m) > 0.0
+        count = int(np.clip(np.ceil(pixel_deg / PIECE_DEG), 2, MOST_PIECES))
+        step = np.radians(pixel_deg) / radius * ((np.arange(count) + 0.5) / count - 0.5)
+        place = x[:, None, None] + step[:, None], y[:, None, None] + step
+        shape = surface(*place, towards_sun(moon, sun_elevation_deg), moon.phase_angle_deg).mean(axis=(1, 2))
+        whole = self.colours.moonlit(beam, moon)
+        light[near] = (np.where(facing, shape, 0.0) / radius**2 / disc_integral(moon.phase_angle_deg))[:, None] * whole
+        return light

@@ -1,0 +1,248 @@
+"""The air of photographs: where their sun stands, how the camera was held, their cells, and the fit of all together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twilight.base.errors import TwilightError
+from twilight.base.progress import Progress, part_of, silent
+from twilight.base.threads import one_blas_thread
+from twilight.config.scene import Config
+from twilight.config.sun import SunAt, SunElevation, SunElevations
+from twilight.engine import run
+from twilight.numerics.directions import azimuth_elevation, camera_axes, direction
+from twilight.scene import resolve
+from twilight.sky import colour
+from twilight.sky.ephemeris import SunPosition, sun_position
+from twilight.studies.validate.photographs.airs import (
+    OTHERS,
+    SUN,
+    SUN_DEG,
+    Airs,
+    Design,
+    climate_settings,
+    with_settings,
+)
+from twilight.studies.validate.photographs.estimate import Options, Refine, find_air, first_look
+from twilight.studies.validate.photographs.estimated import Estimate, Shown
+from twilight.studies.validate.photographs.fit import ANGLES, Frame, Freedom
+from twilight.studies.validate.photographs.photo import OBSERVER, Cells
+from twilight.studies.validate.photographs.photograph import Photograph, check_sky, check_upright, place_sun
+
+MOST_CELLS = 160
+"""Directions that a fit takes, of one photograph or of all."""
+
+LEAST_CELLS = 40
+"""Of each of several photographs."""
+
+RETURNED_DEG = 1.0
+"""Turn of a camera beyond which a photograph is cut into cells again [deg]."""
+
+DISC_PITCH_DEG = 0.5
+"""Standard error of a camera's elevation by the disc of a sun that is known [deg]."""
+
+LIT_ABOVE_DEG = -0.5
+"""A sun that is found above this has glare, which is masked before the fit is made again [deg]."""
+
+LEAST_HEADING_DEG = 0.3
+"""Least standard error of a sun's azimuth that was found in the picture [deg]."""
+
+
+def sun_range(config: Config) -> tuple[float, float, SunPosition | None]:
+    """Lowest and highest sun [deg] of the search, equal where it is known, and its position at a place and time."""
+    sun = config.sun
+    if isinstance(sun, SunAt):
+        at = sun_position(sun.aware(sun.at), sun.latitude_deg, sun.longitude_deg, config.observer.altitude_km)
+        return (*_known(float(at.elevation_deg)), at)
+    if "sun" not in config.model_fields_set:
+        return (*SUN_DEG, None)
+    if isinstance(sun, SunElevation):
+        return (*_known(sun.elevation_deg), None)
+    if not isinstance(sun, SunElevations):
+        raise TwilightError(
+            "sun: a photograph has one time; give sun.at, an elevation, or elevations to search between"
+        )
+    low, high = (float(np.clip(f(sun.elevations_deg), *SUN_DEG)) for f in (min, max))
+    return low, high, None
+
+
+def _known(elevation_deg: float) -> tuple[float, float]:
+    low, high = SUN_DEG
+    if not low <= elevation_deg <= high:
+        raise TwilightError(
+            f"sun: at {elevation_deg:.2f} deg; photographs are fitted with suns from {low:g} to {high:g}"
+        )
+    return elevation_deg, elevation_deg
+
+
+@dataclass(frozen=True)
+class Given:
+    """What the caller of an estimate says of it; see `twilight.estimate`."""
+
+    types: Sequence[str]
+    parameters: Sequence[str]
+    sun_azimuth_deg: float | None = None
+    suns_deg: Sequence[float] | None = None
+    white_balance: bool | None = None
+    tone_curve: bool | None = None
+    brightness: bool = True
+    with_colour: bool = True
+    refine: bool = False
+
+
+@one_blas_thread()
+def estimate_air(
+    names: Sequence[str],
+    photographs: Sequence[Photograph],
+    given: Config,
+    says: Given,
+    progress: Progress = silent,
+) -> Estimate:
+    """Fit photographs of one camera, held the same, and one air.  Errors: TwilightError for whatever cannot be done."""
+    placed = [_placed(*one, given, says) for one in zip(names, photographs, _suns(photographs, says), strict=True)]
+    shown, remarks = [one[0] for one in placed], list(dict.fromkeys(note for one in placed for note in one[3]))
+    low, high = placed[0][1]
+    if len(placed) > 1 and any(a != b for _, (a, b), _, _ in placed):
+        raise TwilightError(
+            "series: the sun of every picture must be known: by Exif time and place, by sun elevations that are given, "
+            "or by its disc"
+        )
+    design = Design(tuple(p for p in OTHERS if p.name in says.parameters))
+    own = None if given.climate.aerosol is None else given.climate.aerosol.type
+    order = [name for name in says.types if name == own] + [name for name in says.types if name != own]
+    airs = Airs(given, design, part_of(progress, 0.05, 0.75))
+    developed = any(one.photograph.developed for one in shown)
+    unknown = not all(one.photograph.balanced for one in shown)
+    heading = max(one[2] for one in placed)
+    free = Freedom(
+        white_balance=developed or unknown if says.white_balance is None else says.white_balance,
+        curve=developed if says.tone_curve is None else says.tone_curve,
+        brightness=says.brightness,
+        with_colour=says.with_colour,
+        heading=np.hypot(heading, LEAST_HEADING_DEG) if heading > 0.0 else 0.0,
+        pitch=shown[0].photograph.errors_deg[1],
+        roll=shown[0].photograph.errors_deg[2],
+        zoom=shown[0].photograph.zoom_error,
+    )
+    refined: Refine | None = None
+    if says.refine:
+
+        def refined(
+            aerosol_type: str, values: Mapping[str, float], frame: Frame, elevation: np.ndarray, azimuth: np.ndarray
+        ) -> np.ndarray:
+            sun = values.get(SUN, frame.sun_deg)
+            return _by_the_scene(given, design, aerosol_type, values, sun, elevation, azimuth)
+
+    most = max(MOST_CELLS // len(shown), LEAST_CELLS)
+    options, known = Options(order, own, low, high, free), low == high
+    frames = [_frame(one, most, known) for one in shown]
+    if not known or max(free.pitch, free.roll) > 0.0:
+        # a sun and a camera that were not known: cut the pictures into cells again
+        look = first_look(airs, frames, options).values()
+        lit = not known and look.get(SUN, 0.0) >= LIT_ABOVE_DEG
+        if lit or np.hypot(look.get("pitch", 0.0), look.get("roll", 0.0)) > RETURNED_DEG:
+            turned = {name: value for name, value in look.items() if name != "zoom"}
+            cut = [_found(one, turned) for one in shown]
+            frames = [_frame(one, most, known, told) for one, told in zip(cut, frames, strict=True)]
+    made = find_air(airs, frames, options, refined, progress)
+    best = next(one for one in made if one.parameters)
+    shown = [_found(one, best.values) for one in shown]
+    return Estimate(tuple(shown), given, made, best, free, None if says.refine else "compact", tuple(remarks))
+
+
+def _suns(photographs: Sequence[Photograph], says: Given) -> list[float | None]:
+    if says.suns_deg is None:
+        return [None] * len(photographs)
+    if len(says.suns_deg) != len(photographs):
+        raise TwilightError(f"sun elevations: gives {len(says.suns_deg)} for {len(photographs)} pictures")
+    return [_known(sun)[0] for sun in says.suns_deg]
+
+
+def _placed(
+    name: str, photograph: Photograph, told_deg: float | None, given: Config, says: Given
+) -> tuple[Shown, tuple[float, float], float, list[str]]:
+    """A photograph with its sun (NaN where it is sought), between which suns, the error of its azimuth, and remarks."""
+    check_upright(name, photograph)
+    low, high, at = sun_range(given)
+    remarks = list(photograph.remarks)
+    if told_deg is not None:
+        low = high = told_deg
+    elif "sun" not in given.model_fields_set and photograph.stated.sun is not None:
+        scene = with_settings(given, {"sun": photograph.stated.sun})
+        low, high, at = sun_range(scene)
+        remarks.append(f"the sun's height: {low:.2f} deg by Exif time and place")
+    known_azimuth = None if at is None else float(at.azimuth_deg)
+    azimuth, error, note = place_sun(photograph, known_azimuth, says.sun_azimuth_deg)
+    remarks.append(note)
+    disc = None if says.sun_azimuth_deg is not None else photograph.sun if "disc" in note else None
+    if disc is not None and disc.true_elevation_deg is not None:
+        tilt = photograph.errors_deg[1]
+        if low == high and tilt > DISC_PITCH_DEG:
+            turn = low - float(disc.true_elevation_deg)
+            photograph = photograph.turned(
+                turn, 0.0, (*photograph.errors_deg[:1], DISC_PITCH_DEG, photograph.errors_deg[2])
+            )
+            remarks.append(f"camera: turned by {turn:+.1f} deg so that the sun's disc stands where the sun does")
+        elif low < high:
+            found = round(float(disc.true_elevation_deg), 2)
+            if low <= found <= high:
+                low, high = (found, found) if tilt == 0.0 else (max(low, found - 3 * tilt), min(high, found + 3 * tilt))
+                remarks.append(f"the sun's height: {found:.2f} deg by its disc in the photograph")
+            else:
+                remarks.append(
+                    f"the sun's disc stands at {found:.2f} deg, not within the {low:g} to {high:g} deg searched"
+                )
+    remarks += check_sky(name, photograph, photograph.seen(azimuth, low if low == high else None))
+    return Shown(name, photograph, low if low == high else np.nan, azimuth), (low, high), error, remarks
+
+
+def _frame(shown: Shown, most: int, known: bool, told: Frame | None = None) -> Frame:
+    """A photograph cut into the cells of a fit; told: the same with the camera that its angles count from."""
+    photograph, sun = shown.photograph, shown.sun_elevation_deg
+    cells = Cells.of(photograph.seen(shown.sun_azimuth_deg, sun if np.isfinite(sun) else None).sky, most)
+    held = photograph.camera.orientation
+    camera = ((held.azimuth_deg or 0.0) - shown.sun_azimuth_deg, held.elevation_deg, held.roll_deg)
+    if told is not None:
+        own = direction(cells.azimuth_deg, cells.elevation_deg) @ camera_axes(*camera).T
+        azimuth, elevation = azimuth_elevation(own @ camera_axes(*told.camera_deg))
+        cells, camera = replace(cells, elevation_deg=elevation, azimuth_deg=azimuth), told.camera_deg
+    eight = photograph.developed and photograph.picture.bits == 8
+    frame = Frame(cells, camera, sun if known else None, None, photograph.log_exposure, eight)
+    if photograph.camera.projection == "latlong":
+        return frame
+    corner = float(photograph.camera.angle_off_axis(np.array([0.0, 0.0])))
+    corner = corner if np.isfinite(corner) else np.radians(90.0)
+    off = np.arccos(np.clip(frame.own[:, 1], -1.0, 1.0))
+    return replace(frame, lens=(off / corner) ** 2)
+
+
+def _found(shown: Shown, values: Mapping[str, float]) -> Shown:
+    """A photograph with its camera and sun as they were found."""
+    heading, pitch, roll, zoom = (values.get(name, 0.0) for name in ANGLES)
+    photograph = shown.photograph
+    if pitch or roll or zoom:
+        photograph = photograph.turned(pitch, roll, photograph.errors_deg, zoom)
+    sun = values.get(SUN, shown.sun_elevation_deg)
+    return Shown(shown.name, photograph, float(sun), float((shown.sun_azimuth_deg - heading) % 360.0))
+
+
+def _by_the_scene(
+    given: Config,
+    design: Design,
+    aerosol_type: str,
+    values: Mapping[str, float],
+    sun: float | None,
+    elevation: np.ndarray,
+    azimuth: np.ndarray,
+) -> np.ndarray:
+    """ln(XYZ) (n, 3) in directions, by the scene's own solver and with all that the scene has."""
+    settings = climate_settings(design, values, aerosol_type) | {"sun": {"elevation_deg": sun}}
+    sky = run(resolve(with_settings(given, settings)), numpy_only_sun=True)
+    factor = sky.sample(elevation, azimuth)
+    xyz = colour.factor_to_xyz(factor, sky.wavelength_nm, sky.solar_spectrum, observer=OBSERVER)
+    if not (xyz > 0.0).all():
+        raise TwilightError("estimate: the computed sky is black where the photograph shows clear sky")
+    return np.log(xyz)
