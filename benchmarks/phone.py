@@ -31,6 +31,7 @@ from twilight.sky import colour
 from twilight.sky.ephemeris import SunPosition, sun_position
 from twilight.studies.camera import CameraModel
 from twilight.studies.camera.exif import FULL_FRAME_MM, LENS_TRANSMISSION, MIDDLE_GREY
+from twilight.studies.validate.photographs.estimate import LARGEST_MISFIT
 
 TABLE = results.FOLDER / "phone_pictures.csv"
 WIDTH, HEIGHT = 640, 480
@@ -188,10 +189,11 @@ def one(index: int) -> list[list[str]]:
 
 
 def summary(rows: list[list[str]]) -> list[str]:
-    """How often intervals hold, all parameters and each."""
-    lines = []
+    """How often intervals hold, all parameters and each; a picture whose fit does not fit, and says so, has none."""
+    fitted = [row for row in rows if float(row[10]) <= LARGEST_MISFIT]
+    lines = [f"{len({row[0] for row in rows})} pictures, {len({row[0] for row in fitted})} of them are fitted"]
     for name in ("all", "told", "aerosol", "ozone", "albedo"):
-        chosen = [row for row in rows if name in ("all", row[2]) or (name == "told" and row[9] == "True")]
+        chosen = [row for row in fitted if name in ("all", row[2]) or (name == "told" and row[9] == "True")]
         if chosen:
             t, _, a, b, c, d = np.array([row[3:9] for row in chosen], float).T
             held, held_95 = np.mean((a <= t) & (t <= b)), np.mean((c <= t) & (t <= d))

@@ -6,8 +6,7 @@
 
 A row is a case: its name, a SHA-256 of I, Q, U (where the solver has them) and of the sun's direct light, the mean of
 I [sr^-1] for people to read, and the processor seconds.  Machine code may differ between processors: both files must
-come from one machine.  numba does not see edits in files that a kernel
-imports: remove the `__pycache__` folders below twilight before.  `write FILE zones cells` restricts to cases whose name
+come from one machine.  `write FILE zones cells` restricts to cases whose name
 begins so.
 """
 

@@ -53,7 +53,7 @@ class KernelsHook(BuildHookInterface):
         for solver in self._solvers:
             for scene in SCENES.get(solver, ("continental-average",)):
                 command = ["render", scene, "--sun-elevation", "-4", "--solver", solver, "--no-preview"]
-                command += ["--output", f"{self._folder}/sky", "--overwrite"]
+                command += ["--quality", "draft", "--output", f"{self._folder}/sky", "--overwrite"]
                 subprocess.run([sys.executable, "-m", "twilight", *command], env=environment, check=True)
         for file in package.rglob("*.nb[ci]"):
             build_data["force_include"][str(file)] = f"twilight/{file.relative_to(package).as_posix()}"

@@ -14,10 +14,10 @@ import pytest
 from pydantic import BaseModel
 
 from twilight import solvers
+from twilight.base.document import parse_yaml
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.sections import Origins, validate
 from twilight.config import Climate, Config, load, load_climate, load_series
-from twilight.config.document import parse_yaml
 from twilight.config.load import parse_setting, shipped
 
 OPAC_TYPES = (

@@ -140,9 +140,8 @@ def test_degraded_photographs_are_as_uncertain_as_they_say(degraded):
 def test_a_part_of_the_sky_says_less():
     wide = seen(latlong(), TRUTH)
     part = (wide.azimuth_deg > 90) & (wide.azimuth_deg < 180)
-    few = replace(
-        wide, **{name: getattr(wide, name)[part] for name in ("elevation_deg", "azimuth_deg", "xyz", "solid_angle_sr")}
-    )
+    names = ("elevation_deg", "azimuth_deg", "xyz", "solid_angle_sr")
+    few = replace(wide, spread_deg=wide.spread_deg[:, part], **{name: getattr(wide, name)[part] for name in names})
     one, other = (by_name(found_in(cells)[0]) for cells in (wide, few))
     assert other["aerosol"].standard_error > 1.2 * one["aerosol"].standard_error
 
@@ -278,7 +277,7 @@ def test_the_camera_s_angles_are_fitted():
     frame = Frame(cells, (30.0, 22.0, 4.0), 12.0)
     azimuth, elevation = azimuth_elevation(frame.own @ camera_axes(*told))
     wrong = replace(cells, elevation_deg=elevation, azimuth_deg=azimuth)
-    free = Freedom(heading_deg=5.0, pitch_deg=2.0, roll_deg=1.0)
+    free = Freedom(heading=5.0, pitch=2.0, roll=1.0)
     made = find_air(ToyAirs(), [Frame(wrong, told, 12.0)], Options(["toy"], None, 12.0, 12.0, free))[0]
     assert made.values["pitch"] == pytest.approx(2.0, abs=0.6) and made.values["heading"] == pytest.approx(
         -2.0, abs=1.0

@@ -33,6 +33,12 @@ def test_the_command_line_and_configurations_load_nothing_heavy(statement):
     assert not modules_after(statement) & HEAVY
 
 
+def test_a_sky_of_the_fitted_model_loads_no_compiler():
+    """A sky within seconds would wait half a second for numba, and need it."""
+    compute = "import twilight; twilight.solve('urban', solver='compact').radiance(-4.0, 20.0, 0.0)"
+    assert not modules_after(compute) & (HEAVY | {"llvmlite"}) - {"h5py"}
+
+
 def test_imports_keep_to_the_contract():
     pytest.importorskip("importlinter")
     result = subprocess.run(

@@ -25,7 +25,7 @@ class Listener(event.Listener):
         pass
 
 event.register("numba:compile", Listener())
-sky = twilight.render("continental-average", sun_elevation_deg=-4.0)
+sky = twilight.render("continental-average", sun_elevation_deg=-4.0, quality="draft")
 print(twilight.__file__, float(sky.radiance.mean()) > 0.0, "compiled:", names)
 """
 

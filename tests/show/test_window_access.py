@@ -1,4 +1,4 @@
-"""The page for every hand: axe-core's rules, sizes for fingers, a sheet on a phone, keys, and names said once."""
+"""The page for every hand: axe-core's rules, sizes for fingers, a sheet on a phone, keys, one name for each control."""
 
 from __future__ import annotations
 

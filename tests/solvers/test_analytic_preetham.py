@@ -285,13 +285,10 @@ def test_the_refitted_set_is_darker_than_the_papers_and_goes_the_same_way():
         (changed("turbidity", value=[6, 2]), "turbidity must be two numbers"),
         (changed("x", "distribution", "C", value=None), "x.distribution.C is missing"),
         (changed("y", "zenith", value=[[1.0]]), r"y.zenith\[1\] is missing"),
-        (
-            changed("luminance", "distribution", "A", value=["a"]),
-            r"luminance.distribution.A\[0\] must be a number from .*, got 'a'",
-        ),
+        (changed("luminance", "distribution", "A", value=["a"]), r"distribution.A\[0\] must be a number"),
         (changed("luminance", "distribution", "B", value=[0.5]), "luminance.distribution.B is 0.5"),
         (changed("luminance", "distribution", "A", value=[-3.0]), "a luminance that is not positive"),
-        (changed("x", "zenith", value=[[5.0]] * 4), "a chromaticity outside 0 to 1"),
+        (changed("x", "zenith", value=[[5.0] for _ in range(4)]), "a chromaticity outside 0 to 1"),
     ],
 )
 def test_a_broken_set_is_refused(document, words):

@@ -1,3 +1,3 @@
-"""What `import twilight` offers.  Every way to a `Sky` leads through this room, whose `representation` draws it."""
+"""What `import twilight` offers; `representation` attaches the methods of `Sky` that draw."""
 
 import twilight.api.representation  # noqa: F401 - attaches what draws and stores skies

@@ -1,7 +1,4 @@
-"""What arguments mean: scenes, places and times of several libraries.
-
-Types of the arguments that `twilight` takes: scenes, times and places of several libraries.
-"""
+"""Arguments of `twilight`'s functions: scenes, times and places of several libraries, and their types."""
 
 from __future__ import annotations
 

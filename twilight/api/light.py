@@ -1,4 +1,4 @@
-"""`light`: what shines on a direction or a surface at a place and a time, in the unit of a trade."""
+"""`light`: light of a direction or on a surface at a place and a time, as named quantities."""
 
 from __future__ import annotations
 

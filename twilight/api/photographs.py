@@ -59,7 +59,7 @@ def estimate(
     Parameters
     ----------
     picture
-        HDR, EXR, TIFF, PNG, JPEG or RAW; several are of one camera that was not moved, and of one air.
+        HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW; several are of one camera that was not moved, and of one air.
     scene
         As of `render`: all that is not estimated.  Its sun counts where it is given: an elevation, a place and time, or
         several elevations to search between; otherwise that of the file's time and place, or all are searched.
@@ -73,8 +73,8 @@ def estimate(
     types, parameters
         Aerosol types to try, and what is estimated beside the optical depth: `ozone`, `albedo`.
     white_balance, tone_curve
-        Gains of red, green and blue, and a curve of two numbers, are free beside the exposure; None: where a camera
-        made a picture to look at (8 or 16 bits of sRGB).
+        Gains of red, green and blue, and a curve of three numbers, are free beside the exposure; None: where a camera
+        made a picture to look at (8 or 16 bits of sRGB), gains also where no camera is given.
     brightness, colour
         Whether differences of brightness over the sky count, and of colour.
     refine

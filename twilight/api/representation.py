@@ -1,7 +1,7 @@
-"""How a sky shows itself: in a notebook, as a plot, in a browser, as a dataset of xarray's.
+"""Representations of a sky: in a notebook, as a plot, in a browser, as a dataset of xarray's.
 
-`Sky` and `SkySeries` stand in a room below those that draw and write; their methods are attached here, at the end, and
-every public way to a sky leads through this module, which the room imports first.
+Methods of `Sky` and `SkySeries` that draw and write are attached here, because their module may not import from rooms
+above it; `twilight.api` imports this module first.
 
 Figures: a sheet of a series' pictures, and the profile of a climate.
 """

@@ -93,7 +93,7 @@ class GridMedium(Generic[M]):
         return self._source.medium
 
     def given_to(self, optics: tuple[Any, ...]) -> GridMedium[M] | None:
-        """For a medium of these optics: bound to them where it is given for the first time, None for other optics."""
+        """For a medium of these optics, which become its own the first time; None for other optics."""
         if self._optics is None:
             return replace(self, _optics=optics)
         same = len(optics) == len(self._optics) and all(map(_equal, optics, self._optics))

@@ -1,10 +1,10 @@
-"""How a coefficient goes between two levels: exponentially, or linearly where one end is 0.
+"""Interpolation of a coefficient between two levels: exponential, or linear where one end is 0.
 
     a(f) = a0^(1-f) a1^f,   mean = (a1 - a0) / ln(a1/a0),   f the fraction of the way from the lower level to the upper.
 
 The rule of all coefficients but the scattering and the refractivity of air (:mod:`twilight.atmosphere.steffen`).
 
-Steffen's monotone cubics: how scattering and refractivity of air go through their levels.
+Scattering and refractivity of air are Steffen's monotone cubics.
 
 Between two points the curve is a cubic, its slope is continuous at every point, and it stays between the values at its
 ends, so that no inversion and no duct appears which the points do not have; through points of a straight line it is

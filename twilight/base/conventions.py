@@ -1,4 +1,4 @@
-"""Units, angles and names, said once.
+"""Units, angles and names.
 
 Lengths are in km, coefficients in km^-1, wavelengths in nm (vacuum), pressures in hPa, temperatures in K, number
 densities in cm^-3, ozone columns in Dobson units (DU).  The unit is part of a name: ``altitude_km``,

@@ -1,6 +1,6 @@
 """The command line; `main` is the `twilight` command.
 
-Commands import what they call inside functions: help, names and refusals come without the half second that numba takes.
+Commands import what they call inside functions, so that help and refusals need not wait half a second for numba.
 """
 
 from __future__ import annotations

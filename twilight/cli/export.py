@@ -1,8 +1,6 @@
 """`twilight export`: the sky of a climate for other programs.
 
-`twilight export prague`: a climate's skies as a file of the Prague Sky Model.
-
-`twilight export shader`: the sky of one air for shaders.
+`prague`: a file of the Prague Sky Model; `shader`: GLSL and WGSL with their textures.
 """
 
 from __future__ import annotations
@@ -67,7 +65,9 @@ def prague(
 
     import numpy as np
 
+    from twilight.base.sections import Origins
     from twilight.base.whole_files import check_file
+    from twilight.config.solver import choose_solver
     from twilight.engine.field import solve
     from twilight.scene import resolve
     from twilight.studies.export.prague import SUN_DEG, PragueMaker
@@ -77,7 +77,7 @@ def prague(
 
     check_file(output)
     airs = airs_of(climates, visibilities)
-    airs[0].config(albedos[0], quality)  # a wrong quality is refused before anything is computed
+    choose_solver({"name": "zones", "quality": quality}, Origins({(): "--quality"}))
     axes = PragueAxes(
         np.array([air.visibility_km for air in airs]),
         np.array(albedos),

@@ -1,7 +1,4 @@
-"""Options that several commands have.
-
-The first run of a solver says that it compiles, and for how long.
-"""
+"""Options that several commands have, and the notice that the first run of a solver compiles."""
 
 from __future__ import annotations
 
@@ -211,8 +208,8 @@ def must_compile(package: str) -> bool:
     kernels = []
     for name, module in list(sys.modules.items()):
         if name == package or name.startswith(f"{package}."):
-            dispatchers = [value for value in vars(module).values() if isinstance(value, Kernel)]
-            kernels += [one for one in dispatchers if one.py_func.__module__ == name and one.stats.cache_path]
+            loaded = [value for value in vars(module).values() if isinstance(value, Kernel)]
+            kernels += [one for one in loaded if one.py_func.__module__ == name and one.stats.cache_path]
     for kernel in kernels:
         if any(Path(str(kernel.stats.cache_path)).glob(f"*.{kernel.py_func.__name__}-*.nbi")):
             return False
@@ -223,10 +220,11 @@ def announce_compiling(solver: str) -> None:
     """One sentence on stderr where a solver has to be compiled, which begins then."""
     from twilight import solvers
     from twilight.cli import terminal
-    from twilight.jit.ahead import compile_ahead
 
     solvers.load(solver)
     if must_compile(solvers.SOLVERS[solver]):
         terminal.compiling = True
         print(f"twilight: {SENTENCE}", file=sys.stderr, flush=True)
+        from twilight.jit.ahead import compile_ahead  # start-up
+
         compile_ahead(solver)

@@ -1,7 +1,7 @@
-"""A picture at once where the sky itself takes longer: by the model of all clear air.
+"""A preview by the model of all clear air, where the sky itself takes longer.
 
-It is the file `sky.preview.png` beside those of the sky, says in its corner and in its text chunks what it is, and goes
-when `sky.png` is written, or when the render ends without it.
+`sky.preview.png` says what it is in its corner and in its text chunks; it is removed when `sky.png` is written, or when
+the render ends without it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The work of `twilight render`: compute what is not there, write it, and what a series has once.
+"""The work of `twilight render`: the skies that a folder lacks, and the files of a series.
 
-`twilight render --output evening.nc`: the skies of all suns in one file, in place of a folder each.
+With `--output evening.nc` the skies of all suns are written to one file in place of a folder each.
 """
 
 from __future__ import annotations

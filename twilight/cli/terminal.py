@@ -3,7 +3,7 @@
 Ctrl-C and SIGTERM end a command within seconds, also while compiled code runs.
 
 Python's own handler unwinds the stack, so that temporary files go, but only once the main thread is back in Python,
-which inside a kernel may take minutes.  A second thread hears of the signal at once and ends the process where the
+which inside a kernel may take minutes.  A second thread is told of the signal at once and ends the process if the
 first does not.
 """
 
@@ -58,7 +58,7 @@ def with_errors_as_sentences(command: Callable[..., None]) -> Callable[..., None
 
 
 def _print_warnings_once() -> Callable[..., None]:
-    """What a user should know is a sentence, said once; other warnings are for developers and stay silent here."""
+    """A `TwilightWarning` is printed as a sentence, one time; other warnings are for developers and are not shown."""
     said: set[str] = set()
 
     def say(message: Any, category: type[Warning], *_: Any) -> None:

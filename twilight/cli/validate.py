@@ -1,10 +1,7 @@
 """`twilight validate`: computed skies against photographs, and cameras calibrated for it.
 
-`twilight validate estimate`: the air from a photograph.
-
-`twilight validate photometry`: illuminance and zenith luminance against measurements.
-
-`twilight validate spectra`: what lay beyond the horizon, from spectra of level ground.
+`estimate`: the air from a photograph; `photometry`: illuminance and zenith luminance against measurements; `spectra`: a
+screen beyond the horizon, from spectra of level ground.
 """
 
 from __future__ import annotations
@@ -24,7 +21,8 @@ from twilight.cli.terminal import print_table, progress_bar, with_errors_as_sent
 
 def estimate(
     images: Annotated[
-        list[Path], argument("IMAGE...", "HDR, EXR, TIFF, PNG, JPEG or RAW; several: one evening, one still camera.")
+        list[Path],
+        argument("IMAGE...", "HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW; several: one evening, one still camera."),
     ],
     config: Annotated[
         str, option("CLIMATE_OR_CONFIG", "All that is not estimated; its sun counts where it is given.")
@@ -46,10 +44,13 @@ def estimate(
     refine: Annotated[bool, flag("--refine", "End with skies of the scene's own solver, not of compact.")] = False,
     white_balance: Annotated[
         bool | None,
-        flag("--white-balance/--no-white-balance", "Free gains of red, green and blue; unset: of developed pictures."),
+        flag(
+            "--white-balance/--no-white-balance",
+            "Free gains of red, green and blue; unset: unless a --camera is given.",
+        ),
     ] = None,
     tone_curve: Annotated[
-        bool | None, flag("--tone-curve/--no-tone-curve", "A free curve of two numbers; unset: of developed pictures.")
+        bool | None, flag("--tone-curve/--no-tone-curve", "A free curve of three numbers; unset: of sRGB pictures.")
     ] = None,
     no_colour: Annotated[bool, flag("--no-colour", "Use the luminance only.")] = False,
     no_brightness: Annotated[bool, flag("--no-brightness", "Use the colours only.")] = False,

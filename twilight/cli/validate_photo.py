@@ -1,7 +1,4 @@
-"""`twilight validate photo` and `twilight validate response`.
-
-The photograph of `twilight validate photo` and `estimate`: its options, and how they become one.
-"""
+"""`twilight validate photo` and `response`, and the options that describe a photograph."""
 
 from __future__ import annotations
 
@@ -276,7 +273,7 @@ def _seconds(text: str) -> float:
     return float(above) / (float(below) if slash else 1.0)
 
 
-Image = Annotated[Path, argument("IMAGE", "HDR, EXR, TIFF, PNG, JPEG or RAW.")]
+Image = Annotated[Path, argument("IMAGE", "HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW.")]
 CameraFile = Annotated[
     Path | None,
     option("CAMERA.yaml", "Projection, lens, orientation, response; unset: a panorama (2:1), or what the file says."),

@@ -17,10 +17,10 @@ from os.path import isdir, isfile
 from pathlib import Path
 from typing import Any
 
+from twilight.base.document import parse_yaml, read_yaml
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.sections import Origins, dotted, unknown, validate
 from twilight.config.climate import Climate, climate_files
-from twilight.config.document import parse_yaml, read_yaml
 from twilight.config.scene import Config
 from twilight.config.solver import choose_solver
 from twilight.config.vary import DRAWING, Axis, axes_of

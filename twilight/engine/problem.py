@@ -222,7 +222,8 @@ def full_cost(scene: Scene) -> SceneCost:
     suns = scene.sun_elevations_deg
     problem = Problem(scene, None if config.terrain is not None else suns)
     largest = max(part.stop - part.start for part in problem.slices)
-    sizes = replace(sizes, wavelengths=scene.medium.n_wavelengths, max_wavelengths=largest, blocks=len(problem.slices))
+    blocks = len(problem.slices)
+    sizes = replace(sizes, wavelengths=scene.medium.n_wavelengths, max_wavelengths=largest, blocks=blocks)
     per_block = problem.cost
     if per_block is None:
         return sizes

@@ -1,4 +1,4 @@
-"""What light is asked of, directions and surfaces, and what a field gives them under thousands of suns.
+"""Directions and surfaces, and the light that a field gives them under thousands of suns.
 
 A hemisphere of lines of sight is computed once for each sun of `SunTables`; its integrals over surfaces are smooth in
 the sun's elevation, without an aureole, so that thousands of moments need no further directions.  Between nodes of the

@@ -1,4 +1,4 @@
-"""Fills a `SkyTable` with a field's light: nodes are added until lines of sight that no node stands in agree.
+"""Fills a `SkyTable` with a field's light: nodes are added until interpolation between them is accurate enough.
 
 Rows are halved where the table's rule misses the light of the row between two others, then columns; whatever is
 computed for a test becomes a node.  In the end the table is compared with directions drawn at random.

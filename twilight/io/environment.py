@@ -1,4 +1,4 @@
-"""Where the pixels of an environment map look, for every renderer that is a renderer, and what they see.
+"""Directions of the pixels of an environment map in the layout of every renderer, and their light.
 
 All maps hold directions of the world: azimuth clockwise from north.  With u, v in 0..1 from the picture's upper left:
 

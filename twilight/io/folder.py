@@ -1,11 +1,9 @@
-"""The folder of a render: which skies are in it, so that none is lost and none that is finished is computed again.
+"""The folder of a render and its files: which skies are in it, so that none that is finished is computed again.
 
 The file `skies.jsonl` has a line for each sky whose files were begun, with no files, and one where they are finished:
 its subfolder, the hash of its configuration, that of the program, its files with their sizes, and its figures.  The
 line of a sky that was begun also names the files that were there before, of which no line tells.  Another line says
 that the files which a series has once are a render's.
-
-All files of a render, in one folder.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What a figure's axes and legends call the variables of datasets: a few words and a unit, the rest is the comment.
-
-`sky.h5`, datasets of series and sweeps take them from here (`attributes`), so that each is called the same everywhere.
-"""
+"""Labels, units and other CF attributes of the variables of datasets (`sky.h5`, series, sweeps)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""``sun.json``: the sun's own light for renderers, whose environment map has no disc in it.
-
-``moon.json``: where the moon of a sky stands, how much of it is lit, and its own light at the observer.
-"""
+"""``sun.json`` and ``moon.json``: light of sun and moon as lamps for renderers, whose environment map has no discs."""
 
 from __future__ import annotations
 

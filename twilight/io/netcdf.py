@@ -3,7 +3,7 @@
 It is written through h5netcdf alone, as xarray would: importing xarray takes 0.4 s of processor time, a third of a
 picture whose field is cached.
 
-Damaged global heaps of HDF5 files, with which the HDF5 library can turn forever, are refused before it sees them.
+Files with damaged global heaps are refused before the HDF5 library reads them, which may loop forever.
 
 A global heap (HDF5 File Format Specification 3.0, section III.E) is a run of objects behind a head of 16 bytes; each
 has a head of 16 bytes of its own with its index and size.  The one of index 0 is the free space at the end, whose size

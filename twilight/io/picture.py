@@ -1,7 +1,4 @@
-"""``sky.png``: what a person looks at first, the sky over the horizon with the sun's azimuth in the middle.
-
-Display values to 8 bits: the one place where pictures of skies lose their depth.
-"""
+"""``sky.png``: the sky over the horizon with the sun's azimuth in the middle; and display values to 8 bits."""
 
 from __future__ import annotations
 

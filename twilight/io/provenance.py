@@ -1,10 +1,7 @@
-"""What every file says about itself: the resolved configuration, the version, the hash, the run time.
+"""Provenance of every file (resolved configuration, version, hash, run time), names of a sky's numbers, and journals.
 
-Numbers about a sky, its sun and its observer: under which names files and datasets hold each of them.
-
-A new one is a field of `Sky` and a line here; `sky.h5`, the headers of EXR files and the skies of datasets follow.
-
-A file of JSON lines that grows while long work goes on: what is finished, so that it can go on there.
+A new number about a sky is a field of `Sky` and an entry of `FACTS`; `sky.h5`, EXR headers and datasets follow.
+A journal is a file of JSON lines, one for each finished part of a long job, so that the job can be continued.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a render hands to those who write its files."""
+"""A rendered sky with its views and facts, as the writers of files take it."""
 
 from __future__ import annotations
 

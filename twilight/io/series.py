@@ -1,4 +1,4 @@
-"""What a series has once: a table of its skies, and one dataset with all of them."""
+"""Files of a series: a table of its skies, and one dataset with all of them."""
 
 from __future__ import annotations
 

@@ -103,13 +103,14 @@ def _type(kind: Any) -> Any:
 
 def described(kind: Any) -> Any:
     """What `signature` makes this type of; ValueError for one that it does not know."""
+    parts: Any = kind
     if isinstance(kind, types.Array) and kind.mutable and kind.aligned:
         return [described(kind.dtype), kind.ndim, kind.layout]
     if isinstance(kind, types.BaseNamedTuple):
-        named = kind.instance_class
-        return [f"{named.__module__}:{named.__qualname__}", *map(described, kind.types)]
+        named = parts.instance_class
+        return [f"{named.__module__}:{named.__qualname__}", *map(described, parts.types)]
     if isinstance(kind, types.BaseTuple):
-        return ["tuple", *map(described, kind.types)]
+        return ["tuple", *map(described, parts.types)]
     name = "boolean" if kind == types.boolean else str(kind)
     if getattr(types, name, None) != kind:
         raise ValueError(f"no description of the type {kind}")

@@ -18,8 +18,8 @@ same bits.
 These options, and the vectors of :mod:`twilight.jit.simd`, are parts of numba that change from one minor version to
 the next: versions that were never tested are refused with one sentence.
 
-numba is loaded when a kernel is first called: what calls none, as `compact` on the ground, starts at once and
-needs numpy alone.  Without numba, and with the environment variable NUMBA_DISABLE_JIT=1, nothing is compiled: every
+numba is loaded when a kernel is first called: what calls none, as the solver `compact` on the ground, starts at once.
+Without numba, and with the environment variable NUMBA_DISABLE_JIT=1, nothing is compiled: every
 kernel is its Python function, a thousand times slower, for debuggers.
 """
 

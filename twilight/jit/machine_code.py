@@ -60,7 +60,7 @@ class _LinkedLibrary(JITCodeLibrary):
         return _NoEnvironment
 
     def _optimize_final_module(self) -> None:
-        """Take in what it calls, at the least cost: all of it is optimised within each kernel that Python calls."""
+        """Take in what it calls, at the least cost: all is optimised as a part of each kernel that Python calls."""
         manager, builder = self._codegen._module_pass_manager(
             loop_vectorize=False, slp_vectorize=False, opt=0, cost="cheap"
         )

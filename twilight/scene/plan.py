@@ -1,6 +1,5 @@
-"""What a scene leaves out because it cannot matter, and why.
-
-Figures that characterise a medium: optical depths by part, scale heights, horizontal refraction.
+"""What a scene leaves out because it is negligible; and figures of a medium: optical depths by part, scale heights,
+horizontal refraction.
 """
 
 from __future__ import annotations

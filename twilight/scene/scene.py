@@ -1,12 +1,7 @@
-"""`Scene`: all that is computed, resolved once from a configuration; the engine and the studies take nothing else.
+"""`Scene`: medium, solver, suns, observer, screen and moon, resolved once from a configuration.
 
-The suns of a configuration: one, several, or those of a place over time.
-
-From the section `horizon` to the screen that dims the direct beam, and what the plan says of it.
-
-The moon of a configuration, for each of its suns.
-
-A configuration as it is written into files: every default said, and rendering it gives the same sky.
+The engine and the studies take nothing else.  `resolved_configuration` is what files hold: every default is written
+out, and rendering it gives the same sky.
 """
 
 from __future__ import annotations

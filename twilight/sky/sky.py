@@ -1,4 +1,4 @@
-"""``Sky``: the radiance of the whole sky on a grid of directions, whoever computed or measured it."""
+"""``Sky``: the radiance of the whole sky on a grid of directions, computed or measured."""
 
 from __future__ import annotations
 

@@ -1,13 +1,12 @@
-"""What a file can hold of the air: one class for each kind of measurement, in the program's units.
+"""What a file can hold of the air, one class for each kind of measurement; conversions of humidity; the usual ozone.
 
-Humidity in its several measures, virtual temperature, and geopotential height: arrays of any shape.
-
-e is the partial pressure of water vapour, p the pressure, epsilon the ratio of the molar masses of water and dry air.
+Humidity, virtual temperature, geopotential height: e is the partial pressure of water vapour, p the pressure, epsilon
+the ratio of the molar masses of water and dry air.
 
 The usual ozone column of a latitude and day: zonal means of sondes and satellites.
 
 Linear in latitude between bands of 10 deg and in time between the middles of the months, constant poleward of 85 deg.
-On one day the column stands off the mean by 20 to 40 DU (the weather of the stratosphere) and, in the north, by up to
+Columns of single days differ from the mean by 20 to 40 DU (the weather of the stratosphere) and, in the north, by up to
 20 DU with longitude.
 
 References

@@ -1,7 +1,4 @@
-"""Text files of measurements, line by line, with one sentence for whatever is wrong in one.
-
-The place and the time for which a file is asked, and how far away what it holds is.
-"""
+"""Text files of measurements, line by line, and which of several measurements is nearest to a place and time."""
 
 from __future__ import annotations
 

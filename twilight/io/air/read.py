@@ -1,4 +1,4 @@
-"""Which kind of file one is, by its content, and what it holds of the air."""
+"""Recognises a file of measurements by its content and reads what it holds of the air."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a `Sky` can be asked in the units of people's trades; its methods, for `Sky` and for figures of many skies."""
+"""Methods of `Sky` that give quantities: magnitudes, luminance, illuminance and others."""
 
 from __future__ import annotations
 

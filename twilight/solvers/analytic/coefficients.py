@@ -29,6 +29,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field
 
+from twilight.base.document import MAX_BYTES, parse_yaml
 from twilight.base.errors import TwilightError
 from twilight.base.reading import read_text
 from twilight.base.sections import Number, Origins, Section, validate
@@ -98,8 +99,6 @@ ZENITH_LUMINANCE = ("slope", "constant", "chi")
 """Polynomials of the zenith luminance."""
 _PREFIX = "perez_"
 """First letters of the files of shipped sets."""
-MAX_BYTES = 1_000_000
-"""Largest file of coefficients that is read [bytes]."""
 LARGEST = 1e100
 """Largest number of a set: a whole number may be too large for a float, a polynomial of larger floats overflows."""
 
@@ -288,13 +287,7 @@ class _File(_Part):
 
 def parse_coefficients(text: str, where: str) -> SkyCoefficients:
     """A set from the text of its file; TwilightError that names ``where`` and the key otherwise."""
-    import yaml  # start-up
-
-    try:
-        data = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError):
-        raise TwilightError(f"{where}: is not YAML or JSON") from None
-    file = validate(_File, data, Origins({(): where}))
+    file = validate(_File, parse_yaml(text, where), Origins({(): where}))
     made = SkyCoefficients(
         name=file.name or where,
         source=file.source,

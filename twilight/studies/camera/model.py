@@ -23,10 +23,10 @@ import numpy as np
 import yaml
 from pydantic import Field, model_validator
 
+from twilight.base.document import read_yaml
 from twilight.base.errors import TwilightError
 from twilight.base.sections import Flag, Integer, Number, Origins, Section, key, validate
 from twilight.base.whole_files import whole_file
-from twilight.config.document import read_yaml
 from twilight.numerics import lenses
 from twilight.numerics.directions import azimuth_elevation, camera_axes
 from twilight.numerics.projections import around, off_axis

@@ -1,4 +1,4 @@
-"""Runs jobs in worker processes and caches what they find, so that an interrupted comparison goes on where it was."""
+"""Runs jobs in worker processes and caches their results, so that an interrupted comparison can be continued."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""One job: a solver at one quality, its run time and its radiances for the suns of one scene.
-
-Which directions of a scene's texture are compared.
-"""
+"""One job of a comparison: a solver at one quality, the suns and directions of one scene."""
 
 from __future__ import annotations
 

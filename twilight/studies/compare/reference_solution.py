@@ -1,4 +1,4 @@
-"""What is taken for right: radiances with standard errors, from a stored table or from the Monte-Carlo solver."""
+"""The reference solution: radiances with standard errors, from a stored table or from the Monte-Carlo solver."""
 
 from __future__ import annotations
 

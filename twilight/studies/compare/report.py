@@ -1,7 +1,4 @@
-"""The tables of a comparison: CSV files and what is printed.
-
-The picture of a comparison: error against run time, a small multiple for each sun, a line for each solver.
-"""
+"""Tables and figure of a comparison: CSV files, printed tables, and error against run time for each sun and solver."""
 
 from __future__ import annotations
 

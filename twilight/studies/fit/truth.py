@@ -1,9 +1,4 @@
-"""Computed skies as luminance and chromaticity: what formulae are fitted to.
-
-The file of a fit: a set of coefficients that the preetham solver takes, with what it was fitted to.
-
-How far a set of coefficients is from computed skies.
-"""
+"""Computed skies as luminance and chromaticity, the file of coefficients fitted to them, and its errors."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""The table of an evening, and the times at which a quantity passes a value, to the second.
+"""A table of light over time, and the times at which a quantity passes a value, to the second.
 
-What a timeline has columns of: a quantity of a direction or a surface, as `V@zenith`.
-
-Timelines by what they are for: columns and conditions with the published thresholds that they stand on.
+A column is a quantity of a direction or a surface, as `V@zenith`; presets by purpose have published thresholds.
 """
 
 from __future__ import annotations
@@ -275,7 +273,7 @@ def timeline(
     place = latitude_deg, longitude_deg, time_zone, light.solved.scene.altitude_km
     all_marks = [mark for day in days for mark in twilight_times(day, *place)]
     passed = [mark for mark in all_marks if mark.time is not None and times[0] <= mark.time <= times[-1]]
-    # an event that no day of the table has is said once
+    # an event that no day of the table has is reported one time
     missing = {mark.event: mark for mark in all_marks if mark.time is None}
     present = {mark.event for mark in passed}
     marks = (*passed, *(mark for event, mark in missing.items() if event not in present))

@@ -1,1 +1,1 @@
-"""Computed skies against what was seen: one package for each kind of evidence, none of which knows another."""
+"""Computed skies against measurements and photographs: one package for each kind of evidence, none imports another."""

@@ -3,8 +3,6 @@
 The meter looks up with a field of view of 20 deg (full width at half maximum, about Gaussian).  Its magnitudes are of
 its own band (`twilight.sky.quantities`: SQM), of which V is 0.1 to 0.2 mag fainter in twilight; its zero is known to
 0.1 mag.  The site's night, measured by the same meter, is added to what is computed.
-
-Measured light of the sun and the twilight that ships with the program.
 """
 
 from __future__ import annotations

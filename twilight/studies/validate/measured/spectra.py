@@ -1,4 +1,4 @@
-"""What lay beyond the horizon, from spectra of level ground recorded through twilight.
+"""A screen beyond the horizon, fitted to spectra of level ground recorded through twilight.
 
 Light is linear in the direct beam, and T(h), the part of the beams that passes at a least altitude h
 (`twilight.atmosphere.screen`), is linear between nodes h_0 ... h_J.  With p_j >= 0 the rise of T from h_{j-1} to h_j,

@@ -233,6 +233,8 @@ def _with_sun(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:
         made = Fit(frames, skies, options.freedom, depths.errors)
         albedo = [p.name == "albedo" for p in made.parameters]
         made.find([np.where(albedo, value, depths.x) for value in ALBEDOS], len(ALBEDOS))
+        if made.misfit() > LARGEST_MISFIT:  # the best depth for one albedo was beside another valley
+            made.find([made.x, *starts(made)], 1 + len(starts(made)))
         return made
 
     known = sorted({frame.sun_deg for frame in frames if frame.sun_deg is not None})

@@ -50,7 +50,7 @@ YCBCR = np.array([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.4
 STEPS = (0.2, 0.6, 0.6)
 """Standard errors of luma and chroma by that, in steps; of luma, noise leaves less.  Twice those of one rounding."""
 INFLATED = 1.25
-"""Factor on all standard errors of pictures in 8 bits, by nine drawn ones (`benchmarks/phone.py --first 300`)."""
+"""Factor on all standard errors of pictures in 8 bits, by ten drawn ones that `benchmarks/phone.py` does not judge."""
 STEP_REACH, STEP_COMMON = 1.0, 0.2
 """Steps over which they are correlated, for the error is one of values, alike all along a line of one colour; and the
 part of their variance that is common to all values."""

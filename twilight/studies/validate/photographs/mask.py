@@ -14,6 +14,7 @@ that the camera is taken to have looked lower than it did; `SKYLINE_ERROR_DEG` s
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from os.path import isfile
 from pathlib import Path
@@ -41,6 +42,8 @@ EDGE_STEP_DEG = 0.5
 """Distance of the neighbouring cells for which EDGE is meant [deg]."""
 EDGE_SMALLEST_SQUARE_DEG = 0.4
 """Edge cells that together are smaller than this are noise [deg^2]."""
+DARK_GROUND = 0.5
+"""Luminance over the median of the sky at the same elevation below which ground is told from cloud."""
 GROW_DEG = 1.0
 """Distance from an edge at which the sky begins [deg]: bloom, and cells that are partly something else."""
 CLOUD_BRIGHTER = 0.04
@@ -179,7 +182,14 @@ def find_sky(panorama: Panorama, ignore: np.ndarray | None = None) -> np.ndarray
         return np.zeros_like(smooth)
     seeds = np.concatenate([row[row > 0] for row in highest])
     main = np.bincount(seeds).argmax()
-    return ~dilate(labels != main, panorama, GROW_DEG)
+    ground = dilate(labels != main, panorama, GROW_DEG)
+    # below what is dark against the sky of its height stands what carries it: a smooth roof below its edge
+    with np.errstate(invalid="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # rows without sky
+        level = np.nanmedian(np.where(ground, np.nan, panorama.luminance), axis=1)
+        dark = ground & ~ignore & (panorama.luminance < DARK_GROUND * level[:, None])
+    dark = _larger_than(dark, panorama, EDGE_SMALLEST_SQUARE_DEG)
+    return ~(ground | (np.cumsum(dark[::-1], axis=0)[::-1] > 0))
 
 
 def find_clouds(panorama: Panorama, sky: np.ndarray, aureole: np.ndarray | None = None) -> np.ndarray:

@@ -1,7 +1,4 @@
-"""Where stars and planets stand over a place at a moment, by astropy (the extra `stars`), without any download.
-
-Lifting of stars by the refraction of the air, for a camera near the ground.
-"""
+"""Positions of stars and planets over a place, refracted, by astropy (the extra `stars`) without a download."""
 
 from __future__ import annotations
 

@@ -3,8 +3,6 @@
 Two bright sources and two bright stars at the same distance from each other make an attitude; of the attitudes so made
 the right one puts other sources, too, where there are stars, and no wrong one does.  The method needs distances that
 are right to a per cent or two, so that a guess of the focal length is tried in steps.
-
-Which source is which star, once it is known about where stars fall.
 """
 
 from __future__ import annotations

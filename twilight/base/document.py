@@ -14,7 +14,7 @@ from twilight.base.reading import read_text
 from twilight.base.sections import dotted
 
 MAX_BYTES = 1_000_000
-"""A climate or a configuration is a page of text; anything longer is a mistake."""
+"""A document is a page of text; anything longer is a mistake."""
 
 
 class _Loader(yaml.SafeLoader):
