@@ -9,7 +9,7 @@ import pytest
 
 from twilight.atmosphere.grid_medium import GridMedium
 from twilight.config import load
-from twilight.engine import plan, solve
+from twilight.engine import plan, problem, solve
 from twilight.engine.problem import full_cost
 from twilight.scene import resolve
 from twilight.solvers import zones
@@ -133,9 +133,9 @@ def test_terms_share_rays_and_their_sunbeam_is_that_of_each_alone():
 def test_one_interpolation_serves_all_ranges_and_bands():
     """Each range and the bands would be solved alone: 24 wavelengths' time for eight."""
     scene = scene_of("pure-air", np.linspace(330.0, 1000.0, 8))
-    problem = plan(scene, SUNS_DEG)
-    assert len(set(problem._groups)) == 3 and len(set(map(id, problem.interpolations))) == 1
-    assert problem.interpolations[0].n_nodes <= 16 and len(problem.slices) == 1
+    planned = plan(scene, SUNS_DEG)
+    assert len(set(planned._groups)) == 3 and len(set(map(id, planned.interpolations))) == 1
+    assert planned.interpolations[0].n_nodes <= 16 and len(planned.slices) == 1
 
 
 def test_few_wavelengths_and_off_are_solved_bit_for_bit_as_ever():
@@ -143,14 +143,15 @@ def test_few_wavelengths_and_off_are_solved_bit_for_bit_as_ever():
     off = plan(scene_of("pure-air", np.linspace(400.0, 580.0, 49), "off"))
     single = scene_of("pure-air", np.linspace(400.0, 580.0, 49))
     single = plan(replace(single, settings=replace(single.settings, max_orders=1)))
-    for problem in (few, off, single):
-        assert set(problem.interpolations) == {None}
+    for planned in (few, off, single):
+        assert set(planned.interpolations) == {None}
     assert any(plan(scene_of("pure-air", np.linspace(400.0, 600.0, 41))).interpolations)
 
 
 def test_blocks_of_the_engine_take_it_and_say_so(tmp_path, monkeypatch):
     monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("TWILIGHT_CACHE_GB", "1")
+    monkeypatch.setattr(problem, "INTERPOLATED_AT_ONCE", 16)
     scene = scene_of("pure-air", np.linspace(400.0, 585.0, 38))
     first = solve(scene, SUNS_DEG)
     again = solve(scene, SUNS_DEG)
