@@ -138,7 +138,7 @@ class Problem:
         return keys
 
     @cached_property
-    def interpolations(self) -> list[Interpolation | None]:
+    def interpolations(self) -> Sequence[Interpolation | None]:
         """What interpolates the light of each wavelength over the spectrum; None where it is solved."""
         scene, interpolated = self.scene, self.scene.capabilities.spectral_interpolation
         if interpolated is None:

@@ -121,7 +121,7 @@ class Capabilities:
     wavelengths_at_once: int = 32
     spectral_groups: Callable[[Medium, Any], Sequence[Hashable]] | None = None
     spectral_interpolation: (
-        Callable[[Medium, GasBands | None, Sequence[Hashable], Any], list[Interpolation | None]] | None
+        Callable[[Medium, GasBands | None, Sequence[Hashable], Any], Sequence[Interpolation | None]] | None
     ) = None
     cost: Callable[[Medium, Any, Sequence[float] | None, float], Cost | None] | None = None
     package: str = ""

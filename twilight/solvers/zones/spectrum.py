@@ -249,7 +249,7 @@ def interpolation(
     first = np.array([range_of(w) == 0 for w in medium.wavelength_nm])
     served = serves_range(medium)
     for members in (np.flatnonzero(served & first), np.flatnonzero(served & ~first)):
-        one = _of_members(medium, bands, members, [groups[w] for w in members], settings) if members.size else None
+        one = _of_members(medium, bands, members, [groups[int(w)] for w in members], settings) if members.size else None
         for w in members:
             found[w] = one
     return found
