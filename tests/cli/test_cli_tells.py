@@ -47,8 +47,8 @@ def test_the_plan_says_how_large_a_scene_is():
     row = result.stdout.splitlines()[-1].split("\t")
     assert row[1:3] == ["2", "1000"]
     blocks, of = (int(number) for number in row[3].split(" of "))
-    # a block holds at most 32, and wavelengths that the solver treats differently share none
-    assert of <= 32 and 1000 / of <= blocks < 2 * 1000 / of
+    # a block of interpolated wavelengths holds at most 128, and those that the solver treats differently share none
+    assert of <= 128 and 1000 / of <= blocks < 2 * 1000 / of
     assert 0.1 < float(row[7]) <= 1.0 and float(row[7]) + float(row[5]) < float(row[8]) < 2.0
     assert 24 <= int(row[4]) <= 64 and row[9].endswith((" min", " h"))
     # a texture of I, Q and U at 1000 wavelengths is 86 MB; four channels of four bytes, and 8 bits twice, of a pixel

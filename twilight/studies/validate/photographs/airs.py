@@ -90,9 +90,10 @@ class Design:
     def nodes(self) -> list[dict[str, float]]:
         middle = {p.name: p.nodes[1] for p in self.others}
         rows = [{AEROSOL.name: value, **middle} for value in AEROSOL.nodes]
-        for p in self.others if self.beside is not None else ():
-            for outer in (p.nodes[0], p.nodes[2]):
-                rows.append({AEROSOL.name: AEROSOL.nodes[self.beside], **middle, p.name: outer})
+        if self.beside is not None:
+            for p in self.others:
+                for outer in (p.nodes[0], p.nodes[2]):
+                    rows.append({AEROSOL.name: AEROSOL.nodes[self.beside], **middle, p.name: outer})
         return rows
 
     def weights(self, values: Mapping[str, Any]) -> np.ndarray:

@@ -127,7 +127,7 @@ class Frame:
 
     def rounded(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """What one whole step of luma and of either chroma is in ln G, ln R/G and ln B/G (3, n), and those (n,)."""
-        green, red, blue = self.components[0], *(self.components[0] + self.components[1:])
+        green, red, blue = self.components + np.array([[0.0], [1.0], [1.0]]) * self.components[0]
         light = np.exp([red, green, blue])
         stored = 255.0 * colour.srgb_encode(light)
         per_step = 0.01 / (255.0 * colour.srgb_encode(1.01 * light) - stored)
@@ -296,10 +296,11 @@ class Fit:
         for frame in self.frames:
             sky = self._under(of_air, values[SUN] if frame.sun_deg is None else frame.sun_deg)
             elevation, azimuth = self.where(frame, values)
-            if not np.any(frame.cells.spread_deg):
+            spread = np.asarray(frame.cells.spread_deg, float)
+            if not spread.any():
                 made.append(np.zeros((elevation.size, 3)))
                 continue
-            e, a = frame.cells.spread_deg
+            e, a = spread
             of_parts = [towards(sky, elevation + i * e, azimuth + j * a) for i in (-1, 1) for j in (-1, 1)]
             made.append(np.log(np.mean(np.exp(of_parts), axis=0)) - towards(sky, elevation, azimuth))
         return made
