@@ -64,7 +64,7 @@ def test_haze_and_own_levels_below_the_sea():
     assert config.observer.altitude_km == DEAD_SEA_KM
     medium = climate_medium(config.climate, np.array([550.0]))
     assert medium.bottom_km == DEAD_SEA_KM and medium.optical_depth("aerosol")[0] > 0.05
-    with pytest.raises(TwilightError, match=r"from -0.5 or more"):
+    with pytest.raises(TwilightError, match=r"from -0.5 to 120 \(km\), got -0.6"):
         load(scene, {"climate.atmosphere.levels": levels | {"altitude_km": [-0.6, *levels["altitude_km"][1:]]}})
 
 

@@ -127,7 +127,7 @@ HABER = {"solver.azimuth_cells": 48, "sun": {"elevations_deg": [5.0]}}
         ("pure-air", KEYS | {"solver.quality": "reference"}, {"solver.quality": "standard"}, "field_bytes", 1.5),
         ("pure-air", KEYS | {"solver.quality": "standard"}, {"solver.quality": "draft"}, "field_bytes", 1.5),
         ("pure-air", KEYS | {"texture.resolution_deg": 1}, {"texture.resolution_deg": 3}, "total_bytes", 1.01),
-        ("continental-average", BAND, {"wavelengths": {"list_nm": [640.0, 645.0, 650.0]}}, "total_bytes", 1.2),
+        ("continental-average", BAND, {"wavelengths": {"list_nm": [640.0, 645.0, 650.0]}}, "total_bytes", 1.05),
         ("continental-average", KEYS | {"observer.view": {"kind": "latlong", "width": 2048, "height": 1024}},
          {"observer.view": None}, "total_bytes", 1.2),
         ("haber2005", HABER, {"solver.azimuth_cells": 24}, "field_bytes", 4.0),

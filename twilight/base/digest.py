@@ -14,8 +14,8 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 _DATA = _PACKAGE / "data"
 """Folder of the data that come with the package."""
 
-DISPLAY = ("twilight.sky.sky",)
-"""Modules that show radiance and do not compute it."""
+DISPLAY = ("twilight.sky.sky", "twilight.io.exr", "twilight.io.netcdf")
+"""Modules that show or read and do not compute radiance."""
 
 
 @functools.cache

@@ -167,7 +167,7 @@ def _skies(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[s
     Suns below the horizon are left out with a word.  What can be refused is refused before a sky is computed.
     """
     path = Path(scene)
-    is_set = path.is_dir() and (path / ".zgroup").exists()
+    is_set = path.is_dir() and (path / "zarr.json").exists()
     if path.suffix in (".h5", ".nc") or is_set:
         if chosen:
             raise TwilightError(f"{names[next(iter(chosen))]}: {scene} is computed and takes no settings")

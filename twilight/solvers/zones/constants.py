@@ -274,7 +274,7 @@ CURVATURE: Tuned[float, "1", ANY, "test_between_bands_it_is_as_near_as_stated",
 PLANE_VARIANCE: Tuned[float, "1", ANY, "test_of_grey_air_it_is_exact",
     "variance of the plane's slopes, nearly unknown: free ones (1e12) are off by e in columns beyond eight "
     "nodes"] = 120.0
-NUGGET: Tuned[float, "1", ANY, "test_weights_give_planes_exactly",
+NUGGET: Tuned[float, "1", ANY, "test_weights_are_exact_at_nodes_and_give_planes",
     "variance of a node's own value, which keeps weights small where two nodes are nearly the same"] = 1e-8
 SPECTRAL_TOLERANCE: Tuned[float, "1", ANY, "test_between_bands_it_is_as_near_as_stated",
     "standard deviation of ln of the light at which no more nodes are taken"] = 2.5e-4
