@@ -17,7 +17,6 @@ import numpy as np
 import results
 
 from twilight.config import load
-from twilight.config.scene import TYPICAL
 from twilight.studies.validate.measured import spectra as recorded
 from twilight.studies.validate.measured.spectra_report import draw
 
@@ -25,12 +24,6 @@ HERE = Path(__file__).parent
 FILE = HERE.parents[1] / "shared" / "data" / "rural_twilight_spectra" / "sessions_2_3_4.csv"
 SESSIONS = ("2", "3", "4")
 DUSK_DEG = (-6.0, 0.0)
-
-
-def typical() -> np.ndarray:
-    """The preset as rises between the nodes of the fit."""
-    passed = np.interp(recorded.HEIGHTS_KM, TYPICAL["heights_km"], TYPICAL["transmission"])
-    return np.diff(passed, prepend=0.0)
 
 
 def main() -> None:
@@ -65,7 +58,7 @@ def main() -> None:
         others = np.mean([fit.rises for other, (_, _, fit) in fits.items() if other != name], axis=0)
         for horizon, rises in (
             ("clean", np.eye(fitted.rises.size)[0]),
-            ("typical", typical()),
+            ("typical", recorded.typical_rises()),
             ("of the other two", others),
             ("fitted", fitted.rises),
         ):

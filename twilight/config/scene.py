@@ -78,7 +78,7 @@ class HorizonScreen(Section):
         return self
 
 
-TYPICAL = {"heights_km": [8.0, 9.5], "transmission": [0.15, 1.0], "from_km": 300.0}
+TYPICAL: dict[str, Any] = {"heights_km": [8.0, 9.5], "transmission": [0.15, 1.0], "from_km": 300.0}
 """`horizon: typical`: the screen with which three recorded evenings (Spitschan et al. 2016) have the change of 650/550
 and 450/550 nm from their sensor's day within 15 % in the median from 0 to -6 deg, the zenith 0.10 mag fainter at most;
 single evenings are 0.8 to 1.5 and 0.6 to 1.15 times off (docs/validation.md)."""

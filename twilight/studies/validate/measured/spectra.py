@@ -33,7 +33,7 @@ from twilight.atmosphere.csv_columns import cells_of
 from twilight.atmosphere.screen import Screen
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
-from twilight.config.scene import Config, Observer
+from twilight.config.scene import TYPICAL, Config, Observer
 from twilight.engine.field import solve
 from twilight.engine.sunbeam import Sunbeam, disc_irradiance
 from twilight.numerics.directions import hemisphere
@@ -271,6 +271,11 @@ def _residuals(
     return logarithms - level, np.exp(-level)
 
 
+def typical_rises() -> np.ndarray:
+    """The preset `horizon: typical` as rises p_j (J,): where the search for a screen begins."""
+    return np.diff(np.interp(HEIGHTS_KM, TYPICAL["heights_km"], TYPICAL["transmission"]), prepend=0.0)
+
+
 def _solve(
     recorded: Recorded, basis: Basis, most_mag: float, free_calibration: bool, used: np.ndarray,
     start: np.ndarray | None = None,
@@ -291,7 +296,7 @@ def _solve(
         transmittance = (basis.zenith / basis.zenith[0])[:, low].T
         least = 10.0 ** (-0.4 * most_mag)
         limits.append({"type": "ineq", "fun": lambda p: transmittance @ p - least, "jac": lambda p: transmittance})
-    first = np.full(count, 0.02) if start is None else start.copy()
+    first = 0.9 * typical_rises() + 0.1 / count if start is None else start.copy()
     first[0] += 1.0 - first.sum()
     solution = minimize(
         cost, first, jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * count, constraints=limits,
