@@ -26,7 +26,6 @@ from PIL import ExifTags, Image
 
 import twilight
 from twilight.numerics import spectrum
-from twilight.numerics.directions import texture_grid
 from twilight.sky import colour
 from twilight.sky.ephemeris import SunPosition, sun_position
 from twilight.studies.camera import CameraModel
@@ -81,7 +80,7 @@ def draw(index: int, folder: Path) -> tuple[Path, dict[str, float], str, float]:
     truth, kind, field = air(index // PER_AIR)
     random = np.random.default_rng(1000 + index)
     when, place, sun = moment(random)
-    sky = field.sky(float(sun.elevation_deg), *texture_grid(2.0))
+    sky = field.sky(float(sun.elevation_deg))
     heading = float(sun.azimuth_deg + random.uniform(-25.0, 25.0)) % 360.0
     focal_mm = float(random.uniform(22.0, 28.0))
     width = 2.0 * np.degrees(np.arctan(0.5 * WIDTH / (focal_mm / FULL_FRAME_MM * np.hypot(WIDTH, HEIGHT))))
@@ -110,10 +109,10 @@ def seen(sky: twilight.Sky, camera: CameraModel, sun_azimuth_deg: float, random:
     a, b = random.uniform(0.0, 2.0 * np.pi, 2)
     hills = random.uniform(0.2, 1.0) * (1.0 + 0.5 * np.sin(9.0 * relative + a) + 0.5 * np.sin(23.0 * relative + b))
     up = elevation > hills
-    xyz = colour.sky_to_xyz(sky, observer="cie1931_2deg")
     rgb = np.zeros((*elevation.shape, 3))
     to_rgb = spectrum.xyz_to_rgb_matrix("cie1931_2deg")
-    rgb[up] = sky.smooth(xyz, elevation[up], azimuth[up] - sun_azimuth_deg) @ to_rgb.T
+    factor = sky.sample(elevation[up], azimuth[up] - sun_azimuth_deg)
+    rgb[up] = colour.sky_to_xyz(sky, factor, observer="cie1931_2deg") @ to_rgb.T
     level = float(np.median(rgb[up]))
     ground = random.uniform(0.02, 0.08) * np.array([1.2, 1.0, 0.7]) * level
     rgb[~up] = ground * random.uniform(0.6, 1.4, (int((~up).sum()), 1))
