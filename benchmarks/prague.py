@@ -24,8 +24,13 @@ from twilight.studies.export.prague_air import airs_of, channel_nodes
 from twilight.studies.export.prague_file import PragueAxes, write_prague
 from twilight.studies.export.prague_sky import SAFETY_M, PragueSky
 
-CLIMATE, VISIBILITY_KM, ALBEDO, QUALITY = "continental-average", 51.0, 0.15, "draft"
-CHANNELS, START_NM, NODES = 3, 440.0, 1
+CLIMATE = "continental-average"
+VISIBILITY_KM = 51.0
+ALBEDO = 0.15
+QUALITY = "draft"
+CHANNELS = 3
+START_NM = 440.0
+NODES = 1
 SUNS_DEG = (60.0, 27.5, 5.0, 1.25, 0.0, -2.1, -4.0, -6.125, -9.0, -12.125, -15.0, -17.875)
 DIRECTIONS = 400
 WIDTH_NM = 40.0

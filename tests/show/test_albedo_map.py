@@ -24,7 +24,9 @@ from twilight.scene import Scene, resolve
 from twilight.solvers import compact, zones
 from twilight.terrain.heights import Standpoint
 
-LAT, LON, NM = np.arange(-87.5, 90.0, 5.0), np.arange(-177.5, 180.0, 5.0), np.array([450.0, 650.0])
+LAT = np.arange(-87.5, 90.0, 5.0)
+LON = np.arange(-177.5, 180.0, 5.0)
+NM = np.array([450.0, 650.0])
 PLACE = Standpoint(20.0, 170.0, 90.0)
 PLACED = {"sun": {"at": "2026-03-20T12:00Z", "latitude_deg": 20.0, "longitude_deg": 170.0}}
 

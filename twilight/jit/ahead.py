@@ -35,8 +35,11 @@ def compile_ahead(solver: str) -> None:
     if machine_code.locks or not entries or cores < 2:
         return
     kernels = [(getattr(import_module(module), name), signature(kinds)) for module, name, kinds in entries]
+    try:
+        folder, parent = Path(tempfile.mkdtemp(prefix="twilight-")), os.getpid()
+    except OSError:  # nowhere to keep locks: kernels are compiled one after the other
+        return
     kernels[0][0].targetctx.refresh()  # once, not in each process
-    folder, parent = Path(tempfile.mkdtemp(prefix="twilight-")), os.getpid()
     machine_code.locks.append(folder)
     pids = []
     for first in range(min(cores, MOST) - 1):

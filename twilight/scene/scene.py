@@ -195,6 +195,11 @@ def _with_mean_of_map(config: Config) -> Config:
     radius_deg = float(np.degrees(max(in_sight, MAP_MEAN_KM / EARTH_RADIUS_KM)))
     mean = mapped.mean(sun.latitude_deg, sun.longitude_deg, radius_deg)
     if np.isnan(mean).any():
+        warnings.warn(
+            f"{ground.albedo_map}: holds nothing within {radius_deg:.3g} deg of the observer: the air is lit by "
+            "ground.albedo",
+            TwilightWarning, stacklevel=2,
+        )  # fmt: skip
         return config
     nm = mapped.wavelength_nm
     albedo = Spectrum(wavelength_nm=tuple(nm.tolist()), albedo=tuple(mean.tolist())) if nm.size > 1 else float(mean[0])

@@ -32,8 +32,12 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 JOURNAL = "tasks.jsonl"
-MISSING, COMPUTED, REFUSED = 0, 1, 2
-"""Values of `status`: a scene that is not computed yet, one whose sky is there, one that its solver refused."""
+MISSING = 0
+"""`status` of a scene that is not computed yet."""
+COMPUTED = 1
+"""`status` of one whose sky is there."""
+REFUSED = 2
+"""`status` of one that its solver refused."""
 PARTS = {"train": 0, "validation": 1}
 """Values of `split`, the part of each draw, by the names that users give."""
 RESERVE_BYTES = 64 * 2**20

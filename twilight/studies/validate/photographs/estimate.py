@@ -27,8 +27,12 @@ UNCONSTRAINED = 0.6
 LARGEST_MISFIT = 1.0
 """Q beyond which a fit does not fit: 10 % in luminance, or 0.01 in u', v', over the whole sky."""
 
-DRAWN, MOST_TRIED, ROUNDS = 1500, 20000, 3
-"""Airs that are drawn for intervals, of how many tried, and how often, each time about those before."""
+DRAWN = 1500
+"""Airs that are drawn for intervals."""
+MOST_TRIED = 20000
+"""Of how many that are tried."""
+ROUNDS = 3
+"""How often they are drawn, each time about those before."""
 
 WIDER = 1.5
 """Variances of what is drawn over those expected."""

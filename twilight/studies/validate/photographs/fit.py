@@ -51,9 +51,10 @@ STEPS = (0.2, 0.6, 0.6)
 """Standard errors of luma and chroma by that, in steps; of luma, noise leaves less.  Twice those of one rounding."""
 INFLATED = 1.25
 """Factor on all standard errors of pictures in 8 bits, by ten drawn ones that `benchmarks/phone.py` does not judge."""
-STEP_REACH, STEP_COMMON = 1.0, 0.2
-"""Steps over which they are correlated, for the error is one of values, alike all along a line of one colour; and the
-part of their variance that is common to all values."""
+STEP_REACH = 1.0
+"""Steps over which these errors are correlated: they are errors of values, alike all along a line of one colour."""
+STEP_COMMON = 0.2
+"""Part of their variance that is common to all values."""
 AMPLITUDES = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Amplitudes of the sky's errors that are tried."""
 SOLVER_DEG = 30.0
