@@ -61,7 +61,7 @@ def compare(
 
     from twilight.base.progress import part_of
     from twilight.engine import check_size
-    from twilight.studies.compare import added, comparison, reference_solution, report
+    from twilight.studies.compare import comparison, reference_solution, report
     from twilight.studies.compare.bench import Bench
     from twilight.studies.compare.job import stratified_directions, sun_elevations
 
@@ -75,14 +75,14 @@ def compare(
         return
     wanted = None if solvers is None else [name for name in solvers.split(",") if name.strip()]
     presets = comparison.solver_presets(wanted)
-    tables = [added.read_added(text) for text in add or ()]
+    tables = [comparison.read_added(text) for text in add or ()]
     added_names = [table.name for table in tables]
     if len({*added_names}) < len(tables) or {*added_names} & {preset.solver for preset in presets}:
         raise TwilightError(
             f"--add: needs a name of its own for each table, NAME=FILE.csv; got {', '.join(added_names)}"
         )
     if tables and reference is None:
-        config = added.scene_of(config, tables[0])
+        config = comparison.scene_of(config, tables[0])
         suns = tables[0].suns() if suns is None else suns
         for table in tables:
             for place in tables[0].values:
@@ -101,13 +101,13 @@ def compare(
             solver = reference_solution.ReferenceSolver(config, folder / "rows", reference_stderr, time_limit)
             part = part_of(progress, 0.0, done)
             if tables:
-                references = added.references_of(tables[0], solver, suns or [], part)
+                references = comparison.references_of(tables[0], solver, suns or [], part)
             else:
                 grid = stratified_directions(config.texture.shape, directions)
                 references = solver.references(suns or [], grid, part)
             reference_solution.write_references(folder / "reference.csv", references)
         for table in tables:
-            rows += added.rows_of(table, references, config)
+            rows += comparison.rows_of(table, references, config)
         part = part_of(progress, done, 1.0 - done)
         for results in comparison.compare(config, presets, references, bench, repeats=repeats, progress=part):
             rows += results

@@ -56,9 +56,8 @@ def timeline(
     from twilight.config.load import load
     from twilight.engine.light import field_for
     from twilight.sky.twilight_times import moment_of, today_at, twilight_times
-    from twilight.studies.timeline import timeline as work
-    from twilight.studies.timeline.files import WRITERS
-    from twilight.studies.timeline.timeline import PRESETS, column
+    from twilight.studies import timeline as work
+    from twilight.studies.timeline import PRESETS, WRITERS, column
 
     options.check_range(latitude, "--latitude", -90.0, 90.0)
     options.check_range(longitude, "--longitude", -180.0, 360.0)

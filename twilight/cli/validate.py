@@ -265,8 +265,8 @@ def spectra(
     """
     from twilight.base.whole_files import check_folder
     from twilight.config import load
+    from twilight.studies.validate.measured import report as report
     from twilight.studies.validate.measured import spectra as work
-    from twilight.studies.validate.measured import spectra_report as report
 
     between = options.parse_numbers(suns, "--suns", -90.0, 90.0)
     if len(between) != 2 or between[0] < between[1]:
@@ -293,7 +293,7 @@ def spectra(
     report.write_fits(fits, output / "fits.csv")
     report.write_residuals(measured, fits[0], output / "residuals.csv")
     report.write_evening(output / "evening.yaml", loaded.climate, fits[0])
-    report.draw(measured, fits[0], output / "spectra.png", f"{recorded.name} {series or ''}".strip())
+    report.draw_spectra(measured, fits[0], output / "spectra.png", f"{recorded.name} {series or ''}".strip())
     print_table(list(report.FIT_COLUMNS), rows, right=tuple(range(len(report.FIT_COLUMNS))))
     print_table(list(report.RESIDUAL_COLUMNS), report.by_wavelength(measured, fits[0]), right=(0, 1, 2, 3, 4))
     if factor is not None:

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twilight.atmosphere.measured.parts import AerosolDepth, Part, Reading, SizeDistribution, WaterColumn
+from twilight.atmosphere.measured import AerosolDepth, Part, Reading, SizeDistribution, WaterColumn
 from twilight.base.errors import TwilightError
 from twilight.io.air.lines import PlaceAndTime, moment, number, read_lines, spoken
 

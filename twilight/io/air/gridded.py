@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from twilight.atmosphere.measured import parts
-from twilight.atmosphere.measured.parts import (
+from twilight.atmosphere import measured
+from twilight.atmosphere.measured import (
     AerosolDepth,
     AirColumn,
     CloudWater,
@@ -88,7 +88,7 @@ ICE = ("ciwc", "QI")
 
 CLOUDS = (*COVER, *LIQUID, *ICE, "tcc", "CLDTOT")
 AEROSOL_MASSES = ("aermr", "DU0", "SS0", "BCPH", "OCPH", "SO4")
-KG_PER_DU = MOLECULES_PER_CM2_PER_DU * 1e4 * parts.MOLAR_MASS_OZONE / 6.02214076e23
+KG_PER_DU = MOLECULES_PER_CM2_PER_DU * 1e4 * measured.MOLAR_MASS_OZONE / 6.02214076e23
 """kg of ozone on a square metre in one Dobson unit, 2.1415e-5."""
 
 SURFACE_HPA = (("sp", 1e-2), ("PS", 1e-2))
@@ -135,7 +135,7 @@ def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
     source = f"{name or 'map'} {path.name}: {', '.join(sorted(said))}"
     parts: list[Part] = []
     if any(one in columns for one in TEMPERATURE) and pressure_hpa.size:
-        parts.append(_air(path, source, pressure_hpa, columns, wanted))
+        measured.append(_air(path, source, pressure_hpa, columns, wanted))
         parts += _clouds(source, pressure_hpa, columns, wanted)
     elif name_of := [one for one in TEMPERATURE if one in columns]:
         raise TwilightError(f"{path}: {name_of[0]} is that of one level; download it on the pressure levels")
@@ -289,7 +289,7 @@ def _one(columns: dict[str, Any], names: tuple[str, ...]) -> Any:
 def _height_m(columns: dict[str, Any]) -> Any:
     """Geopotential height of the pressure levels [m], None where the file has none."""
     height, geopotential = _one(columns, HEIGHT_M), _one(columns, GEOPOTENTIAL)
-    return geopotential / parts.STANDARD_GRAVITY if height is None and geopotential is not None else height
+    return geopotential / measured.STANDARD_GRAVITY if height is None and geopotential is not None else height
 
 
 def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], wanted: PlaceAndTime) -> AirColumn:
@@ -304,10 +304,10 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
     q, r, o3 = _one(columns, SPECIFIC_HUMIDITY), _one(columns, RELATIVE_HUMIDITY), _one(columns, OZONE_MASS)
     water = None
     if q is not None:
-        water = parts.from_specific_humidity(np.maximum(np.asarray(q), 0.0))
+        water = measured.from_specific_humidity(np.maximum(np.asarray(q), 0.0))
     elif r is not None:
         percent = np.maximum(np.asarray(r), 0.0) * (100.0 if np.nanmax(r) <= 2.0 else 1.0)  # MERRA-2 has fractions
-        water = parts.from_relative_humidity(percent, temperature, pressure_hpa)
+        water = measured.from_relative_humidity(percent, temperature, pressure_hpa)
     if np.ndim(height_m) == 0:  # of the ground alone
         height_m = _from_the_ground(path, float(height_m), pressure_hpa, temperature, water, columns)
     height = np.asarray(height_m, dtype=float)
@@ -319,9 +319,9 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
     _check_hydrostatic(path, pressure_hpa[order], temperature[order], height[order])
     ozone = None
     if o3 is not None:
-        ozone = parts.ozone_from_mass_mixing_ratio(np.maximum(o3, 0.0), 0.0 if water is None else water)
+        ozone = measured.ozone_from_mass_mixing_ratio(np.maximum(o3, 0.0), 0.0 if water is None else water)
     latitude = 45.0 if wanted.latitude_deg is None else wanted.latitude_deg
-    z = parts.geometric_km(1e-3 * height, latitude)
+    z = measured.geometric_km(1e-3 * height, latitude)
     return AirColumn(
         source,
         z[order],
@@ -335,7 +335,7 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
 def _check_hydrostatic(path: Path, pressure_hpa: np.ndarray, temperature_k: np.ndarray, height_m: np.ndarray) -> None:
     """TwilightError for pressures and heights that are not of one air, as where one of them is in another unit."""
     metres = -np.diff(np.log(pressure_hpa)) * 0.5 * (temperature_k[1:] + temperature_k[:-1])
-    expected = float(metres.sum()) * parts.GAS_CONSTANT / (parts.MOLAR_MASS_DRY * parts.STANDARD_GRAVITY)
+    expected = float(metres.sum()) * measured.GAS_CONSTANT / (measured.MOLAR_MASS_DRY * measured.STANDARD_GRAVITY)
     thickness_m = float(height_m[-1] - height_m[0])
     if expected > 0.0 and not 0.8 <= thickness_m / expected <= 1.25:
         raise TwilightError(
@@ -381,16 +381,16 @@ def _from_the_ground(
             "too, or sp (surface pressure) to integrate from"
         )
     known = np.isfinite(temperature_k) & (pressure_hpa > 0.0)
-    virtual = parts.virtual_temperature_k(temperature_k, 0.0 if water is None else np.nan_to_num(water))[known]
+    virtual = measured.virtual_temperature_k(temperature_k, 0.0 if water is None else np.nan_to_num(water))[known]
     x = -np.log(pressure_hpa[known])
     order = np.argsort(x)
     x, virtual = x[order], virtual[order]
     metres = np.diff(x) * 0.5 * (virtual[1:] + virtual[:-1])
-    metres *= parts.GAS_CONSTANT / (parts.MOLAR_MASS_DRY * parts.STANDARD_GRAVITY)
+    metres *= measured.GAS_CONSTANT / (measured.MOLAR_MASS_DRY * measured.STANDARD_GRAVITY)
     course = np.concatenate([[0.0], np.cumsum(metres)])
     start = float(np.interp(-np.log(on_ground), x, course))
     if -np.log(on_ground) < x[0]:  # the ground lies below all levels
-        scale_m = virtual[0] * parts.GAS_CONSTANT / (parts.MOLAR_MASS_DRY * parts.STANDARD_GRAVITY)
+        scale_m = virtual[0] * measured.GAS_CONSTANT / (measured.MOLAR_MASS_DRY * measured.STANDARD_GRAVITY)
         start = float((-np.log(on_ground) - x[0]) * scale_m)
     height = np.full(pressure_hpa.shape, np.nan)
     height[np.flatnonzero(known)[order]] = ground_m + course - start
@@ -409,9 +409,9 @@ def _clouds(source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], want
     p, h, cc, water, frozen = rows[:, np.argsort(-rows[0])]
     if p.size < 2:
         return []
-    z = parts.geometric_km(1e-3 * h, 45.0 if wanted.latitude_deg is None else wanted.latitude_deg)
+    z = measured.geometric_km(1e-3 * h, 45.0 if wanted.latitude_deg is None else wanted.latitude_deg)
     edge_p, edge_z = (np.concatenate([[x[0]], 0.5 * (x[1:] + x[:-1]), [x[-1]]]) for x in (p, z))
-    kg_of_air = -100.0 * np.diff(edge_p) / parts.STANDARD_GRAVITY
+    kg_of_air = -100.0 * np.diff(edge_p) / measured.STANDARD_GRAVITY
     water, frozen = (np.maximum(one, 0.0) * kg_of_air for one in (water, frozen))
     return [CloudWater(source, edge_z[:-1], edge_z[1:], cc, water, frozen)]
 
@@ -425,15 +425,15 @@ def _amounts(path: Path, source: str, columns: dict[str, Any]) -> list[Part]:
     if du is not None:
         if not (np.ndim(du) == 0 and 50.0 <= du <= 700.0):
             raise TwilightError(f"{path}: the ozone column at the place is {du}, allowed is a number from 50 to 700 DU")
-        parts.append(OzoneColumn(source, float(du)))
+        measured.append(OzoneColumn(source, float(du)))
     water = _one(columns, WATER_KG)
     if water is not None and np.isfinite(water) and water > 0.0:
-        parts.append(WaterColumn(source, float(water)))  # 1 kg on a square metre is 1 mm
+        measured.append(WaterColumn(source, float(water)))  # 1 kg on a square metre is 1 mm
     depths = {nm: columns[name] for name, nm in DEPTHS.items() if np.isfinite(columns.get(name, np.nan))}
     if MERRA_DEPTH in columns and np.isfinite(columns[MERRA_DEPTH]):
         exponent = columns.get(MERRA_EXPONENT, np.nan)
         nm = MERRA_NM if np.isfinite(exponent) else MERRA_NM[1:2]
         depths = {w: columns[MERRA_DEPTH] * ((w / MERRA_NM[1]) ** -exponent if len(nm) > 1 else 1.0) for w in nm}
     if depths := {nm: depth for nm, depth in sorted(depths.items()) if depth > 0.0}:
-        parts.append(AerosolDepth(source, np.array([*depths]), np.array([*depths.values()])))
+        measured.append(AerosolDepth(source, np.array([*depths]), np.array([*depths.values()])))
     return parts

@@ -27,8 +27,7 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.numerics.spectrum import hermite_matrix
 from twilight.solvers.analytic.coefficients import angles
-from twilight.solvers.analytic.daylight import column, table
-from twilight.solvers.analytic.limits import hemisphere
+from twilight.solvers.analytic.daylight import column, hemisphere, table
 
 HAZE_DECAY_PER_KM = 0.8333
 """Fall of the haze's density with height [km^-1] (Preetham 1999 sec. 4)."""

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.jit.kernels import njit
+from twilight.solvers.cells.direct_light import find_sun
 from twilight.solvers.cells.exchange import add_alike, sky_fraction, unfold
 from twilight.solvers.cells.grid import CellGrid, path_depth
-from twilight.solvers.cells.refraction import find_sun
 
 
 class Patches(NamedTuple):

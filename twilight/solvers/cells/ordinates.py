@@ -16,8 +16,7 @@ import numpy as np
 
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
-from twilight.solvers.cells.exact_grid import CellNodes, QuadratureDirections
-from twilight.solvers.cells.stencils import Mesh, Stencils
+from twilight.solvers.cells.stencils import CellNodes, Mesh, QuadratureDirections, Stencils
 from twilight.transport.beam import beam_at, beam_on_ground
 from twilight.transport.lines import (
     ALTITUDE,

@@ -21,7 +21,7 @@ from twilight.config.scene import Config, Observer
 from twilight.engine.field import Field, Part, parts
 from twilight.engine.problem import plan
 from twilight.scene import resolve
-from twilight.solvers.analytic.limits import turbidity_of
+from twilight.solvers.analytic.daylight import turbidity_of
 
 RADIANCE = "sun_normalised_radiance"
 DIRECT = "direct_irradiance_factor"
