@@ -135,7 +135,7 @@ def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
     source = f"{name or 'map'} {path.name}: {', '.join(sorted(said))}"
     parts: list[Part] = []
     if any(one in columns for one in TEMPERATURE) and pressure_hpa.size:
-        measured.append(_air(path, source, pressure_hpa, columns, wanted))
+        parts.append(_air(path, source, pressure_hpa, columns, wanted))
         parts += _clouds(source, pressure_hpa, columns, wanted)
     elif name_of := [one for one in TEMPERATURE if one in columns]:
         raise TwilightError(f"{path}: {name_of[0]} is that of one level; download it on the pressure levels")
@@ -425,15 +425,15 @@ def _amounts(path: Path, source: str, columns: dict[str, Any]) -> list[Part]:
     if du is not None:
         if not (np.ndim(du) == 0 and 50.0 <= du <= 700.0):
             raise TwilightError(f"{path}: the ozone column at the place is {du}, allowed is a number from 50 to 700 DU")
-        measured.append(OzoneColumn(source, float(du)))
+        parts.append(OzoneColumn(source, float(du)))
     water = _one(columns, WATER_KG)
     if water is not None and np.isfinite(water) and water > 0.0:
-        measured.append(WaterColumn(source, float(water)))  # 1 kg on a square metre is 1 mm
+        parts.append(WaterColumn(source, float(water)))  # 1 kg on a square metre is 1 mm
     depths = {nm: columns[name] for name, nm in DEPTHS.items() if np.isfinite(columns.get(name, np.nan))}
     if MERRA_DEPTH in columns and np.isfinite(columns[MERRA_DEPTH]):
         exponent = columns.get(MERRA_EXPONENT, np.nan)
         nm = MERRA_NM if np.isfinite(exponent) else MERRA_NM[1:2]
         depths = {w: columns[MERRA_DEPTH] * ((w / MERRA_NM[1]) ** -exponent if len(nm) > 1 else 1.0) for w in nm}
     if depths := {nm: depth for nm, depth in sorted(depths.items()) if depth > 0.0}:
-        measured.append(AerosolDepth(source, np.array([*depths]), np.array([*depths.values()])))
+        parts.append(AerosolDepth(source, np.array([*depths]), np.array([*depths.values()])))
     return parts

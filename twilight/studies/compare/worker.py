@@ -227,10 +227,6 @@ def main() -> int:
     return 0
 
 
-if __name__ == "__main__":
-    sys.exit(main())
-
-
 if sys.platform != "win32":
     import resource
 
@@ -258,3 +254,7 @@ def forget_peak() -> None:
             ctypes.CDLL(None).malloc_trim(0)
     with suppress(OSError), open("/proc/self/clear_refs", "w", encoding="ascii") as file:
         file.write("5")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
