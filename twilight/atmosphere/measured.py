@@ -36,8 +36,6 @@ Its optical depth is that of particles that are large against the wavelength, wh
     tau = 3 W / (2 rho r_e),   W the water [kg m^-2], rho its density as liquid or ice, r_e the effective radius.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache

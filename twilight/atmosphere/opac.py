@@ -3,8 +3,6 @@
 Source: Hess, Koepke & Schult 1998, Bull. Amer. Meteor. Soc. 79, 831 (OPAC 3.1).
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 from collections.abc import Mapping

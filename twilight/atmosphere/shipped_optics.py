@@ -5,8 +5,6 @@ everything that entered it, the file is checked against its own hash, and a test
 ``python benchmarks/ship_optics.py`` writes the file.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 from functools import lru_cache

@@ -7,8 +7,6 @@ package adds one by an entry point of the group `twilight.formats`, whose value 
 files are the function's attribute `files` (docs/examples/extension).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, MutableMapping
 from functools import cache, cached_property
 from importlib import import_module

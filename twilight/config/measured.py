@@ -4,8 +4,6 @@ What several files hold is taken from the one that measured it: pressure, temper
 its top, of a reanalysis above, of the climate above that; optical depths of a sun photometer before a reanalysis'.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """The environment maps of a render: ``sky.rgb.exr`` (for Radiance ``sky.rgb.hdr`` too) and ``sky.spectral.exr``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

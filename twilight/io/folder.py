@@ -6,8 +6,6 @@ line of a sky that was begun also names the files that were there before, of whi
 that the files which a series has once are a render's.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress

@@ -1,7 +1,5 @@
 """``sky.png``: the sky over the horizon, the sun's azimuth in the middle; its polarisation; 8-bit display values."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path

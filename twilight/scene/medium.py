@@ -1,7 +1,5 @@
 """From a climate document to the medium that solvers take."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import replace
 from functools import partial

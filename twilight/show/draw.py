@@ -7,8 +7,6 @@ The sun's disc in a film: lifted, flattened and coloured by the refracted sunbea
 The moon of a film: where it stands in every picture, and its disc.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from datetime import timedelta

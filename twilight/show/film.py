@@ -1,7 +1,5 @@
 """From a configuration to a film: one field, its tables, exposures of all pictures, the pictures, the encoder."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import shutil

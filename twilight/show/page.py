@@ -9,8 +9,6 @@ same fractions of it, so that the page may interpolate between altitudes.
 Arrays as a page carries them: logarithms in 16 bits, compressed, in base64.
 """
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json

@@ -1,7 +1,5 @@
 """From solved fields, or one computed sky, to a page."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

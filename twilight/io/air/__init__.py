@@ -1,7 +1,5 @@
 """Files of measurements and analyses of the air: each is recognised by its content."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from zipfile import is_zipfile

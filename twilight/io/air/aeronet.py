@@ -9,8 +9,6 @@ inversions (Sinyuk et al. 2020, Atmos. Meas. Tech. 13, 3375) the volume dV/dln r
 radius [um], Refractive_Index-Real_Part[440nm], AOD_Extinction-Total[440nm] and so on.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from dataclasses import dataclass, replace

@@ -10,8 +10,6 @@ Durre et al. 2016, Integrated Global Radiosonde Archive, version 2, NOAA NCEI, `
 begins with #, then one record a level at fixed columns; -9999 missing, -8888 removed by quality control.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Iterator

@@ -16,8 +16,6 @@ straight up, and I of air 0 over 20 km of level ray at turbidity 6.
 The paper prints K = -b / (a cos theta) beside exp(-K (H - u)): transmittance is below 1 with +.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

@@ -8,8 +8,6 @@ What skies that are formulae share besides: which suns, observers and turbiditie
 medium, and the Lambertian ground below an observer who stands on it.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from functools import lru_cache

@@ -19,8 +19,6 @@ tau by eq. (4) along the refracted path, times the ozone filter exp(-alpha d) of
 vertically.  A cell whose path meets the ground lies in the Earth's shadow.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

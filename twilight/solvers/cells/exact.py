@@ -4,8 +4,6 @@ Light scattered once is integrated along each line of sight, with the aerosol's 
 beam; light scattered more often along a coarse set of directions, and interpolated between them.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ A patch of area A takes A cos / (4 pi d^2) of a cell's light (as sky_fraction bo
 reflects by Lambert's law, 4 cos times as much as isotropic light.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

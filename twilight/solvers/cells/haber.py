@@ -10,8 +10,6 @@ Air scatters isotropically from the first event on (4.5.1).  From the second on 
 scattering coefficient, eq. (2).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ Each order follows every ray of every node through the source function J (radian
 with J interpolated in its logarithm between nodes: in the shadow it falls by e in a fraction of a degree.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

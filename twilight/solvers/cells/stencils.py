@@ -6,8 +6,6 @@ observer's vertical.  That is Haber's ring reuse: S times fewer paths.  Left and
 plane are mirror images: another factor 2.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 Radiances computed elsewhere, from a table of one's own, are judged like a solver (`twilight compare --add`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

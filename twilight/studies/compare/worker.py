@@ -5,8 +5,6 @@ Reads a job (JSON) from standard input and writes one JSON object a line to stan
 "reason": "..."}, {"compiled_s": s} and nothing after it where machine code had to be made.
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import json

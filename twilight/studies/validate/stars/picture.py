@@ -3,8 +3,6 @@
 The date of a picture by its planets: bright sources that no star accounts for, in the right places together.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
