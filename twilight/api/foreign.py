@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.base.extras import is_installed, missing
 from twilight.sky.quantities.measure import Of, Quantity, unit_of
 
 if TYPE_CHECKING:
@@ -22,8 +21,6 @@ def quantities_of(
     arrays: Mapping[str, np.ndarray], found: Sequence[Quantity], of: Of
 ) -> AstropyQuantity | dict[str, AstropyQuantity]:
     """astropy's Quantity, or a mapping of them by variable where there are several."""
-    if not is_installed("astropy"):
-        raise missing("astropy", "light: returns astropy")
     from astropy import units  # optional
 
     quantities = {}
@@ -39,7 +36,7 @@ def frame_of(
 ) -> pandas.Series | pandas.DataFrame:
     """pandas' Series along the time, a DataFrame for several quantities or targets; the index is the one that was
     given."""
-    import pandas  # start-up
+    import pandas  # optional
 
     if "place" in made.dims or "time" not in made.dims:
         raise TwilightError("light: returns pandas needs one place and several times")

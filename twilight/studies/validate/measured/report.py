@@ -81,7 +81,7 @@ def write_moonlit(points: Sequence[MoonlitPoint], path: Path) -> None:
 def draw(points: Sequence[PhotometricPoint], moonlit: Sequence[MoonlitPoint], path: Path) -> None:
     """PNG: illuminance and zenith luminance over sun elevation, log10 ratio to the measurements below them; the zenith
     in the meter's band, under the moon, and the colour of level ground."""
-    from matplotlib.figure import Figure  # start-up
+    from matplotlib.figure import Figure  # optional
 
     figure = Figure(figsize=(15, 15), layout="constrained")
     axes = figure.subplots(4, 3, gridspec_kw={"height_ratios": [2.2, 1, 2.2, 1]})

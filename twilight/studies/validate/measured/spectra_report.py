@@ -95,7 +95,7 @@ def sentences(one: Fit) -> list[str]:
 
 def draw(recorded: Recorded, one: Fit, path: Path, title: str) -> None:
     """PNG: blue and red over green by the sun, recorded, without and with the screen; T by height."""
-    from matplotlib.figure import Figure  # start-up
+    from matplotlib.figure import Figure  # optional
 
     figure = Figure(figsize=(14, 4.6), layout="constrained")
     axes = figure.subplots(1, 3)
