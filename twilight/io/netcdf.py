@@ -21,7 +21,6 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import h5py
 import numpy as np
 
 from twilight.base.errors import TwilightError
@@ -174,6 +173,8 @@ def write_sky(sky: Sky, path: str | Path) -> Path:
 
     Errors: TwilightError where the file cannot be written.
     """
+    from h5py import string_dtype  # start-up
+
     h5netcdf = interruptible_h5netcdf()
     contents = _contents(sky)
     # xarray takes what this attribute names for coordinates
@@ -189,7 +190,7 @@ def write_sky(sky: Sky, path: str | Path) -> Path:
             if dims == _GRID:
                 chunks = (*values.shape[:2], 1)
                 options = {"chunks": chunks, "compression": "gzip", "compression_opts": 4, "shuffle": True}
-            dtype = h5py.string_dtype() if values.dtype == object else values.dtype
+            dtype = string_dtype() if values.dtype == object else values.dtype
             variable = file.create_variable(name, dims, dtype, **options)
             variable[...] = values
             described = dict(about[0]) if about else {}
