@@ -25,7 +25,7 @@ from twilight.api.arguments import (
     times_of,
 )
 from twilight.base.errors import TwilightError
-from twilight.base.extras import is_installed, missing
+from twilight.base.extras import require
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.light import LightField, check_sources, field_for
 from twilight.engine.light_sources import Moments, moments_at
@@ -154,6 +154,7 @@ def light(
     check_sources(sources)
     if returns not in ("xarray", "pandas", "astropy"):
         raise TwilightError(f"light: returns is '{returns}'; allowed is xarray, pandas, astropy")
+    require(f"light: returns {returns}", "astropy" if returns == "astropy" else "xarray")
     config = config_of(climate, altitude_km=altitude_km, quality=quality, settings=settings)
     tell = progress or silent
     chosen = field_for(config, quantities, part_of(tell, 0.0, 0.5))
@@ -228,7 +229,7 @@ class _Aim:
     def _of_angles(cls, elevation: Any, azimuth: Any) -> _Aim:
         along = [getattr(values, "dims", None) for values in (elevation, azimuth)]
         if any(dims is not None and "time" in dims for dims in along):
-            import xarray  # start-up
+            import xarray  # optional
 
             both = [v if hasattr(v, "dims") else xarray.DataArray(np.asarray(v, float)) for v in (elevation, azimuth)]
             first, second = xarray.broadcast(*both)
@@ -294,7 +295,7 @@ def _dataset(
     times: Sequence[datetime],
     moments: Moments,
 ) -> xarray.Dataset:
-    import xarray  # start-up
+    import xarray  # optional
 
     moment = np.array([t.astimezone(UTC).replace(tzinfo=None) for t in times], "datetime64[us]").astype(
         "datetime64[ns]"
@@ -394,8 +395,6 @@ def quantities_of(
     arrays: Mapping[str, np.ndarray], found: Sequence[Quantity], of: Of
 ) -> AstropyQuantity | dict[str, AstropyQuantity]:
     """astropy's Quantity, or a mapping of them by variable where there are several."""
-    if not is_installed("astropy"):
-        raise missing("astropy", "light: returns astropy")
     from astropy import units  # optional
 
     quantities = {}
@@ -411,7 +410,7 @@ def frame_of(
 ) -> pandas.Series | pandas.DataFrame:
     """pandas' Series along the time, a DataFrame for several quantities or targets; the index is the one that was
     given."""
-    import pandas  # start-up
+    import pandas  # optional
 
     if "place" in made.dims or "time" not in made.dims:
         raise TwilightError("light: returns pandas needs one place and several times")

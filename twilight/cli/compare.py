@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from twilight.base.errors import TwilightError
+from twilight.base.extras import require
 from twilight.cli import options
 from twilight.cli.options import argument, option
 from twilight.cli.terminal import print_table, progress_bar
@@ -50,6 +51,7 @@ def compare(
     output: Annotated[Path | None, option("DIR", "Folder for tables, picture and finished rows.")] = None,
 ) -> None:
     """Measure error, run time and memory of the solvers; write tables (CSV) and a picture. A rerun continues."""
+    require("compare", "colour", "matplotlib")
     chosen, names = options.settings_of(settings)
     suns = None if sun_elevation is None else options.parse_numbers(sun_elevation, "--sun-elevation", -90.0, 90.0)
     options.check_range(reference_stderr, "--reference-stderr", 1e-4, 0.1)

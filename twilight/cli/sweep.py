@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from twilight.base.errors import TwilightError
+from twilight.base.extras import require
 from twilight.cli import options
 from twilight.cli.options import argument, option
 from twilight.cli.terminal import print_table, progress_bar, time_of
@@ -37,6 +38,7 @@ def sweep(
     from twilight.scene.scene import count_suns
     from twilight.studies.sweep.sweep import Sweep
 
+    require("sweep", "dask", "distributed", "xarray", "zarr")
     resources = resources_of(scheduler, batch_system, workers, threads, output)
     chosen, names = options.settings_of(settings)
     series = load_axes(scene, chosen, names, ("configs",))

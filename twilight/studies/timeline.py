@@ -350,7 +350,7 @@ def _cell(value: float) -> str:
 
 def write_dataset(series: TimeSeries, path: Path, attributes: dict[str, Any]) -> None:
     """The table as netCDF along `time` (UTC)."""
-    import xarray  # start-up
+    import xarray  # optional
 
     time = np.array([t.astimezone(UTC).replace(tzinfo=None) for t in series.times], "datetime64[us]")
     variables: dict[str, Any] = {
@@ -364,7 +364,7 @@ def write_dataset(series: TimeSeries, path: Path, attributes: dict[str, Any]) ->
 
 def draw(series: TimeSeries, path: Path, title: str) -> None:
     """One panel a column over the hours, twilights shaded, crossings marked."""
-    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter  # start-up
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter  # optional
     from matplotlib.figure import Figure
 
     zone = series.times[0].tzinfo
@@ -441,3 +441,5 @@ WRITERS: dict[str, Callable[[TimeSeries, Path, str], None]] = {
     ".png": draw,
 }
 """The files of a timeline by their suffix; about: what it is of, in a few words."""
+NEEDED = {".nc": ("xarray",), ".png": ("matplotlib",)}
+"""Extras by the suffix of the files that they write."""

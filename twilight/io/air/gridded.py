@@ -34,7 +34,7 @@ from twilight.atmosphere.measured import (
 )
 from twilight.atmosphere.profiles import MOLECULES_PER_CM2_PER_DU
 from twilight.base.errors import TwilightError
-from twilight.base.extras import missing
+from twilight.base.extras import missing, require
 from twilight.base.reading import reading
 from twilight.io.air.grid_points import between, by_valid_time, dimension, weighted
 from twilight.io.air.lines import PlaceAndTime, spoken
@@ -157,7 +157,8 @@ def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
 
 def _open(path: Path, content: str) -> list[Any]:
     """The datasets of a file: GRIB may hold several that share no coordinates."""
-    import xarray  # start-up: half a second, and most climates name no such file
+    require(f"{path}: air in netCDF or GRIB", "xarray")
+    import xarray  # optional
 
     with reading(path, f"a complete {'GRIB' if content == 'grib' else 'netCDF'} file"):
         if content == "grib":

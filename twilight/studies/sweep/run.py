@@ -205,7 +205,7 @@ def connect(resources: Resources) -> Iterator[Client]:
     Errors: TwilightError where a library is missing or the scheduler cannot be reached.
     """
     check_installed(resources)
-    import dask  # start-up
+    import dask  # optional
     import distributed  # before the settings: what it sets itself would go with them
 
     with dask.config.set(_DASK_SETTINGS), ExitStack() as opened:
@@ -235,7 +235,7 @@ def cores() -> int:
 
 
 def _local(resources: Resources) -> Any:
-    from distributed import LocalCluster  # start-up
+    from distributed import LocalCluster  # optional
 
     workers = resources.workers or cores()
     threads = resources.threads or max(1, cores() // workers)

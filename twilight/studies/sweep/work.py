@@ -106,7 +106,7 @@ def _set_threads(threads: int | None) -> None:
     if threads is None:
         threads = most
         if "NUMBA_NUM_THREADS" not in os.environ:
-            from distributed import get_worker  # start-up
+            from distributed import get_worker  # optional
 
             threads = get_worker().state.nthreads
     numba.set_num_threads(max(1, min(threads, most)))

@@ -83,7 +83,7 @@ def write_moonlit(points: Sequence[MoonlitPoint], path: Path) -> None:
 def draw(points: Sequence[PhotometricPoint], moonlit: Sequence[MoonlitPoint], path: Path) -> None:
     """PNG: illuminance and zenith luminance over sun elevation, log10 ratio to the measurements below them; the zenith
     in the meter's band, under the moon, and the colour of level ground."""
-    from matplotlib.figure import Figure  # start-up
+    from matplotlib.figure import Figure  # optional
 
     figure = Figure(figsize=(15, 15), layout="constrained")
     axes = figure.subplots(4, 3, gridspec_kw={"height_ratios": [2.2, 1, 2.2, 1]})
@@ -274,7 +274,7 @@ def sentences(one: Fit) -> list[str]:
 
 def draw_spectra(recorded: Recorded, one: Fit, path: Path, title: str) -> None:
     """PNG: blue and red over green by the sun, recorded, without and with the screen; T by height."""
-    from matplotlib.figure import Figure  # start-up
+    from matplotlib.figure import Figure  # optional
 
     figure = Figure(figsize=(14, 4.6), layout="constrained")
     axes = figure.subplots(1, 3)
