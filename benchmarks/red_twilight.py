@@ -18,7 +18,7 @@ import results
 
 from twilight.config import load
 from twilight.studies.validate.measured import spectra as recorded
-from twilight.studies.validate.measured.spectra_report import draw
+from twilight.studies.validate.measured.report import draw_spectra
 
 HERE = Path(__file__).parent
 FILE = HERE.parents[1] / "shared" / "data" / "rural_twilight_spectra" / "sessions_2_3_4.csv"
@@ -48,7 +48,7 @@ def main() -> None:
             light = replace(light, irradiance=light.irradiance / sensor)
         fits[name] = light, here, recorded.fit(light, here, 0.1)
         if name == "4":
-            draw(
+            draw_spectra(
                 *fits[name][::2],
                 results.FOLDER / "red_twilight_session_4.png",
                 "session 4, on the scale of its own day",

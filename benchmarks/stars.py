@@ -26,8 +26,7 @@ from twilight.studies.camera import CameraModel
 from twilight.studies.camera.image import read_image
 from twilight.studies.validate.stars.calibrate import calibrate
 from twilight.studies.validate.stars.coordinates import StarSite, horizontal
-from twilight.studies.validate.stars.picture import draw
-from twilight.studies.validate.stars.planets import date_by_planets
+from twilight.studies.validate.stars.picture import date_by_planets, draw
 
 PLACE = StarSite(48.2, 16.4, 0.2)
 """Vienna: latitude and longitude [deg], altitude [km]."""

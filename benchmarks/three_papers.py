@@ -33,8 +33,8 @@ from twilight.scene import resolve
 from twilight.solvers import cells, tables, zones
 from twilight.solvers.analytic import aerial
 from twilight.solvers.analytic.coefficients import load_coefficients
+from twilight.solvers.cells.direct_light import refracted_sun
 from twilight.solvers.cells.grid import layer_of, make_layers
-from twilight.solvers.cells.refraction import refracted_sun
 from twilight.studies.compare.accuracy import colour_errors
 from twilight.studies.fit.truth import compute_truth, error_of
 from twilight.transport.ray_profile import ray_profile

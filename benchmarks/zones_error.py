@@ -21,10 +21,10 @@ from dataclasses import replace
 import numpy as np
 import results
 
-from twilight.base.peak_memory import forget_peak, peak_mib
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
+from twilight.studies.compare.worker import forget_peak, peak_mib
 
 CLIMATES = {
     name: "pure-air-climate" if name == "pure-air" else name

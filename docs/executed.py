@@ -12,6 +12,7 @@ what is printed stands below its block.
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import re
 import shlex
@@ -143,6 +144,10 @@ def _coarsen() -> None:
 
 def main(words: list[str]) -> int:
     """Check pages, each in a folder of its own; 1 where one failed."""
+    import typer.testing
+
+    # or all commands with their options are built anew for every call
+    typer.testing._get_command = functools.cache(typer.testing._get_command)  # type: ignore[assignment]
     way, folder, *pages = words
     if way == "--coarse":
         _coarsen()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twilight.atmosphere.measured import parts
+from twilight.atmosphere import measured
 from twilight.atmosphere.profiles import load_profile
 
 LATITUDE = 48.25
@@ -33,7 +33,7 @@ def rows_of(name="midlatitude_summer"):
 def wyoming(path, name="midlatitude_summer"):
     """TEXT:LIST of the University of Wyoming."""
     z, p, t, x, _ = rows_of(name)
-    height = 1e3 * parts.geopotential_km(z, LATITUDE)
+    height = 1e3 * measured.geopotential_km(z, LATITUDE)
     rule = "-" * 77
     lines = [
         "<HTML>", "<TITLE>University of Wyoming - Radiosonde Data</TITLE>",
@@ -43,7 +43,7 @@ def wyoming(path, name="midlatitude_summer"):
     ]  # fmt: skip
     for i in range(z.size):
         dew = dew_point_c(x[i] * p[i])
-        relh = 100.0 * x[i] * p[i] / parts.saturation_pressure_hpa(t[i])
+        relh = 100.0 * x[i] * p[i] / measured.saturation_pressure_hpa(t[i])
         mixr = 622.0 * x[i] / (1.0 - x[i])
         row = f"{p[i]:7.1f}{height[i]:7.0f}{t[i] - 273.15:7.1f}{dew:7.1f}{relh:7.0f}{mixr:7.2f}"
         lines.append(f"{row}    350      8  293.3  313.2  294.5")
@@ -62,7 +62,7 @@ def wyoming(path, name="midlatitude_summer"):
 def igra(path):
     """IGRA version 2: a sounding a day, that of the 21st with the atmosphere, the others 5 K warmer."""
     z, p, t, x, _ = rows_of()
-    height = 1e3 * parts.geopotential_km(z, LATITUDE)
+    height = 1e3 * measured.geopotential_km(z, LATITUDE)
     lines = []
     for day in (20, 21, 22):
         warmer = 0.0 if day == 21 else 5.0
@@ -71,7 +71,7 @@ def igra(path):
         for i in range(z.size):
             gph = round(height[i]) if i % 3 == 0 else -9999  # heights at standard levels alone
             depression = round(10 * (t[i] - 273.15 - dew_point_c(x[i] * p[i]))) if i % 2 else -9999
-            rh = round(1000.0 * x[i] * p[i] / parts.saturation_pressure_hpa(t[i])) if not i % 2 else -8888
+            rh = round(1000.0 * x[i] * p[i] / measured.saturation_pressure_hpa(t[i])) if not i % 2 else -8888
             kelvin = round(10 * (t[i] + warmer - 273.15))
             lines.append(
                 f"{'21' if i == 0 else '20'} -9999 {round(100 * p[i]):6d} {gph:5d}B{kelvin:5d}B{rh:5d} {depression:5d}"
@@ -90,10 +90,10 @@ def on_pressures(name, pressures):
     z = np.interp(-np.log(pressures), -np.log(there.pressure_hpa), fine)
     at = a.at(z)
     x, o = at.h2o_per_cm3 / at.air_per_cm3, at.o3_per_cm3 / at.air_per_cm3
-    q = parts.EPSILON * x / (1.0 - (1.0 - parts.EPSILON) * x)
-    molar = parts.MOLAR_MASS_DRY * (1.0 - (1.0 - parts.EPSILON) * x)
-    geopotential = 1e3 * parts.geopotential_km(z, LATITUDE) * parts.STANDARD_GRAVITY
-    return geopotential, at.temperature_k, q, o * parts.MOLAR_MASS_OZONE / molar
+    q = measured.EPSILON * x / (1.0 - (1.0 - measured.EPSILON) * x)
+    molar = measured.MOLAR_MASS_DRY * (1.0 - (1.0 - measured.EPSILON) * x)
+    geopotential = 1e3 * measured.geopotential_km(z, LATITUDE) * measured.STANDARD_GRAVITY
+    return geopotential, at.temperature_k, q, o * measured.MOLAR_MASS_OZONE / molar
 
 
 def _maps(name, slope_k=0.0):
@@ -152,7 +152,7 @@ def merra2(path):
     data = xarray.Dataset(
         {
             "T": (dims, upside["t"]), "QV": (dims, upside["q"]), "O3": (dims, upside["o3"]),
-            "H": (dims, upside["z"] / parts.STANDARD_GRAVITY), "QL": (dims, 0.0 * upside["q"]),
+            "H": (dims, upside["z"] / measured.STANDARD_GRAVITY), "QL": (dims, 0.0 * upside["q"]),
             "TOTEXTTAU": (dims[:1] + dims[2:], 0.21 * flat), "TOTANGSTR": (dims[:1] + dims[2:], 1.4 * flat),
             "TO3": (dims[:1] + dims[2:], 331.0 * flat), "TQV": (dims[:1] + dims[2:], 25.0 * flat),
         },

@@ -12,7 +12,7 @@ from airs import scene_of_field, turbid
 
 from twilight.engine import Field, solve
 from twilight.numerics.directions import scattering_angle_rad
-from twilight.show.tables import PageNodes
+from twilight.show.page import PageNodes
 from twilight.show.tones import Channels
 from twilight.solvers.base import BareField
 

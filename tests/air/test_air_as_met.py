@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import xarray
 
-from twilight.atmosphere.measured import parts
-from twilight.atmosphere.measured.parts import AerosolDepth, AirColumn
+from twilight.atmosphere import measured
+from twilight.atmosphere.measured import AerosolDepth, AirColumn
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import load
 from twilight.io.air import PlaceAndTime, read_air_file
@@ -96,10 +96,10 @@ def test_a_geopotential_of_the_ground_alone(tmp_path, era5):
     data, expected = era5
     ground_m = 300.0
     flat = data.drop_vars("z")
-    flat["z"] = data["t"].isel(pressure_level=0) * 0.0 + ground_m * parts.STANDARD_GRAVITY
+    flat["z"] = data["t"].isel(pressure_level=0) * 0.0 + ground_m * measured.STANDARD_GRAVITY
     with pytest.raises(TwilightError, match=r"that of the ground alone; download z .* on the pressure levels"):
         read_air_file(save(flat, tmp_path / "a.nc"), WANTED)
-    altitude = parts.geopotential_km(expected.altitude_km, WANTED.latitude_deg) * 1e3
+    altitude = measured.geopotential_km(expected.altitude_km, WANTED.latitude_deg) * 1e3
     pressure = np.exp(np.interp(ground_m, altitude, np.log(expected.pressure_hpa)))
     flat["sp"] = flat["z"] * 0.0 + 100.0 * pressure
     found = part_of(save(flat, tmp_path / "b.nc"), AirColumn)

@@ -11,7 +11,7 @@ import pytest
 import xarray
 
 from twilight.atmosphere.aerosols import optical_depth_at
-from twilight.atmosphere.measured.parts import (
+from twilight.atmosphere.measured import (
     AerosolDepth,
     AirColumn,
     OzoneColumn,

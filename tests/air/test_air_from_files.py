@@ -102,7 +102,7 @@ def test_a_kind_for_each_key():
     assert set(AIR_FILES) == set(KINDS)
 
 
-def test_the_sky_of_an_atmosphere_written_as_files_is_that_of_the_atmosphere(tmp_path):
+def test_the_sky_of_an_atmosphere_written_as_files_is_that_of_the_atmosphere(coarse_draft, tmp_path):
     """AFGL's summer as a sounding and a reanalysis, with the digits that these have: the radiance comes back."""
     air_files.wyoming(tmp_path / "w.txt")
     air_files.era5(tmp_path / "e.nc")

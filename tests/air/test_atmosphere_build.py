@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from twilight.atmosphere import gases, opac, profiles
 from twilight.atmosphere.aerosols import mixture_optics
-from twilight.atmosphere.build import build_medium
-from twilight.atmosphere.layers import Boundaries, EqualAirMass
+from twilight.atmosphere.build import Boundaries, EqualAirMass, build_medium
 from twilight.atmosphere.opac import AerosolSpec, MineralLayer, opac_type, opac_types
 from twilight.base.errors import TwilightError
 

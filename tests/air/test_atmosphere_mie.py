@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twilight.atmosphere import mie, opac, ship_optics, shipped_optics
+from twilight.atmosphere import mie, opac, shipped_optics
 from twilight.atmosphere.aerosols import mixture_optics
 from twilight.base.errors import TwilightError
 from twilight.numerics.phase import TABLE, PhaseFunction, rayleigh_matrix, table_angles_rad
@@ -79,7 +79,7 @@ def check_against_tables(populations, wavelengths):
 
 def test_against_opac_tables_shipped():
     """Shipped optics of the populations of the ten types would not be OPAC's."""
-    check_against_tables(ship_optics.populations(), [550.0])
+    check_against_tables(opac.populations(), [550.0])
 
 
 def test_against_opac_tables_computed(tmp_path):
@@ -114,7 +114,7 @@ PHASE_RMS = {"sscm": 0.05, "micm": 0.03, "ssam": 0.03}
 """Relative difference to OPAC's phase functions from 1 to 170 deg: large spheres ripple, both sides sample radii."""
 
 
-SHIPPED = ship_optics.populations()
+SHIPPED = opac.populations()
 OTHERS = [(c, h) for c in opac.components() for h in opac.humidity_classes(c) if (c, h) not in SHIPPED]
 
 
@@ -134,7 +134,7 @@ def test_phase_function_against_opac(component, humidity):
 
 def test_phase_table_is_normalised_and_keeps_the_asymmetry():
     """A tabulated phase function would not conserve energy, or lose its asymmetry."""
-    for component, humidity in ship_optics.populations():
+    for component, humidity in opac.populations():
         got = optics(component, humidity, [550.0])
         moments = PhaseFunction(TABLE, got.asymmetry, got.log_phase).legendre_moments(1)[0]
         assert moments[0] == pytest.approx(1.0, abs=2e-6)
@@ -191,7 +191,7 @@ def test_population_of_one_size_is_one_sphere():
 def test_shipped_rows_are_what_the_code_computes():
     """A sample of the shipped file, computed anew; every population of the ten types is in it."""
     shipped = shipped_optics.load()
-    assert len(shipped) == len(ship_optics.particles()) * len(shipped_optics.WAVELENGTHS_NM)
+    assert len(shipped) == (len(opac.populations()) + 4) * len(shipped_optics.WAVELENGTHS_NM)
     for component, humidity, wavelength in (
         ("waso", 80.0, 550.0),
         ("soot", 0.0, 380.0),

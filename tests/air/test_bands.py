@@ -218,13 +218,13 @@ def test_more_water_is_darker_and_neighbours_stay_as_they_are():
     """More water would not darken its band, or move wavelengths beside it."""
     suns = [8.0]
     found = []
-    for column in (0.0, 5.0, 20.0, 60.0):
+    for column in (0.0, 20.0, 60.0):
         solved = zones_draft(scene([780.0, 823.7], **{"gases.water_vapour.column_mm": column}), suns)
         found.append(solved.radiance(8.0, ELEVATION_DEG, AZIMUTH_DEG))
     light = np.array(found)
     assert (np.diff(light[:, :, 1], axis=0) < 0.0).all() and (light > 0.0).all()
     assert (light[-1, :, 1] / light[0, :, 1] < 0.75).all()
-    np.testing.assert_allclose(light[:3, :, 0], np.broadcast_to(light[0, :, 0], light[:3, :, 0].shape), rtol=0.02)
+    np.testing.assert_allclose(light[:2, :, 0], np.broadcast_to(light[0, :, 0], light[:2, :, 0].shape), rtol=0.02)
 
 
 def test_the_plan_leaves_out_bands_that_do_not_matter():

@@ -8,7 +8,7 @@ import pytest
 from exact_sunbeam import scattered_once
 from layered_sky import layered
 
-from twilight.solvers.cells.exact_view import make_straight_lines, single_scattering
+from twilight.solvers.cells.exact import make_straight_lines, single_scattering
 from twilight.solvers.zones import prepare
 from twilight.solvers.zones.settings import QUALITIES
 from twilight.transport.beam import prepare_beam

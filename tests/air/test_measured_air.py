@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from twilight.atmosphere import measured
 from twilight.atmosphere.aerosols import optical_depth_at
-from twilight.atmosphere.measured import parts
-from twilight.atmosphere.measured.join import FADE_KM, join
-from twilight.atmosphere.measured.parts import AirColumn, climatological_column_du, climatology_source
+from twilight.atmosphere.measured import FADE_KM, AirColumn, climatological_column_du, climatology_source, join
 from twilight.atmosphere.profiles import PROFILES, load_profile
 from twilight.base.errors import TwilightError
 from twilight.config import load
@@ -104,34 +103,34 @@ def test_two_altitudes_are_no_profile():
 
 def test_humidity_in_its_measures():
     # WMO-No. 8: 6.112 hPa at 0 C, 23.4 hPa at 20 C; the triple point of water is at 6.117 hPa (Guildner et al. 1976)
-    assert parts.saturation_pressure_hpa(273.15) == pytest.approx(6.112)
-    assert parts.saturation_pressure_hpa(293.15) == pytest.approx(23.39, rel=3e-3)
+    assert measured.saturation_pressure_hpa(273.15) == pytest.approx(6.112)
+    assert measured.saturation_pressure_hpa(293.15) == pytest.approx(23.39, rel=3e-3)
     # over water, Goff and Gratch 1946
-    assert parts.saturation_pressure_hpa(233.15) == pytest.approx(0.1902, rel=0.01)
+    assert measured.saturation_pressure_hpa(233.15) == pytest.approx(0.1902, rel=0.01)
     # a row of a sounding (02963, 10 April 2006): 992 hPa, 1.6 C, dew point 0.8 C, 94 %, 4.11 g/kg
-    x = parts.from_dew_point(273.15 + 0.8, 992.0)
-    assert 100.0 * x * 992.0 / parts.saturation_pressure_hpa(273.15 + 1.6) == pytest.approx(94.0, abs=0.6)
-    assert 1e3 * parts.EPSILON * x / (1.0 - x) == pytest.approx(4.11, rel=0.01)
-    saturated = parts.from_relative_humidity(100.0, 280.0, 900.0)
-    assert saturated == pytest.approx(parts.from_dew_point(280.0, 900.0))
+    x = measured.from_dew_point(273.15 + 0.8, 992.0)
+    assert 100.0 * x * 992.0 / measured.saturation_pressure_hpa(273.15 + 1.6) == pytest.approx(94.0, abs=0.6)
+    assert 1e3 * measured.EPSILON * x / (1.0 - x) == pytest.approx(4.11, rel=0.01)
+    saturated = measured.from_relative_humidity(100.0, 280.0, 900.0)
+    assert saturated == pytest.approx(measured.from_dew_point(280.0, 900.0))
     q = 0.01
     r = q / (1.0 - q)  # mixing ratio
-    x = parts.from_specific_humidity(q)
-    assert x == pytest.approx(r / (parts.EPSILON + r))
-    assert parts.virtual_temperature_k(300.0, x) == pytest.approx(300.0 * (1.0 + 0.608 * q), rel=2e-4)
+    x = measured.from_specific_humidity(q)
+    assert x == pytest.approx(r / (measured.EPSILON + r))
+    assert measured.virtual_temperature_k(300.0, x) == pytest.approx(300.0 * (1.0 + 0.608 * q), rel=2e-4)
     # 1 ppm by volume of ozone is 1.657 ppm by mass of dry air
-    assert parts.ozone_from_mass_mixing_ratio(1.657e-6, 0.0) == pytest.approx(1e-6, rel=1e-3)
+    assert measured.ozone_from_mass_mixing_ratio(1.657e-6, 0.0) == pytest.approx(1e-6, rel=1e-3)
 
 
 def test_geopotential_height():
     # US Standard Atmosphere 1976, table I (45 deg): geometric 30 and 80 km are 29.859 and 79.006 km of geopotential
-    np.testing.assert_allclose(parts.geometric_km([29.859, 79.006], 45.5425), [30.0, 80.0], atol=0.02)
-    assert parts.gravity_at_sea_level(0.0) == pytest.approx(9.7803, abs=1e-4)  # WGS 84
-    assert parts.gravity_at_sea_level(90.0) == pytest.approx(9.8322, abs=1e-4)
+    np.testing.assert_allclose(measured.geometric_km([29.859, 79.006], 45.5425), [30.0, 80.0], atol=0.02)
+    assert measured.gravity_at_sea_level(0.0) == pytest.approx(9.7803, abs=1e-4)  # WGS 84
+    assert measured.gravity_at_sea_level(90.0) == pytest.approx(9.8322, abs=1e-4)
     z = np.array([0.0, 1.0, 10.0, 50.0])
-    np.testing.assert_allclose(parts.geometric_km(parts.geopotential_km(z, 12.0), 12.0), z, atol=1e-9)
+    np.testing.assert_allclose(measured.geometric_km(measured.geopotential_km(z, 12.0), 12.0), z, atol=1e-9)
     # gravity is less at the equator
-    assert parts.geometric_km(30.0, 0.0) - parts.geometric_km(30.0, 90.0) > 0.1
+    assert measured.geometric_km(30.0, 0.0) - measured.geometric_km(30.0, 90.0) > 0.1
 
 
 def van_heuklon_du(latitude, longitude, day):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import spherical_jn, spherical_yn
 
-from twilight.atmosphere import mie, opac, ship_optics
+from twilight.atmosphere import mie, opac
 from twilight.atmosphere.aerosols import mixture_optics
 from twilight.base.errors import TwilightError
 from twilight.numerics.phase import PhaseFunction, rayleigh_matrix, rayleigh_phase, table_angles_rad
@@ -71,7 +71,7 @@ def test_matrix_of_spheres_against_an_independent_mie_sum(index):
     np.testing.assert_allclose(ours[1:], total[1:] / total[0], atol=3e-5)
 
 
-@pytest.mark.parametrize("component, humidity", ship_optics.populations())
+@pytest.mark.parametrize("component, humidity", opac.populations())
 def test_matrix_of_every_component_is_possible(component, humidity):
     """Forwards spheres change nothing, backwards they mirror; a matrix makes no light more polarised than fully."""
     size, index = opac.particles(component, humidity, [380.0, 550.0, 720.0])

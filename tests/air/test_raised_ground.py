@@ -9,8 +9,7 @@ import pytest
 from stability_media import Air, medium_of
 
 from twilight import solvers
-from twilight.atmosphere.build import build_medium
-from twilight.atmosphere.layers import Boundaries, EqualAirMass
+from twilight.atmosphere.build import Boundaries, EqualAirMass, build_medium
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.opac import MineralLayer, opac_type
 from twilight.atmosphere.profiles import load_profile

@@ -121,7 +121,7 @@ def test_an_evening_is_one_file_where_one_is_asked_for(plain, table, tmp_path):
     """By times, in the order of the suns; the same numbers as in a folder each."""
     from twilight import open_dataset, read_sky
 
-    suns = ["--set", "texture={}", "--sun-elevation=5,0,-5"]
+    suns = ["--set", "texture={}", "--set", "texture.resolution_deg=6", "--sun-elevation=5,0,-5"]
     out = tmp_path / "new" / "evening.nc"
     result = call("render", table, *suns, "--output", out)
     assert result.exit_code == 0, result.stderr
@@ -142,7 +142,7 @@ def test_an_evening_is_one_file_where_one_is_asked_for(plain, table, tmp_path):
     assert call("render", table, *suns, "--output", out, "--overwrite").exit_code == 0
     start = ["--set", "sun={start: 2026-06-21T20:00, stop: 2026-06-21T21:00, step_minutes: 30, time_zone: UTC, "
              "latitude_deg: 52, longitude_deg: 13}"]  # fmt: skip
-    assert call("render", table, *suns[:2], *start, "--output", tmp_path / "times.nc").exit_code == 0
+    assert call("render", table, *suns[:4], *start, "--output", tmp_path / "times.nc").exit_code == 0
     with open_dataset(tmp_path / "times.nc") as data:
         assert data.time.values.astype("datetime64[m]").tolist() == [
             datetime(2026, 6, 21, 20), datetime(2026, 6, 21, 20, 30), datetime(2026, 6, 21, 21)

@@ -39,16 +39,15 @@ ELSEWHERE = {
     "engine/sun_tables.py": "handed to the cache, which writes it whole",
     "engine/surfaces.py": "handed to the cache, which writes it whole",
     "base/cache.py": "handed to store(), which writes it whole",
-    "base/peak_memory.py": "/proc",
     "cli/__init__.py": "/dev/null",
     "jit/ahead.py": "/dev/null",
     "jit/machine_code.py": "empty files, to be locked",
     "io/provenance.py": "its journal grows line by line: a line that was cut is not read",
     "io/folder.py": "empties that journal",
-    "studies/compare/worker.py": "a pipe",
+    "studies/compare/worker.py": "a pipe, and /proc",
     "studies/sweep/store.py": "chunks, which zarr writes whole, before the line of the journal that counts them",
     "studies/camera/image.py": "copies in a temporary folder",
-    "io/air/read.py": "copies in a temporary folder",
+    "io/air/__init__.py": "copies in a temporary folder",
 }
 
 

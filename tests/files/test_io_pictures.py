@@ -12,7 +12,7 @@ from toy_sky import GLOW_ELEVATION, SUN_AZIMUTH, brightest_uv, glow_sky, spot, u
 from twilight.base.errors import TwilightError
 from twilight.io import read_latlong_exr, read_spectral_exr, write_hdr, write_rgb_exr, write_spectral_exr
 from twilight.io.environment import RENDERERS, environment_directions
-from twilight.io.rgbe import to_rgbe
+from twilight.io.environment_files import to_rgbe
 from twilight.sky import colour
 from twilight.sky.sky import Sky
 

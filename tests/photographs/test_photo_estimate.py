@@ -146,7 +146,7 @@ def test_a_part_of_the_sky_says_less():
     assert other["aerosol"].standard_error > 1.2 * one["aerosol"].standard_error
 
 
-@pytest.mark.parametrize("sun", [23.3, 7.1])
+@pytest.mark.parametrize("sun", [23.3, pytest.param(7.1, marks=pytest.mark.slow)])
 def test_the_sun_is_sought_over_all_elevations(sun):
     """Fails if the search stopped at a wrong minimum, or the fit between two suns of it were wrong."""
     made = by_name(found_in(seen(latlong(), {**TRUTH, "sun": sun}), low=0.0, high=90.0)[0])

@@ -10,7 +10,7 @@ from PIL import ExifTags, Image
 from PIL.TiffImagePlugin import IFDRational
 
 from twilight.base.errors import TwilightError
-from twilight.io.rgbe import to_rgbe
+from twilight.io.environment_files import to_rgbe
 from twilight.studies.camera.exif import read_stated
 from twilight.studies.camera.image import read_image, read_samples, write_exr
 from twilight.studies.camera.response import srgb_to_linear

@@ -10,7 +10,7 @@ from PIL import Image, ImageCms
 from PIL.PngImagePlugin import PngInfo
 
 from twilight.base.errors import TwilightError
-from twilight.io.rgbe import to_rgbe
+from twilight.io.environment_files import to_rgbe
 from twilight.numerics.spectrum import to_rec709, xyz_to_rgb_matrix
 from twilight.studies.camera.image import read_image, read_samples, srgb_to_linear, write_exr
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
 import sys
 import tomllib
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from twilight.api.representation import Sky
 from twilight.base.extras import REQUIREMENTS, is_installed, missing
 from twilight.cli.app import app
 
@@ -19,6 +22,17 @@ ROOT = Path(__file__).resolve().parents[2]
 BROUGHT_BY = {"numcodecs": "zarr", "pandas": "xarray"}
 """Modules that come with a dependency which cannot do without them."""
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+COMMANDS = {
+    "sweep humidity": "dask",
+    "compare pure-air": "colour-science",
+    "timeline pure-air --latitude 28 --longitude -16 --output night.nc": "xarray",
+    "timeline pure-air --latitude 28 --longitude -16 --output night.png": "matplotlib",
+    "light pure-air --at 2026-06-21T12:00Z --latitude 28 --longitude -16": "xarray",
+    "validate photometry": "matplotlib",
+}
+"""Commands, and what the sentence of each asks for first."""
 
 
 def distribution(requirement: str) -> str:
@@ -43,7 +57,7 @@ def test_what_the_program_imports_is_installed_with_it_or_asked_for():
     here = {distribution(text) for text in PROJECT["dependencies"]}
     distributions = packages_distributions()
     for module, files in imports().items():
-        if module not in REQUIREMENTS and BROUGHT_BY.get(module) not in here:
+        if module not in REQUIREMENTS and BROUGHT_BY.get(module) not in REQUIREMENTS:
             names = {name.lower().replace("_", "-") for name in distributions.get(module, [module])}
             assert names & here, f"{module}, which {files} import, is no dependency: {names}"
 
@@ -53,6 +67,7 @@ def test_the_requirements_that_sentences_name_are_those_of_the_extras():
     assert set(REQUIREMENTS.values()) <= extras
     assert not is_installed("no_such_module") and is_installed("numpy")
     assert "mitsuba>=" in str(missing("mitsuba", "x"))
+    assert "'dask>=2025.5' 'zarr>=3.1,<4'" in str(missing("dask", "x", "zarr"))
 
 
 def test_no_sentence_asks_for_a_package_that_no_index_has():
@@ -77,6 +92,36 @@ def test_what_is_not_there_is_one_sentence_with_the_command(tmp_path, monkeypatc
     (tmp_path / "a.heic").write_bytes(bytes(100))
     with pytest.raises(TwilightError, match="install 'pillow-heif>="):
         read_image(tmp_path / "a.heic")
+    for command, requirement in COMMANDS.items():
+        result = CliRunner().invoke(app, command.split())
+        assert result.exit_code == 2 and f"install '{requirement}>=" in result.output, result.output
+        assert len(result.output.splitlines()) == 1
+    sky = Sky(np.array([500.0, 600.0]), np.array([30.0, 60.0]), np.array([0.0, 180.0]), np.ones((2, 2, 2)), 5.0)
+    for call in (sky.to_xarray, sky.plot):
+        with pytest.raises(TwilightError, match="install '"):
+            call()
+
+
+def test_a_batch_system_is_asked_for(monkeypatch):
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", None)
     result = CliRunner().invoke(app, ["sweep", "humidity", "--batch-system", "slurm"])
     assert result.exit_code == 2 and "install 'dask-jobqueue>=" in result.output
-    assert len(result.output.splitlines()) == 1
+
+
+def test_a_sky_is_rendered_and_read_without_any_extra(tmp_path):
+    """README's first command installs none."""
+    script = f"""import sys
+for name in {sorted([*REQUIREMENTS, *BROUGHT_BY])}: sys.modules[name] = None
+from twilight import read_sky
+from twilight.cli import main
+try:
+    main()
+except SystemExit as left:
+    assert not left.code
+print(read_sky("sky/sky.h5").illuminance_lux())
+"""
+    command = ["render", "pure-air", "--sun-elevation", "10", "--solver", "compact", "--output", "sky"]
+    command += ["--set", "output.camera={}"]
+    done = subprocess.run([sys.executable, "-c", script, *command], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert 1e3 < float(done.stdout.splitlines()[-1]) < 1e5

@@ -1,21 +1,24 @@
-"""One page of two fields for all tests of pages that need no light of their own: its tables take seconds."""
+"""One page of two fields, of a quarter of the suns, for all tests of pages that need no light of their own."""
 
 from __future__ import annotations
 
 import pytest
 from closed_sky import COARSE, closed
 
+from twilight.engine import sun_tables
 from twilight.show.skies import view_fields
 
 
 @pytest.fixture(scope="session")
 def page_of_two(tmp_path_factory):
     """Closed skies, the second twice as bright, at three altitudes."""
-    page = view_fields(
-        [closed(level=0.1), closed("other", 0.2)],
-        names=["one", "other"],
-        scenes=["continental-average --quality draft", "'my air.yaml' --set aerosol.load=2"],
-        altitudes_km=[0.0, 5.0, 60.0],
-        nodes=COARSE,
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sun_tables, "SUN_COUNT", 25)
+        page = view_fields(
+            [closed(level=0.1), closed("other", 0.2)],
+            names=["one", "other"],
+            scenes=["continental-average --quality draft", "'my air.yaml' --set aerosol.load=2"],
+            altitudes_km=[0.0, 5.0, 60.0],
+            nodes=COARSE,
+        )
     return page.save(tmp_path_factory.mktemp("two") / "two.html")

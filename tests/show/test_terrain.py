@@ -17,7 +17,7 @@ from twilight.scene import Scene
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 from twilight.solvers.analytic import preetham
-from twilight.solvers.analytic.limits import hemisphere
+from twilight.solvers.analytic.daylight import hemisphere
 from twilight.terrain.aerial_perspective import AerialPerspective, sunlit_air
 from twilight.terrain.heights import Heights, Standpoint, heights_of
 from twilight.terrain.march import ShadowGrid, TerrainAir, first_hits, height_at, shadow_over, sunlight_on_lines

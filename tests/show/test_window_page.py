@@ -11,8 +11,8 @@ from airs import as_sky, scene_of_field, turbid
 from browser import open_page, until
 
 from twilight.engine import solve
+from twilight.show.page import PageNodes
 from twilight.show.skies import view_fields, view_sky
-from twilight.show.tables import PageNodes
 from twilight.solvers.base import BareField
 
 NM = np.array([420.0, 500.0, 580.0, 660.0])

@@ -16,9 +16,9 @@ from twilight.base.errors import TwilightError
 from twilight.engine import solve
 from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.numerics.projections import view_directions, view_rays
+from twilight.show.page import USUAL_HAZE_TOP_KM, PageNodes
 from twilight.show.skies import ground_to_orbit, view_fields, within_air
 from twilight.show.space import at_entry
-from twilight.show.tables import USUAL_HAZE_TOP_KM, PageNodes
 from twilight.show.tones import Channels
 from twilight.solvers.base import BareField
 

@@ -16,8 +16,7 @@ from twilight.base.sections import option, settings
 from twilight.config import load
 from twilight.engine import parts, plan, solve
 from twilight.io import read_latlong_exr, read_sky, read_spectral_exr, write_outputs, write_sky, write_spectral_exr
-from twilight.io.picture import view_directions
-from twilight.io.polarisation import polarisation_maps
+from twilight.io.picture import polarisation_maps, view_directions
 from twilight.numerics.directions import texture_centres
 from twilight.scene import resolve
 from twilight.sky.sky import Sky

@@ -12,7 +12,7 @@ from twilight.solvers.analytic import aerial, cie, preetham
 from twilight.solvers.analytic.aerial import aerial_perspective, path_integrals
 from twilight.solvers.analytic.cie import CieSettings
 from twilight.solvers.analytic.coefficients import angles
-from twilight.solvers.analytic.limits import hemisphere
+from twilight.solvers.analytic.daylight import hemisphere
 
 # --- standard skies ---
 

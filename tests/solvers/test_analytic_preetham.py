@@ -18,8 +18,7 @@ from twilight.solvers.analytic.coefficients import (
     perez_ratio,
     shipped_sets,
 )
-from twilight.solvers.analytic.daylight import daylight_chromaticity, daylight_spectrum, locus_y
-from twilight.solvers.analytic.limits import turbidity_of
+from twilight.solvers.analytic.daylight import daylight_chromaticity, daylight_spectrum, locus_y, turbidity_of
 from twilight.solvers.analytic.preetham import PreethamSettings
 
 # --- sunlight ---

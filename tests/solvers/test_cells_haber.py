@@ -11,6 +11,7 @@ from test_cells import air
 
 from twilight.solvers import cells
 from twilight.solvers.cells import QUALITIES
+from twilight.solvers.cells.direct_light import MAX_STEPS, refracted_sun, trace_to_space
 from twilight.solvers.cells.exchange import (
     BLOCKS,
     exchange,
@@ -20,7 +21,6 @@ from twilight.solvers.cells.exchange import (
     sphere_capture,
 )
 from twilight.solvers.cells.grid import layer_of, make_layers, path_depth
-from twilight.solvers.cells.refraction import MAX_STEPS, refracted_sun, trace_to_space
 from twilight.transport.ray_profile import ray_profile
 from twilight.transport.rays import OUTSIDE, sun_ray
 from twilight.transport.steps import altitude_along, distance_to_sphere

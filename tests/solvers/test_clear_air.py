@@ -279,7 +279,7 @@ def test_its_file_is_small_and_a_damaged_one_is_one_sentence(tmp_path):
     assert replace(model, members=model.members[:1]).at_nodes(air, base)[3].max() == 0.0
 
 
-def test_a_sky_says_how_wrong_it_is_and_bands_of_gases_have_a_sky():
+def test_a_sky_says_how_wrong_it_is_and_bands_of_gases_have_a_sky(coarse_draft):
     """The error would not reach the record, or the model stop at 720 nm where water vapour absorbs."""
     sky = twilight.render("desert", sun_elevation_deg=-6, solver="compact", wavelength_nm=[550.0, 720.0, 760.0])
     assert 0.002 < sky.provenance["convergence"]["error"] < 0.3

@@ -45,7 +45,7 @@ def compare(climate, settings, wavelength_nm=WAVELENGTH_NM, most=MOST, in_bands=
 
 def test_neighbours_do_not_move_a_wavelength_on_coarse_grids():
     """In scalar theory; grids and orders are the same with polarisation, which takes longer."""
-    compare("urban", QUICK)
+    compare("urban", SCALAR, suns_deg=(30.0, -4.0))
 
 
 @pytest.mark.slow

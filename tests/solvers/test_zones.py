@@ -15,6 +15,8 @@ from hazy_zones import SCALAR as SMALL
 
 from twilight.atmosphere.medium_table import medium_from_table
 from twilight.base.errors import TwilightError
+from twilight.config.load import load
+from twilight.scene import resolve
 from twilight.solvers import cells, zones
 from twilight.solvers.zones.angles import cubic_refinement, even_harmonics, make_angles, zenith_nodes
 from twilight.solvers.zones.scattering import normalised
@@ -60,6 +62,21 @@ def test_every_tuned_number_is_used_and_names_a_test():
     for row in rows:
         assert f"def {row.test}(" in tests, row.name
         assert re.search(rf"\btuned\.{row.name}\b", code), row.name
+
+
+@pytest.mark.parametrize(
+    ("air", "kinds"),
+    [
+        ("pure-air", {"any"}),
+        ("desert", {"any", "aerosol", "dust, sea salt", "top of dust"}),
+        ("volcanic-extreme", {"any", "aerosol", "dust, sea salt", "layered", "volcanic layer"}),
+    ],
+)
+def test_tuned_numbers_act_in_their_own_air(air, kinds):
+    """A scar of one climate would be told of, or act, in another."""
+    scene = resolve(load(air), solver=(zones, zones.QUALITIES["standard"]))
+    assert zones.kinds_met(scene.medium, scene.settings) == kinds
+    assert kinds <= {row.air for row in zones.tuned_numbers()}
 
 
 def test_harmonics_are_orthonormal_and_moments_of_a_harmonic_are_its_own():

@@ -15,7 +15,7 @@ from twilight.config import load
 from twilight.io.netcdf import write_sky
 from twilight.solvers.analytic import preetham
 from twilight.solvers.analytic.coefficients import QUANTITIES, load_coefficients
-from twilight.solvers.analytic.limits import turbidity_of
+from twilight.solvers.analytic.daylight import turbidity_of
 from twilight.studies.fit.perez import fit_set, fit_sky, single_set
 from twilight.studies.fit.truth import ColourSky, air_of_turbidity, colour_sky, compute_truth, error_of, spiral
 

@@ -6,7 +6,7 @@ import pytest
 from twilight.base.errors import TwilightError
 from twilight.config import load
 from twilight.numerics.spectrum import solar_irradiance
-from twilight.studies.compare.added import ABSOLUTE, SUN_NORMALISED, read_added, rows_of, scene_of
+from twilight.studies.compare.comparison import ABSOLUTE, SUN_NORMALISED, read_added, rows_of, scene_of
 from twilight.studies.compare.reference_solution import ReferenceSolution
 
 HEAD = "sun_elevation_deg,elevation_deg,azimuth_deg,wavelength_nm,"

@@ -20,7 +20,7 @@ from twilight.engine.block import Answer
 from twilight.engine.table import fill
 from twilight.numerics.spectrum import solar_at
 from twilight.scene.medium import climate_medium
-from twilight.studies.export import prague, prague_air, prague_fit
+from twilight.studies.export import prague, prague_air
 from twilight.studies.export.prague_air import airs_of, channel_nodes, ground_extinction_per_km
 from twilight.studies.export.prague_file import PragueAxes, read_prague, write_prague
 from twilight.studies.export.prague_sky import PragueSky, angles_of, distance_nodes_m, elevation_of
@@ -127,12 +127,12 @@ def test_least_squares_find_a_sum_of_products():
     sides = []
     for breaks in (20, 15):
         place = random.uniform(0, breaks - 1, count)
-        sides.append(prague_fit.linear_basis(place.astype(int), place % 1.0, breaks))
+        sides.append(prague.linear_basis(place.astype(int), place % 1.0, breaks))
     truth = [random.uniform(0.5, 1.5, (2, side.breaks, rank)) for side in sides]
-    parts = [prague_fit.at_directions(side, values) for side, values in zip(sides, truth, strict=True)]
+    parts = [prague.at_directions(side, values) for side, values in zip(sides, truth, strict=True)]
     target = (parts[0] * parts[1]).sum(-1)
-    found = prague_fit.alternate(*sides, target, target**-2, prague_fit.first_guess(20, 15, 2, 4), 40)
-    again = [prague_fit.at_directions(side, values) for side, values in zip(sides, found, strict=True)]
+    found = prague.alternate(*sides, target, target**-2, prague.first_guess(20, 15, 2, 4), 40)
+    again = [prague.at_directions(side, values) for side, values in zip(sides, found, strict=True)]
     assert np.percentile(np.abs((again[0] * again[1]).sum(-1) / target - 1), 99) < 5e-3
 
 

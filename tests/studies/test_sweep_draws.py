@@ -14,7 +14,7 @@ from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config.load import load_axes
 from twilight.scene.medium import climate_medium
-from twilight.solvers.analytic.limits import turbidity_of
+from twilight.solvers.analytic.daylight import turbidity_of
 from twilight.studies.sweep.loader import load_skies
 
 DRAWN = {"ground.albedo": {"uniform": [0.0, 0.8]}, "atmosphere.profile": {"choice": ["tropical", "us_standard"]}}

@@ -52,7 +52,7 @@ def test_a_local_cluster_listens_to_this_machine_alone_and_shows_no_pages():
 
     import psutil
 
-    from twilight.studies.sweep.resources import Resources, connect
+    from twilight.studies.sweep.run import Resources, connect
 
     with connect(Resources(workers=1)) as client:
         processes = [psutil.Process(), *psutil.Process().children(recursive=True)]

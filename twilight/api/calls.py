@@ -1,7 +1,5 @@
 """What `import twilight` offers to call: a sky or a series of them, a field for any sun, the air, a solver."""
 
-from __future__ import annotations
-
 import itertools
 import warnings
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""`light`: light of a direction or on a surface at a place and a time, as named quantities."""
+"""`light`: light of a direction or on a surface, by place and time, as named quantities, astropy's and pandas' too."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from twilight.api.arguments import (
     times_of,
 )
 from twilight.base.errors import TwilightError
+from twilight.base.extras import require
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.light import LightField, check_sources, field_for
 from twilight.engine.light_sources import Moments, moments_at
@@ -37,6 +38,8 @@ from twilight.sky.twilight_times import moment_of
 if TYPE_CHECKING:
     import pandas
     import xarray
+
+    from twilight.api.arguments import AstropyQuantity, TimeLike, TimesLike
 
 Astropy: TypeAlias = AstropyQuantity | dict[str, AstropyQuantity]
 """astropy's quantity, or one for each of several quantities by its variable."""
@@ -56,6 +59,8 @@ def light(
     returns: Literal["xarray"] = "xarray",
     **options: Unpack[LightOptions],
 ) -> xarray.DataArray | xarray.Dataset: ...
+
+
 @overload
 def light(
     place: PlaceLike | Sequence[PlaceLike],
@@ -149,6 +154,7 @@ def light(
     check_sources(sources)
     if returns not in ("xarray", "pandas", "astropy"):
         raise TwilightError(f"light: returns is '{returns}'; allowed is xarray, pandas, astropy")
+    require(f"light: returns {returns}", "astropy" if returns == "astropy" else "xarray")
     config = config_of(climate, altitude_km=altitude_km, quality=quality, settings=settings)
     tell = progress or silent
     chosen = field_for(config, quantities, part_of(tell, 0.0, 0.5))
@@ -165,15 +171,11 @@ def light(
     dims = {name: size for name, (size, several) in sizes.items() if several}
     arrays = {item.variable: v.reshape(list(dims.values())) for item, v in zip(quantities, values, strict=True)}
     if returns == "astropy":
-        from twilight.api.foreign import quantities_of  # optional
-
         return quantities_of(arrays, quantities, aim.of)
     dataset = _dataset(arrays, quantities, aim, dims, places, times, moments)
     dataset.attrs["climate"] = solved.solved.scene.configuration.climate.name
     dataset.attrs["solver"] = chosen.solver or solved.solved.scene.solver_name
     if returns == "pandas":
-        from twilight.api.foreign import frame_of  # start-up
-
         return frame_of(dataset, time, [item.variable for item in quantities], places.time_zone)
     return dataset[quantities[0].variable] if isinstance(quantity, str | Quantity) else dataset
 
@@ -227,7 +229,7 @@ class _Aim:
     def _of_angles(cls, elevation: Any, azimuth: Any) -> _Aim:
         along = [getattr(values, "dims", None) for values in (elevation, azimuth)]
         if any(dims is not None and "time" in dims for dims in along):
-            import xarray  # start-up
+            import xarray  # optional
 
             both = [v if hasattr(v, "dims") else xarray.DataArray(np.asarray(v, float)) for v in (elevation, azimuth)]
             first, second = xarray.broadcast(*both)
@@ -293,7 +295,7 @@ def _dataset(
     times: Sequence[datetime],
     moments: Moments,
 ) -> xarray.Dataset:
-    import xarray  # start-up
+    import xarray  # optional
 
     moment = np.array([t.astimezone(UTC).replace(tzinfo=None) for t in times], "datetime64[us]").astype(
         "datetime64[ns]"
@@ -387,3 +389,43 @@ def _times(time: TimeLike | TimesLike, places: _Places, altitude_km: float | Non
     if not moments_of:
         raise TwilightError("time: none is given")
     return several, moments_of
+
+
+def quantities_of(
+    arrays: Mapping[str, np.ndarray], found: Sequence[Quantity], of: Of
+) -> AstropyQuantity | dict[str, AstropyQuantity]:
+    """astropy's Quantity, or a mapping of them by variable where there are several."""
+    from astropy import units  # optional
+
+    quantities = {}
+    for item in found:
+        text = unit_of(item, of)
+        unit = units.dimensionless_unscaled if text == "1" else units.Unit(text.replace("s-1 m-2", "ph s-1 m-2"))
+        quantities[item.variable] = arrays[item.variable] * unit
+    return next(iter(quantities.values())) if len(quantities) == 1 else quantities
+
+
+def frame_of(
+    made: xarray.Dataset, time: TimeLike | TimesLike, variables: Sequence[str], zone: str | None
+) -> pandas.Series | pandas.DataFrame:
+    """pandas' Series along the time, a DataFrame for several quantities or targets; the index is the one that was
+    given."""
+    import pandas  # optional
+
+    if "place" in made.dims or "time" not in made.dims:
+        raise TwilightError("light: returns pandas needs one place and several times")
+    if isinstance(time, pandas.DatetimeIndex):
+        index = time
+    else:
+        index = pandas.DatetimeIndex(made["time"].values, tz="UTC").tz_convert(zone or "UTC")
+    columns = {}
+    for name in variables:
+        values = made[name].transpose("time", ...).values
+        if values.ndim == 1:
+            columns[name] = pandas.Series(values, index, name=name)
+        else:
+            of = next(str(d) for d in made[name].dims if d != "time")
+            labels = made["surface"].values if of == "surface" else range(values.shape[1])
+            for k, label in enumerate(labels):
+                columns[f"{name} {label}"] = pandas.Series(values[:, k], index, name=f"{name} {label}")
+    return next(iter(columns.values())) if len(columns) == 1 else pandas.DataFrame(columns)

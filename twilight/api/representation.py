@@ -20,6 +20,7 @@ import numpy as np
 
 from twilight.api.arguments import PlotOptions
 from twilight.base.errors import TwilightError
+from twilight.base.extras import require
 from twilight.base.reading import first_line
 from twilight.base.whole_files import whole_file
 from twilight.io.labels import attributes
@@ -105,6 +106,7 @@ def plot(self: Sky, projection: str = "wide", ax: Axes | None = None, **options:
     TwilightWarning
         Where the wavelengths are too few for colours.
     """
+    require("plot", "matplotlib")
     _check_plot(projection, ax, options)
     picture, _ = render_view(self, view=projection, **options)
     ax = ax or _axes(picture.shape)
@@ -161,7 +163,8 @@ def plot_comparison(
     TwilightError
         For a wavelength that the skies do not have.
     """
-    from matplotlib.colors import LogNorm, Normalize  # start-up
+    require("plot", "matplotlib")
+    from matplotlib.colors import LogNorm, Normalize  # optional
 
     elevation, azimuth = view_directions(projection, width or width_of(projection))
     lower = float(self.first.elevation_edges_deg[0])
@@ -210,7 +213,8 @@ def _compared(
 
 def comparison_to_xarray(self: SkyComparison[Sky]) -> xarray.Dataset:
     """`radiance` and `luminance` of the comparison as a dataset of xarray's."""
-    import xarray  # start-up
+    require("to_xarray", "xarray")
+    import xarray  # optional
 
     grid = ("elevation", "azimuth", "wavelength")
     values = {"radiance": (grid, self.radiance), "luminance": (grid[:2], self.luminance())}
@@ -232,7 +236,7 @@ def comparison_to_xarray(self: SkyComparison[Sky]) -> xarray.Dataset:
 
 def _axes(shape: tuple[int, ...]) -> Axes:
     """Axes of a new figure for a picture of a shape."""
-    from matplotlib import pyplot  # start-up
+    from matplotlib import pyplot  # optional
 
     height, width = shape[:2]
     return pyplot.subplots(figsize=(9.0, 9.0 * height / width + 0.4) if width > height else (6.0, 6.0))[1]
@@ -257,7 +261,8 @@ def view(self: Sky) -> Page:
 
 def to_xarray(self: Sky) -> xarray.Dataset:
     """The sky as a dataset of xarray's, with the variables of sky.h5 and the accessor `.sky`."""
-    import twilight.api.accessor  # noqa: F401 - start-up; registers `.sky`
+    require("to_xarray", "xarray")
+    import twilight.api.accessor  # noqa: F401 - optional; registers `.sky`
 
     return sky_to_dataset(self)
 
@@ -275,7 +280,8 @@ def series_to_xarray(self: SkySeries) -> xarray.Dataset:
     TwilightError
         For skies on different grids.
     """
-    import twilight.api.accessor  # noqa: F401 - start-up; registers `.sky`
+    require("to_xarray", "xarray")
+    import twilight.api.accessor  # noqa: F401 - optional; registers `.sky`
 
     return series_to_dataset(self)
 
@@ -293,9 +299,10 @@ def open_dataset(path: str) -> xarray.Dataset:
     TwilightError
         For what is not there, or is neither.
     """
-    import xarray  # start-up
+    require("open_dataset", "xarray")
+    import xarray  # optional
 
-    import twilight.api.accessor  # noqa: F401 - start-up; registers `.sky`
+    import twilight.api.accessor  # noqa: F401 - optional; registers `.sky`
 
     if not Path(path).exists():
         raise TwilightError(f"{path}: no such file")
@@ -359,7 +366,8 @@ def profile_figure(
     title: str, altitude_km: np.ndarray, coefficients_per_km: Mapping[str, np.ndarray], wavelength_nm: float, path: Path
 ) -> None:
     """PNG of extinction coefficients [km^-1] against altitude [km] at one wavelength, one line for each part (Z,)."""
-    import matplotlib  # start-up
+    require(f"{path}: a figure", "matplotlib")
+    import matplotlib  # optional
 
     matplotlib.use("Agg")
     from matplotlib import pyplot

@@ -7,8 +7,6 @@ orientation, which make halos of 22 and 46 deg (data/clouds/SOURCES.md); its pha
 light alone, so that light scattered by it counts as unpolarised.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """CSV files of numbers in named columns, as users write them, with one sentence for whatever is wrong."""
 
-from __future__ import annotations
-
 import codecs
 import csv
 import math

@@ -15,8 +15,6 @@ References
 Steffen 1990, Astron. Astrophys. 239, 443.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -11,8 +11,6 @@ levels up to a jump as smooth curves, monotone cubics of the logarithm; albedo g
 function as a linear mixture of the Henyey-Greenstein functions of the two levels.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -7,8 +7,6 @@ With p = S1 + S2 and m = S1 - S2 the elements of the scattering matrix (their eq
 4 S11 = |p|^2 + |m|^2,   2 S12 = -Re(p m*),   4 S33 = |p|^2 - |m|^2,   2 S34 = Im(p m*).
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Sequence

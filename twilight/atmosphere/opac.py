@@ -3,8 +3,6 @@
 Source: Hess, Koepke & Schult 1998, Bull. Amer. Meteor. Soc. 79, 831 (OPAC 3.1).
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 from collections.abc import Mapping
@@ -17,6 +15,9 @@ import numpy as np
 from twilight.atmosphere.mie import LogNormal
 from twilight.base.errors import TwilightError
 from twilight.base.shipped_data import data_rows
+
+DEFAULT_HUMIDITY_PERCENT = 80.0
+"""Relative humidity of a climate that names none [%]."""
 
 MAX_HUMIDITY_PERCENT = 99.0
 """Highest relative humidity that OPAC tabulates [%]."""
@@ -293,7 +294,7 @@ def opac_types() -> tuple[str, ...]:
     return tuple(name.replace(" ", "-") for name in _types())
 
 
-def opac_type(name: str, relative_humidity_percent: float = 80.0) -> AerosolSpec:
+def opac_type(name: str, relative_humidity_percent: float = DEFAULT_HUMIDITY_PERCENT) -> AerosolSpec:
     """One of OPAC's ten types; `continental average`, `continental-average` and `continental_average` are the same."""
     types = _types()
     key = name.strip().lower().replace("-", " ").replace("_", " ")
@@ -302,3 +303,12 @@ def opac_type(name: str, relative_humidity_percent: float = 80.0) -> AerosolSpec
         hint = f" (did you mean `{near[0].replace(' ', '-')}`?)" if near else ""
         raise TwilightError(f"aerosol type `{name}` is not known{hint}; allowed are {', '.join(opac_types())}")
     return AerosolSpec(relative_humidity_percent=relative_humidity_percent, **types[key])
+
+
+def populations() -> list[tuple[str, float]]:
+    """Component and humidity of every population in the ten types (at the default) and their background."""
+    pairs = {(c, FREE_TROPOSPHERE_HUMIDITY_PERCENT) for c in FREE_TROPOSPHERE_PER_CM3}
+    pairs |= {(c, 0.0) for c in (*STRATOSPHERE_PER_CM3, "mitr")}
+    for name in opac_types():
+        pairs |= {(c, DEFAULT_HUMIDITY_PERCENT) for c in opac_type(name).number_density_per_cm3}
+    return sorted({(c, rh if takes_up_water(c) else 0.0) for c, rh in pairs})

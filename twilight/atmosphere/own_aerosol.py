@@ -1,7 +1,5 @@
 """A user's own aerosol: spheres of given sizes and refractive index, a power law, or tables of its optics."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

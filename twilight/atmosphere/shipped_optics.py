@@ -2,10 +2,8 @@
 
 They save the first picture half a second.  They are a filled cache and nothing else: an entry is found by the hash of
 everything that entered it, the file is checked against its own hash, and a test computes a sample anew.
-``python -m twilight.atmosphere.ship_optics`` writes the file.
+``python benchmarks/ship_optics.py`` writes the file.
 """
-
-from __future__ import annotations
 
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """Stratospheric aerosol: LOWTRAN's background and volcanic loadings, and profiles measured by SAGE III/ISS."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

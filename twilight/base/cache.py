@@ -9,8 +9,6 @@ written is no error: what was computed is used, a warning of one sentence says t
 Whoever stores a file sees to it that a damaged one is recognised; `read_array` does for arrays.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import math

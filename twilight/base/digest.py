@@ -1,7 +1,5 @@
 """What a computed number depends on: a digest of the code that made it, found by walking its imports."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import re

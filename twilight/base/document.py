@@ -1,7 +1,5 @@
 """Reading a YAML document written by a person: YAML 1.2 scalars, no surprises, one sentence when it is wrong."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

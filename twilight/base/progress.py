@@ -1,7 +1,5 @@
 """How work that takes long reports what fraction of it is done: one function of a few words and a fraction."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 Progress = Callable[[str, float], None]

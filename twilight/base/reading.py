@@ -1,7 +1,5 @@
 """Files from elsewhere: how much they hold, found out before memory is allotted for it, and what is said of damage."""
 
-from __future__ import annotations
-
 import math
 import os
 import zipfile

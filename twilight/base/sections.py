@@ -5,8 +5,6 @@ A key says its default, its help, its unit and its limits in one place; validati
 schema read them there.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import types

@@ -1,7 +1,5 @@
 """Tables of numbers that come with the package, below twilight/data."""
 
-from __future__ import annotations
-
 import csv
 from importlib import resources
 from importlib.resources.abc import Traversable

@@ -3,8 +3,6 @@
 Small matrix products on one thread.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor

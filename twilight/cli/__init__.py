@@ -3,8 +3,6 @@
 Commands import what they call inside functions, so that help and refusals need not wait half a second for numba.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 

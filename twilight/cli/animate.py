@@ -1,7 +1,5 @@
 """`twilight animate`: a film of the sky."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Annotated, Any

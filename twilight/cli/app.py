@@ -1,7 +1,5 @@
 """The command line: parses, calls, prints."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`twilight cache`: what is cached on disk between runs."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from twilight.cli.options import flag

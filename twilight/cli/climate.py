@@ -1,7 +1,5 @@
 """`twilight climate from`: the climate of a place and date from files of measurements."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Annotated, Any

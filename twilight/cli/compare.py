@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from twilight.base.errors import TwilightError
+from twilight.base.extras import require
 from twilight.cli import options
 from twilight.cli.options import argument, option
 from twilight.cli.terminal import print_table, progress_bar
@@ -50,6 +51,7 @@ def compare(
     output: Annotated[Path | None, option("DIR", "Folder for tables, picture and finished rows.")] = None,
 ) -> None:
     """Measure error, run time and memory of the solvers; write tables (CSV) and a picture. A rerun continues."""
+    require("compare", "colour", "matplotlib")
     chosen, names = options.settings_of(settings)
     suns = None if sun_elevation is None else options.parse_numbers(sun_elevation, "--sun-elevation", -90.0, 90.0)
     options.check_range(reference_stderr, "--reference-stderr", 1e-4, 0.1)
@@ -61,7 +63,7 @@ def compare(
 
     from twilight.base.progress import part_of
     from twilight.engine import check_size
-    from twilight.studies.compare import added, comparison, reference_solution, report
+    from twilight.studies.compare import comparison, reference_solution, report
     from twilight.studies.compare.bench import Bench
     from twilight.studies.compare.job import stratified_directions, sun_elevations
 
@@ -75,14 +77,14 @@ def compare(
         return
     wanted = None if solvers is None else [name for name in solvers.split(",") if name.strip()]
     presets = comparison.solver_presets(wanted)
-    tables = [added.read_added(text) for text in add or ()]
+    tables = [comparison.read_added(text) for text in add or ()]
     added_names = [table.name for table in tables]
     if len({*added_names}) < len(tables) or {*added_names} & {preset.solver for preset in presets}:
         raise TwilightError(
             f"--add: needs a name of its own for each table, NAME=FILE.csv; got {', '.join(added_names)}"
         )
     if tables and reference is None:
-        config = added.scene_of(config, tables[0])
+        config = comparison.scene_of(config, tables[0])
         suns = tables[0].suns() if suns is None else suns
         for table in tables:
             for place in tables[0].values:
@@ -101,13 +103,13 @@ def compare(
             solver = reference_solution.ReferenceSolver(config, folder / "rows", reference_stderr, time_limit)
             part = part_of(progress, 0.0, done)
             if tables:
-                references = added.references_of(tables[0], solver, suns or [], part)
+                references = comparison.references_of(tables[0], solver, suns or [], part)
             else:
                 grid = stratified_directions(config.texture.shape, directions)
                 references = solver.references(suns or [], grid, part)
             reference_solution.write_references(folder / "reference.csv", references)
         for table in tables:
-            rows += added.rows_of(table, references, config)
+            rows += comparison.rows_of(table, references, config)
         part = part_of(progress, done, 1.0 - done)
         for results in comparison.compare(config, presets, references, bench, repeats=repeats, progress=part):
             rows += results

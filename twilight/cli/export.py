@@ -3,8 +3,6 @@
 `prague`: a file of the Prague Sky Model; `shader`: GLSL and WGSL with their textures.
 """
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Annotated, Any, Literal

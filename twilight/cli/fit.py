@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from twilight.base.errors import TwilightError
+from twilight.base.extras import require
 from twilight.cli import options
 from twilight.cli.options import argument, flag, option
 from twilight.cli.terminal import print_table, progress_bar, with_errors_as_sentences
@@ -213,9 +214,10 @@ def _computed(wanted: list[tuple[Any, list[str]]]) -> Iterator[tuple[str, Any]]:
 
 def _skies_of_set(path: Path) -> Iterator[tuple[str, Any]]:
     """The skies of a data set that `twilight sweep` has written."""
-    import xarray
+    require(f"{path}: a data set of `twilight sweep`", "xarray", "zarr", "dask")
+    import xarray  # optional
 
-    import twilight.api.accessor  # noqa: F401 - the accessor .sky
+    import twilight.api.accessor  # noqa: F401 - optional: the accessor .sky
 
     try:
         data = xarray.open_zarr(path)

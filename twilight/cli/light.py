@@ -1,7 +1,5 @@
 """`twilight light`: what shines on directions and surfaces at a place and a time, as a table."""
 
-from __future__ import annotations
-
 import sys
 from typing import Annotated
 

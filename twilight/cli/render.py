@@ -1,7 +1,5 @@
 """`twilight render`: from a climate or a configuration to files."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

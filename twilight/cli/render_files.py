@@ -3,8 +3,6 @@
 With `--output evening.nc` the skies of all suns are written to one file in place of a folder each.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence

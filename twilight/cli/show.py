@@ -1,7 +1,5 @@
 """`twilight show`: climates, configurations, solvers, the layout of documents, the air of one climate."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Annotated, Any
@@ -27,8 +25,14 @@ def show(
     name: Annotated[
         str | None, argument("NAME", "After solvers: which one; after schema: climate or configuration.")
     ] = None,
+    scene: Annotated[
+        str | None,
+        argument(
+            "SCENE", "After a solver: a climate or configuration, to print the tuned numbers that act in its air."
+        ),
+    ] = None,
     settings: Annotated[
-        list[str] | None, option("KEY=VALUE", "Of one climate: any of its keys; may be repeated.", "--set")
+        list[str] | None, option("KEY=VALUE", "Of one climate or SCENE: any of its keys; may be repeated.", "--set")
     ] = None,
     output: Annotated[
         Path | None, option("FILE.png", "Of one climate: its profile; without it, out/NAME_profile.png.")
@@ -41,14 +45,16 @@ def show(
             raise TwilightError(f"show {what}: takes one name, and {name} is a second; solvers and schema take one")
         _describe(what, settings, output)
         return
-    if settings or output is not None:
+    if scene is not None and what != "solvers":
+        raise TwilightError(f"show {what}: takes no scene ({scene}); show solvers NAME takes one")
+    if (settings and scene is None) or output is not None:
         raise TwilightError(f"show {what}: --set and --output are for one climate or configuration")
     if what in ("climates", "configs"):
         if name is not None:
             raise TwilightError(f"show {what}: lists all of them and takes no name; twilight show {name} shows one")
         (_climates if what == "climates" else _configs)()
     elif what == "solvers":
-        _solvers(name)
+        _solvers(name, scene, settings)
     else:
         _schema(name or "configuration")
 
@@ -80,8 +86,9 @@ def _configs() -> None:
     print_table(["configuration", "frames", "description"], rows, right=(1,))
 
 
-def _solvers(name: str | None) -> None:
-    """The solvers, their qualities and first options with the values at quality `standard`; or all options of one."""
+def _solvers(name: str | None, target: str | None, given: list[str] | None) -> None:
+    """The solvers, their qualities and first options with the values at quality `standard`; or all options of one, and
+    its tuned numbers: all, or those that act in the air of a scene."""
     from dataclasses import asdict
 
     from twilight.base.sections import option_fields, unknown
@@ -111,9 +118,25 @@ def _solvers(name: str | None) -> None:
         if rows:
             print_table([title, *presets, "what it is"], rows, right=tuple(range(1, 1 + len(presets))))
     tuned = getattr(load(name), "tuned_numbers", None)
+    if tuned is None and target is not None:
+        raise TwilightError(f"show solvers {name} {target}: {name} has no tuned numbers; zones has them")
     if tuned is not None:
+        kinds = None if target is None else _kinds_met(name, target, given)
+        acting = [row for row in tuned() if kinds is None or row.air in kinds]
         columns = ["tuned number", "value", "unit", "for air", "test", "what it does"]
-        print_table(columns, [[row.name, str(row.value), *row[2:]] for row in tuned()], right=(1,))
+        print_table(columns, [[row.name, str(row.value), *row[2:]] for row in acting], right=(1,))
+
+
+def _kinds_met(name: str, target: str, given: list[str] | None) -> set[str]:
+    """The kinds of air that a scene's is, to a solver at `standard`."""
+    from twilight.config.load import load as configuration
+    from twilight.scene import resolve
+    from twilight.solvers import load
+
+    solver: Any = load(name)
+    made = resolve(configuration(target, options.settings_of(given)[0]), solver=(solver, solver.QUALITIES["standard"]))
+    medium = made.medium if made.bands is None else made.bands.expand(made.medium)
+    return solver.kinds_met(medium, made.settings)
 
 
 def _as_text(value: Any) -> str:

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from twilight.base.errors import TwilightError
+from twilight.base.extras import require
 from twilight.cli import options
 from twilight.cli.options import argument, option
 from twilight.cli.terminal import print_table, progress_bar, time_of
@@ -37,6 +38,7 @@ def sweep(
     from twilight.scene.scene import count_suns
     from twilight.studies.sweep.sweep import Sweep
 
+    require("sweep", "dask", "distributed", "xarray", "zarr")
     resources = resources_of(scheduler, batch_system, workers, threads, output)
     chosen, names = options.settings_of(settings)
     series = load_axes(scene, chosen, names, ("configs",))
@@ -65,7 +67,7 @@ def resources_of(
 ) -> Any:
     """Where to compute, as `Resources`.  Errors: TwilightError for options that do not go together, or no .zarr."""
     from twilight.base.sections import unknown
-    from twilight.studies.sweep.resources import BATCH_SYSTEMS, Resources, check_installed
+    from twilight.studies.sweep.run import BATCH_SYSTEMS, Resources, check_installed
 
     options.check_range(workers, "--workers", 1, options.MAX_WORKERS)
     options.check_range(threads, "--threads", 1, options.MAX_WORKERS)
@@ -81,8 +83,7 @@ def resources_of(
 
 def run_sweep_into(job: Any, path: Path, resources: Any) -> None:
     """Compute what the dataset of a sweep lacks and say how it went."""
-    from twilight.studies.sweep.resources import connect
-    from twilight.studies.sweep.run import SweepOutcome, failures, run_sweep
+    from twilight.studies.sweep.run import SweepOutcome, connect, failures, run_sweep
     from twilight.studies.sweep.store import open_store
 
     with open_store(path, job) as store, progress_bar() as bar:

@@ -23,6 +23,7 @@ from typing import Any
 import typer
 
 from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.extras import REQUIREMENTS, missing
 from twilight.base.progress import Progress
 from twilight.base.whole_files import refusal, remove_unfinished
 
@@ -45,6 +46,12 @@ def with_errors_as_sentences(command: Callable[..., None]) -> Callable[..., None
         except KeyboardInterrupt:
             print(f"twilight: {SENTENCES[signal.SIGINT]}", file=sys.stderr)
             raise typer.Exit(130) from None
+        except ModuleNotFoundError as error:
+            absent = (error.name or "").partition(".")[0]
+            if absent not in REQUIREMENTS:
+                raise
+            print(f"twilight: {missing(absent, command.__name__)}", file=sys.stderr)
+            raise typer.Exit(2) from None
         except Exception as error:
             # a file or folder that the system refuses in a way that nobody foresaw
             reason = refusal(error)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from twilight.base.errors import TwilightError
+from twilight.base.extras import require
 from twilight.cli import options
 from twilight.cli.options import option
 from twilight.cli.terminal import print_table, progress_bar
@@ -56,9 +57,8 @@ def timeline(
     from twilight.config.load import load
     from twilight.engine.light import field_for
     from twilight.sky.twilight_times import moment_of, today_at, twilight_times
-    from twilight.studies.timeline import timeline as work
-    from twilight.studies.timeline.files import WRITERS
-    from twilight.studies.timeline.timeline import PRESETS, column
+    from twilight.studies import timeline as work
+    from twilight.studies.timeline import NEEDED, PRESETS, WRITERS, column
 
     options.check_range(latitude, "--latitude", -90.0, 90.0)
     options.check_range(longitude, "--longitude", -180.0, 360.0)
@@ -93,6 +93,7 @@ def timeline(
         paths = [stem.with_name(f"{stem.name}{suffix}") for suffix in WRITERS]
     for path in paths:
         check_file(path)
+        require(f"{path}: a timeline's file of this kind", *NEEDED.get(path.suffix.lower(), ()))
     stem.parent.mkdir(parents=True, exist_ok=True)
     needs = [item.needs for item in (*columns, *(c.column for c in wanted))]
     with progress_bar() as progress:

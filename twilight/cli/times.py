@@ -1,7 +1,5 @@
 """`twilight times`: sunrise, sunset, and the dawns and dusks of a place and date."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from twilight.cli import options

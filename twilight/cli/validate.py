@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from twilight.base.errors import TwilightError
+from twilight.base.extras import require
 from twilight.cli import options, validate_photo, validate_stars
 from twilight.cli import validate_photo as photo_options
 from twilight.cli.options import argument, flag, option
@@ -73,6 +74,8 @@ def estimate(
     import twilight
     from twilight.base.progress import part_of
     from twilight.base.whole_files import check_folder, whole_file
+
+    require("validate estimate", *photo_options.NEEDED)
     from twilight.studies.validate.photographs.figure import write_json
 
     suns = None if sun_elevation is None else options.parse_numbers(sun_elevation, "--sun-elevation", -18.0, 90.0)
@@ -194,6 +197,8 @@ def photometry(
     from twilight.base.whole_files import check_folder
     from twilight.config import load
     from twilight.studies.validate.measured import photometry as work
+
+    require("validate photometry", "matplotlib")
     from twilight.studies.validate.measured import report
 
     chosen: dict[str, Any] = {"night": {}, "wavelengths.list_nm": list(work.WAVELENGTHS_NM), "solver.quality": quality}
@@ -265,8 +270,10 @@ def spectra(
     """
     from twilight.base.whole_files import check_folder
     from twilight.config import load
+    from twilight.studies.validate.measured import report
     from twilight.studies.validate.measured import spectra as work
-    from twilight.studies.validate.measured import spectra_report as report
+
+    require("validate spectra", "matplotlib")
 
     between = options.parse_numbers(suns, "--suns", -90.0, 90.0)
     if len(between) != 2 or between[0] < between[1]:
@@ -293,7 +300,7 @@ def spectra(
     report.write_fits(fits, output / "fits.csv")
     report.write_residuals(measured, fits[0], output / "residuals.csv")
     report.write_evening(output / "evening.yaml", loaded.climate, fits[0])
-    report.draw(measured, fits[0], output / "spectra.png", f"{recorded.name} {series or ''}".strip())
+    report.draw_spectra(measured, fits[0], output / "spectra.png", f"{recorded.name} {series or ''}".strip())
     print_table(list(report.FIT_COLUMNS), rows, right=tuple(range(len(report.FIT_COLUMNS))))
     print_table(list(report.RESIDUAL_COLUMNS), report.by_wavelength(measured, fits[0]), right=(0, 1, 2, 3, 4))
     if factor is not None:

@@ -7,12 +7,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from twilight.base.errors import TwilightError
+from twilight.base.extras import require
 from twilight.cli import options
 from twilight.cli.options import argument, flag, option
 from twilight.cli.terminal import print_table, progress_bar
 
 DISC_AWAY_DEG = 0.5
 """A disc so far [deg] from the scene's sun is worth a sentence; on coarse panoramas it is found to some 0.3 deg."""
+
+NEEDED = ("colour", "matplotlib", "xarray")
+"""Extras with which a photograph is compared with a sky."""
 
 
 def photo(
@@ -40,6 +44,7 @@ def photo(
     Writes comparison.png, figures.json, profiles.csv and comparison.h5; with several suns also suns.csv, and the files
     are those of the sun that fits best.
     """
+    require("validate photo", *NEEDED)
     chosen, names = options.settings_of(settings)
     photograph = open_photograph(
         image,

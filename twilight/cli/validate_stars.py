@@ -1,7 +1,5 @@
 """`twilight validate stars`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -119,7 +117,7 @@ def _dated(calibration: Any) -> Any:
     """The date by planets, from the first digital cameras to now."""
     from datetime import UTC, datetime
 
-    from twilight.studies.validate.stars.planets import date_by_planets
+    from twilight.studies.validate.stars.picture import date_by_planets
 
     return date_by_planets(calibration, FIRST_DIGITAL_YEAR, datetime.now(UTC).year + 1.0)
 

@@ -1,7 +1,5 @@
 """`twilight view`: a sky in a browser, as one HTML file."""
 
-from __future__ import annotations
-
 import shlex
 from datetime import timedelta
 from pathlib import Path

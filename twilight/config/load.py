@@ -4,8 +4,6 @@ Climates and configurations that come with the program are known by name.  Value
 slip (a fraction meant as per cent, metres meant as kilometres) are warned of.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import warnings

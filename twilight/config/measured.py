@@ -4,8 +4,6 @@ What several files hold is taken from the one that measured it: pressure, temper
 its top, of a reanalysis above, of the climate above that; optical depths of a sun photometer before a reanalysis'.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Iterable
@@ -21,8 +19,8 @@ import numpy as np
 
 from twilight.atmosphere.aerosols import optical_depth_at
 from twilight.atmosphere.clouds import MAX_DEPTH
-from twilight.atmosphere.measured.join import OVERCAST, decks, join, most_cover
-from twilight.atmosphere.measured.parts import (
+from twilight.atmosphere.measured import (
+    OVERCAST,
     AerosolDepth,
     AirColumn,
     CloudWater,
@@ -32,6 +30,9 @@ from twilight.atmosphere.measured.parts import (
     WaterColumn,
     climatological_column_du,
     climatology_source,
+    decks,
+    join,
+    most_cover,
 )
 from twilight.atmosphere.opac import opac_type
 from twilight.atmosphere.stratosphere import measured_kind

@@ -1,7 +1,5 @@
 """The `solver:` section against the settings of the solver that it names."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, replace

@@ -1,7 +1,5 @@
 """The `vary:` section: which keys take which values, as axes whose product is the series; keys that are drawn."""
 
-from __future__ import annotations
-
 import random
 import re
 from collections.abc import Callable, Mapping

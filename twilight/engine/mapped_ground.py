@@ -12,13 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.engine.field import Field
-from twilight.io.albedo_map import AlbedoMap, read_albedo_map
 from twilight.numerics.spectrum import hermite_weights
 from twilight.scene.scene import Scene
 from twilight.terrain.aerial_perspective import DEGREE
@@ -27,6 +26,9 @@ from twilight.terrain.scene import sky_irradiance
 from twilight.transport.lines import horizon_cosine, trace_rays, with_refraction
 from twilight.transport.profile import Profile, prepare_profile
 from twilight.transport.scaling import delta_scaled
+
+if TYPE_CHECKING:
+    from twilight.io.albedo_map import AlbedoMap
 
 LINES = 400
 """Lines of sight from straight down to the horizon, whose ends and transmittance are interpolated."""
@@ -59,7 +61,11 @@ class Land:
 def land_of(scene: Scene, place: Standpoint | None) -> Land | None:
     """The map of a scene about its observer; None where it has none."""
     path = scene.configuration.climate.ground.albedo_map
-    return None if path is None or place is None else Land(read_albedo_map(path), place)
+    if path is None or place is None:
+        return None
+    from twilight.io.albedo_map import read_albedo_map  # start-up
+
+    return Land(read_albedo_map(path), place)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,5 @@
 """The light of one sun: gathered from blocks of wavelengths as plain samples or as a table, and made a `Sky`."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass, field
 from typing import Any

@@ -4,8 +4,6 @@ A `Problem` is a scene and how it is to be solved.  Its wavelengths are divided 
 takes at once, so that 1000 need no more memory than one block.
 """
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -5,8 +5,6 @@ shows or measures many suns takes one `SkyTable` of some of them (:meth:`SunTabl
 (:meth:`SunTables.under`).
 """
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 from typing import Any, Protocol

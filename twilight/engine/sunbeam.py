@@ -1,7 +1,5 @@
 """The sun's direct light: the beam at an observer, and the disc, whose every part is refracted by itself."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple

@@ -1,12 +1,11 @@
 """Files: what a sky is written to and read from, each whole or not at all, each saying where it comes from."""
 
 from twilight.base.whole_files import whole_file
+from twilight.io.environment_files import write_hdr
 from twilight.io.exr import LatLong, read_latlong_exr, read_spectral_exr, write_rgb_exr, write_spectral_exr
 from twilight.io.folder import write_outputs
 from twilight.io.netcdf import read_sky, sky_to_dataset, write_sky
-from twilight.io.picture import render_view, write_png
-from twilight.io.polarisation import write_polarisation_png
-from twilight.io.rgbe import write_hdr
+from twilight.io.picture import render_view, write_png, write_polarisation_png
 
 __all__ = [
     "LatLong",

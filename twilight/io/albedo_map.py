@@ -16,9 +16,11 @@ from typing import Any
 import numpy as np
 
 from twilight.base.errors import TwilightError
+from twilight.base.extras import require
 from twilight.base.reading import check_expansion, first_line
 from twilight.io.exr import read_latlong_exr
 from twilight.io.netcdf import check_heaps, interruptible_h5netcdf
+from twilight.numerics.spectrum import colour_spectrum
 
 PICTURES = (".png", ".jpg", ".jpeg", ".exr")
 """Names' ends of pictures; whatever else is read as netCDF."""
@@ -128,12 +130,11 @@ def _picture(path: Path) -> AlbedoMap:
             f"{path}: a map of the whole Earth by latitude and longitude is twice as wide as high; it has {columns} x "
             f"{rows} pixels (a part of the Earth: as netCDF with latitude and longitude)"
         )
-    from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019 as PRIMARIES  # start-up
-
     step = 180.0 / rows
     lat, lon = -90.0 + step * (np.arange(rows) + 0.5), -180.0 + step * (np.arange(columns) + 0.5)
-    spectra = PRIMARIES.values / PRIMARIES.values.sum(axis=1, keepdims=True)
-    return AlbedoMap(lat, lon, rgb[::-1], PRIMARIES.wavelengths, spectra.T)
+    nm = colour_spectrum("mallett red")[0]
+    spectra = np.stack([colour_spectrum(f"mallett {channel}")[1] for channel in ("red", "green", "blue")])
+    return AlbedoMap(lat, lon, rgb[::-1], nm, spectra / spectra.sum(axis=0))
 
 
 def _srgb(path: Path) -> np.ndarray:
@@ -154,7 +155,8 @@ def _srgb(path: Path) -> np.ndarray:
 
 
 def _netcdf(path: Path) -> AlbedoMap:
-    import xarray  # start-up
+    require(f"{path}: a map in netCDF", "xarray")
+    import xarray  # optional
 
     interruptible_h5netcdf()
     check_heaps(path)

@@ -1,7 +1,5 @@
 """The discs of sun and moon in pictures and environment maps."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -16,8 +16,6 @@ pbrt       equal-area octahedral square (Clarberg 2008), +Z up, +X east, +Y nort
 Where the sun's azimuth is not known it is taken as 0: the sun stands in the north.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

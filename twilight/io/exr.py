@@ -1,7 +1,5 @@
 """``sky.rgb.exr`` and ``sky.spectral.exr``: environment maps as OpenEXR files, and their readers."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

@@ -6,8 +6,6 @@ line of a sky that was begun also names the files that were there before, of whi
 that the files which a series has once are a render's.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -16,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from twilight.base.errors import TwilightError
-from twilight.base.formats import FORMATS, WHERE_DISC, WHERE_MOON, WHERE_POLARISED, WITH_VIEW, check_names, file_names
+from twilight.base.registry import FORMATS, WHERE_DISC, WHERE_MOON, WHERE_POLARISED, WITH_VIEW, check_names, file_names
 from twilight.base.whole_files import writing
 from twilight.io.environment import environment_directions
 from twilight.io.netcdf import read_sky
@@ -252,7 +250,7 @@ def write_outputs(
     """Write files of a sky into a folder, which is made if it is not there; each is whole or absent.  Returns them.
 
     sky: what ``sky.h5`` holds, and pictures and environment maps are made from.  view: what `engine.view` saw, for the
-    file `view`.  files: names of `twilight.base.formats.FORMATS`; None: all of them, without pictures of the
+    file `view`.  files: names of `twilight.base.registry.FORMATS`; None: all of them, without pictures of the
     polarisation, the disc and a view where there is none; with `view` those of a view alone.  views, options: as of
     `twilight.io.rendered.Options`.
     Errors: TwilightError for an unknown option, and where the folder cannot be written.

@@ -1,7 +1,5 @@
 """Labels, units and other CF attributes of the variables of datasets (`sky.h5`, series, sweeps)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from twilight.base.conventions import STOKES_REFERENCE

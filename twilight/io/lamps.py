@@ -1,7 +1,5 @@
 """``sun.json`` and ``moon.json``: light of sun and moon as lamps for renderers, whose environment map has no discs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -21,7 +21,6 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import h5py
 import numpy as np
 
 from twilight.base.errors import TwilightError
@@ -57,7 +56,7 @@ class _Contents(NamedTuple):
 
 def sky_to_dataset(sky: Sky) -> xarray.Dataset:
     """The sky with the variables and attributes of ``sky.h5``; its time, where it has one, as datetime64 in UTC."""
-    import xarray  # start-up
+    import xarray  # optional
 
     dataset = xarray.Dataset(*_contents(sky))
     if sky.time is not None:
@@ -174,6 +173,8 @@ def write_sky(sky: Sky, path: str | Path) -> Path:
 
     Errors: TwilightError where the file cannot be written.
     """
+    from h5py import string_dtype  # start-up
+
     h5netcdf = interruptible_h5netcdf()
     contents = _contents(sky)
     # xarray takes what this attribute names for coordinates
@@ -189,7 +190,7 @@ def write_sky(sky: Sky, path: str | Path) -> Path:
             if dims == _GRID:
                 chunks = (*values.shape[:2], 1)
                 options = {"chunks": chunks, "compression": "gzip", "compression_opts": 4, "shuffle": True}
-            dtype = h5py.string_dtype() if values.dtype == object else values.dtype
+            dtype = string_dtype() if values.dtype == object else values.dtype
             variable = file.create_variable(name, dims, dtype, **options)
             variable[...] = values
             described = dict(about[0]) if about else {}
@@ -226,52 +227,67 @@ def read_sky(path: str | Path) -> Sky:
     """
     path = Path(path)
     with reading(path, "a complete HDF5 file"):
-        dataset = _load(path)
+        variables, about = _load(path)
     for name in (*_GRID, "sun_normalised_radiance", "solar_elevation_angle"):
-        if name not in dataset.variables:
+        if name not in variables:
             raise TwilightError(f"{path}: has no variable '{name}', so it is not a sky written by twilight")
-    if set(dataset["sun_normalised_radiance"].dims) != set(_GRID):
+    if set(variables["sun_normalised_radiance"].dims) != set(_GRID):
         raise TwilightError(f"{path}: sun_normalised_radiance must have the dimensions {', '.join(_GRID)}")
     with reading(path, "a sky written by twilight"):
         try:
-            return _sky(dataset)
+            return _sky(variables, about)
         except TwilightError as error:
             raise TwilightError(f"{path}: {error}") from None
 
 
-def _load(path: Path) -> xarray.Dataset:
-    import xarray  # start-up
+class _Stored(NamedTuple):
+    """A variable of a file: its dimensions and values."""
 
-    interruptible_h5netcdf()
+    dims: tuple[str, ...]
+    values: np.ndarray
+
+
+class _File(NamedTuple):
+    """The variables of a file by their names, and its attributes."""
+
+    variables: dict[str, _Stored]
+    attributes: dict[str, Any]
+
+
+def _load(path: Path) -> _File:
+    """All of a file; through h5netcdf alone, as it is written."""
     check_heaps(path)
-    with xarray.open_dataset(path, engine="h5netcdf", decode_times=False, mask_and_scale=False) as opened:
-        check_expansion(path, sum(variable.nbytes for variable in opened.variables.values()))
-        return opened.load()
+    with interruptible_h5netcdf().File(path, "r") as opened:
+        sizes = [np.prod(v.shape, dtype=float) * getattr(v.dtype, "itemsize", 8) for v in opened.variables.values()]
+        check_expansion(path, sum(sizes))
+        variables = {name: _Stored(v.dimensions, np.asarray(v[...])) for name, v in opened.variables.items()}
+        return _File(variables, dict(opened.attrs))
 
 
-def _sky(dataset: xarray.Dataset) -> Sky:
+def _sky(variables: dict[str, _Stored], about: dict[str, Any]) -> Sky:
     def array(name: str) -> np.ndarray | None:
-        if name not in dataset.variables:
+        if name not in variables:
             return None
-        variable = dataset[name]
-        return (variable.transpose(*_GRID) if variable.ndim == 3 else variable).values
+        dims, values = variables[name]
+        return values.transpose([dims.index(dim) for dim in _GRID]) if values.ndim == 3 else values
 
     def pair(q: str, u: str) -> np.ndarray | None:
         both = array(q), array(u)
         return None if both[0] is None or both[1] is None else np.stack(both, axis=2)  # type: ignore[arg-type]
 
     def number(*names: str) -> float | None:
-        return next((float(dataset[name]) for name in names if name in dataset.variables), None)
+        return next((float(variables[name].values) for name in names if name in variables), None)
 
-    fields = dict(dataset.attrs)
+    fields = dict(about)
     for name in ("configuration", "provenance"):
-        if name in dataset.variables:
-            fields[name] = str(dataset[name].values[()])
-    time = dataset.attrs.get("time_iso8601")
+        if name in variables:
+            text = variables[name].values[()]
+            fields[name] = text.decode() if isinstance(text, bytes) else str(text)
+    time = about.get("time_iso8601")
     return Sky(
-        wavelength_nm=dataset["wavelength"].values,
-        elevation_deg=dataset["elevation"].values,
-        azimuth_deg=dataset["azimuth"].values,
+        wavelength_nm=variables["wavelength"].values,
+        elevation_deg=variables["elevation"].values,
+        azimuth_deg=variables["azimuth"].values,
         sun_normalised_radiance=array("sun_normalised_radiance"),  # type: ignore[arg-type]
         time=None if time is None else datetime.fromisoformat(time),
         ground_albedo=array("surface_albedo"),
@@ -280,20 +296,20 @@ def _sky(dataset: xarray.Dataset) -> Sky:
         polarisation_error=pair("standard_error_q", "standard_error_u"),
         night_radiance=array("night_radiance"),
         direct_irradiance=array("direct_irradiance_factor"),
-        solar_spectrum=str(dataset.attrs.get("solar_spectrum", "astm_g173_etr")),
-        disc=_disc(dataset),
+        solar_spectrum=str(about.get("solar_spectrum", "astm_g173_etr")),
+        disc=_disc(variables),
         provenance=provenance_from_fields(fields),
         **fields_from(number),
     )
 
 
-def _disc(dataset: xarray.Dataset) -> Disc | None:
+def _disc(variables: dict[str, _Stored]) -> Disc | None:
     names = ("disc_elevation", "disc_true_elevation", "disc_transmittance", "disc_radius")
-    if not all(name in dataset.variables for name in names):
+    if not all(name in variables for name in names):
         return None
-    elevation, true, transmittance, radius = (dataset[name].values for name in names)
-    sun = float(dataset["solar_elevation_angle"])
-    return Disc(dataset["wavelength"].values, elevation, true, transmittance, sun, float(radius))
+    elevation, true, transmittance, radius = (variables[name].values for name in names)
+    sun = float(variables["solar_elevation_angle"].values)
+    return Disc(variables["wavelength"].values, elevation, true, transmittance, sun, float(radius))
 
 
 HEAP = b"GCOL\x01\x00\x00\x00"

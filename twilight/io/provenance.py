@@ -4,8 +4,6 @@ A new number about a sky is a field of `Sky` and an entry of `FACTS`; `sky.h5`, 
 A journal is a file of JSON lines, one for each finished part of a long job, so that the job can be continued.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twilight.base.errors import TwilightError
+from twilight.base.extras import is_installed, missing
 from twilight.base.reading import MEMORY_FRACTION, memory_bytes
 from twilight.base.whole_files import link_or_copy, write_csv, writing
 from twilight.io.folder import NUMBERED, numbered_files
@@ -99,9 +100,12 @@ def _cell(value: Any) -> str:
 def write_dataset(files: Mapping[str, Path], path: Path) -> str:
     """Write `series.nc`, whole or not at all: all skies along the dimension `scene`, from their sky.h5.
 
-    Returns why it is not written, empty where it is: other wavelengths, or more skies than the memory should hold.
+    Returns why it is not written, empty where it is: other wavelengths, more skies than the memory should hold, or no
+    xarray.
     """
-    import xarray  # start-up
+    if not is_installed("xarray"):
+        return str(missing("xarray", "it"))
+    import xarray  # optional
 
     total = sum(file.stat().st_size for file in files.values())
     skies: list[Sky] = []
@@ -156,7 +160,7 @@ def series_to_dataset(skies: Iterable[Sky]) -> xarray.Dataset:
 
     Errors: TwilightError for skies with different wavelengths.
     """
-    import xarray  # start-up
+    import xarray  # optional
 
     every = list(skies)
     if not every:
@@ -182,7 +186,7 @@ def _of_a_series(full: xarray.Dataset) -> xarray.Dataset:
 
 def _concatenated(parts: Sequence[xarray.Dataset], along: xarray.DataArray) -> xarray.Dataset:
     """Datasets of single skies along a new dimension, with what all of them know."""
-    import xarray  # start-up
+    import xarray  # optional
 
     several = [name for name in (*_PER_SKY, *_SUN_AND_TIME) if all(name in part.variables for part in parts)]
     dataset = xarray.concat(

@@ -1,7 +1,5 @@
 """``sun.png``: a close-up of the sun's disc."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

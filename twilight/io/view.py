@@ -1,7 +1,5 @@
 """``sky.view.png`` and ``sky.view.exr``: a picture of the observer's view, with the ground and space in it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path

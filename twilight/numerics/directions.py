@@ -4,8 +4,6 @@ World axes are east, north, up.  A camera's own axes are right, forward (the opt
 same as the world's for a level camera that looks north.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

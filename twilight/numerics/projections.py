@@ -22,8 +22,6 @@ somebody who faces it and looks up.  `cylinder` is not tilted but shifted to the
 shifts does it; by default the horizon is at 0.86 of its height, and above it is the sky.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

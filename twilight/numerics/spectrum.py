@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.base.shipped_data import data_file, data_numbers
+from twilight.base.shipped_data import data_file, data_numbers, data_rows
 
 LUMINOUS_EFFICACY_LM_PER_W = 683.002
 """Luminous efficacy of 540 THz radiation over V(555 nm) in standard air, lm W^-1 (CIE 018:2019)."""
@@ -137,6 +137,40 @@ def _observer_tables() -> dict[str, np.ndarray]:
     for table in tables.values():
         table.flags.writeable = False
     return tables
+
+
+@lru_cache(maxsize=1)
+def _colour_spectra() -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    found: dict[str, list[tuple[float, float]]] = {}
+    for row in data_rows("colour/spectra.csv"):
+        found.setdefault(row["spectrum"], []).append((float(row["wavelength_nm"]), float(row["value"])))
+    columns = {name: np.array(pairs).T for name, pairs in found.items()}
+    return {name: (nm, values) for name, (nm, values) in columns.items()}
+
+
+def colour_spectrum(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Wavelengths [nm] and values of a spectrum of data/colour/spectra.csv, whose head says what they are."""
+    return _colour_spectra()[name]
+
+
+def at_visible(name: str) -> np.ndarray:
+    """A spectrum of data/colour/spectra.csv at ``VISIBLE_NM``, (471,), 0 beyond its ends."""
+    return np.interp(VISIBLE_NM, *colour_spectrum(name), left=0.0, right=0.0)
+
+
+def daylight(kelvin: float) -> np.ndarray:
+    """Relative spectrum (471,) of CIE daylight at ``VISIBLE_NM``, of a colour temperature of 4000 to 25 000 K.
+
+    CIE 015:2018, section 4.1.2: S0 + M1 S1 + M2 S2, M1 and M2 to three decimals, linear between 5 nm.
+    """
+    warm, cool = (0.244063, 0.09911, 2.9678, -4.6070), (0.23704, 0.24748, 1.9018, -2.0064)
+    x = float(np.polynomial.polynomial.polyval(1e3 / kelvin, warm if kelvin <= 7000.0 else cool))
+    y = -3.0 * x**2 + 2.87 * x - 0.275
+    m = 0.0241 + 0.2562 * x - 0.7341 * y
+    m1 = round((-1.3515 - 1.7703 * x + 5.9114 * y) / m, 3)
+    m2 = round((0.0300 - 31.4424 * x + 30.0717 * y) / m, 3)
+    s0, s1, s2 = (at_visible(f"daylight S{k}") for k in range(3))
+    return s0 + m1 * s1 + m2 * s2
 
 
 def hermite_weights(x: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,5 @@
 """From a climate document to the medium that solvers take."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import replace
 from functools import partial
@@ -12,10 +10,9 @@ import numpy as np
 
 from twilight.atmosphere import bands, own_aerosol
 from twilight.atmosphere.bands import GasBands, water_column_mm
-from twilight.atmosphere.build import build_medium
+from twilight.atmosphere.build import Boundaries, EqualAirMass, build_medium
 from twilight.atmosphere.clouds import KINDS, CloudLayer
 from twilight.atmosphere.grid_medium import GridMedium, fixed_wavelengths
-from twilight.atmosphere.layers import Boundaries, EqualAirMass
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.medium_table import medium_from_table
 from twilight.atmosphere.opac import AerosolSpec, MineralLayer, opac_type

@@ -23,7 +23,6 @@ from twilight.config.climate import Spectrum, climate_files
 from twilight.config.scene import Config, Horizon, Observer
 from twilight.config.solver import complete_solver
 from twilight.config.sun import MoonSection, SunAt, SunElevation, SunElevations, SunInterval, SunTimes
-from twilight.io.albedo_map import read_albedo_map
 from twilight.numerics.directions import direction
 from twilight.scene.medium import (
     check_sha256,
@@ -189,6 +188,8 @@ def _with_mean_of_map(config: Config) -> Config:
         )  # fmt: skip
         return config
     check_sha256(ground.albedo_map, ground.albedo_map_sha256, "ground.albedo_map_sha256")
+    from twilight.io.albedo_map import read_albedo_map  # start-up
+
     mapped = read_albedo_map(ground.albedo_map)
     above_km = max(config.observer.altitude_km - ground.altitude_km, 0.0)
     in_sight = np.arccos(EARTH_RADIUS_KM / (EARTH_RADIUS_KM + above_km))

@@ -7,8 +7,6 @@ The sun's disc in a film: lifted, flattened and coloured by the refracted sunbea
 The moon of a film: where it stands in every picture, and its disc.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from datetime import timedelta
@@ -22,7 +20,7 @@ from twilight.jit.kernels import njit
 from twilight.jit.simd import LANES, broadcast, exp, load, store
 from twilight.numerics.directions import PHASE_COUNT
 from twilight.scene.scene import placed_moon
-from twilight.show.moonlight import MoonColours, sky_elevations
+from twilight.show.night import MoonColours, sky_elevations
 from twilight.show.timeline import FilmTimeline
 from twilight.show.tones import CHANNELS, NO_LIGHT, padded_columns
 from twilight.sky.disc import SOLAR_RADIUS_DEG, limb_darkening, mean_limb_darkening

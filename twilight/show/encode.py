@@ -1,7 +1,5 @@
 """Pictures of a film to one file, MP4, WebP or GIF, or to a folder of numbered EXR: whole or not at all."""
 
-from __future__ import annotations
-
 import itertools
 import subprocess
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """From a configuration to a film: one field, its tables, exposures of all pictures, the pictures, the encoder."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import shutil
@@ -30,11 +28,10 @@ from twilight.io.provenance import configuration_hash, locked
 from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import Scene, resolve
-from twilight.show import moonlight
+from twilight.show import night
 from twilight.show.draw import DiscPainter, MoonDiscPainter, Painter, horizon_of, moons_of
 from twilight.show.encode import check_output, encode, write_exr
-from twilight.show.moonlight import MoonColours
-from twilight.show.night import NightPainter, Nights, nights_of
+from twilight.show.night import MoonColours, NightPainter, Nights, nights_of
 from twilight.show.skies import check_altitudes
 from twilight.show.timeline import FilmTimeline, meter, smoothed, timeline
 from twilight.show.tones import Channels
@@ -198,8 +195,8 @@ class Animation:
             if self.moons is not None:
                 arrays["moon"] = MoonColours.of(spectra.light_at_nodes()[::2, ::2, ::2], channels).matrices
             if self.config.sun.disc or self.moons is not None:
-                nodes = moonlight.sky_elevations(horizon_of(table))
-                arrays["refraction_deg"], arrays["beam"] = moonlight.sunbeam(solved, channels, altitude, nodes)
+                nodes = night.sky_elevations(horizon_of(table))
+                arrays["refraction_deg"], arrays["beam"] = night.sunbeam(solved, channels, altitude, nodes)
             nights = nights_of(self.config, solved.medium, channels, self.line)
             if nights is not None:
                 arrays |= nights.arrays()

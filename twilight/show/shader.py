@@ -4,8 +4,6 @@ The textures hold the nodes of a `SkyTable` of X, Y, Z and scotopic luminance [c
 shaders read them by its rule: `SkyTable.light` is the same in Python.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """From solved fields, or one computed sky, to a page."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,10 +13,9 @@ from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG as LOWEST_TABLE_DEG
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene import Scene
-from twilight.show import moonlight, space, tables, tones
-from twilight.show.moonlight import MoonColours, page_header
-from twilight.show.page import Page
-from twilight.show.tables import Pack
+from twilight.show import night, page, space, tones
+from twilight.show.night import MoonColours, page_header
+from twilight.show.page import Pack, Page
 from twilight.show.tones import Channels, padded_columns
 from twilight.sky.night.points import bright_stars
 from twilight.sky.sky import Sky
@@ -50,7 +47,7 @@ def view_fields(
     altitudes_km: Sequence[float] | None = None,
     solar_spectrum: str = DEFAULT_SOLAR_SPECTRUM,
     start: dict[str, Any] | None = None,
-    nodes: tables.PageNodes | None = None,
+    nodes: page.PageNodes | None = None,
     progress: Progress | None = None,
 ) -> Page:
     """The page of one field, or of two side by side.
@@ -87,7 +84,7 @@ def view_fields(
     """
     if not 1 <= len(fields) <= MOST_FIELDS:
         raise TwilightError(f"view: shows 1 or {MOST_FIELDS} fields, not {len(fields)}")
-    tell, nodes = progress or silent, nodes or tables.PageNodes()
+    tell, nodes = progress or silent, nodes or page.PageNodes()
     names = names or [solved.medium.name or f"field {i + 1}" for i, solved in enumerate(fields)]
     asked = check_altitudes(fields[0].scene, altitudes_km, names[0])
     altitudes, orbit_km = within_air(fields[0].medium, asked)
@@ -97,7 +94,7 @@ def view_fields(
         "ground_km": min(solved.medium.bottom_km for solved in fields),
         "highest_km": asked[-1],
         "rise": [part.tolist() for part in nodes.rises()],
-        "least_haze_deg": tables.LEAST_HAZE_DEG,
+        "least_haze_deg": page.LEAST_HAZE_DEG,
         "column_deg": padded_columns(nodes.columns_deg)[0].tolist(),
         "spectrum_column_deg": padded_columns(nodes.columns_deg[::2])[0].tolist(),
         "spectrum_rows": nodes.every_second_row().tolist(),
@@ -118,7 +115,7 @@ def view_fields(
         fraction = part_of(tell, k / len(fields), 1.0 / len(fields), names[k])
         _add_field(pack, k, solved, Channels(solved.medium.wavelength_nm, solar_spectrum), altitudes, nodes, fraction)
     _add_tones(pack)
-    pack.numbers("zodiacal", np.log(moonlight.zodiacal_table()))
+    pack.numbers("zodiacal", np.log(night.zodiacal_table()))
     pack.numbers("stars", _stars())
     return Page(pack, f"{' and '.join(names)}: sky")
 
@@ -129,15 +126,15 @@ def _add_field(
     solved: Field,
     channels: Channels,
     altitudes: tuple[float, ...],
-    nodes: tables.PageNodes,
+    nodes: page.PageNodes,
     progress: Progress,
 ) -> None:
     """The tables and lines of one field."""
     steps = len(altitudes) + 2 * ("space" in pack.header)
     spectra = [
-        tables.spectra_at(solved, z, nodes, part_of(progress, i / steps, 1.0 / steps)) for i, z in enumerate(altitudes)
+        page.spectra_at(solved, z, nodes, part_of(progress, i / steps, 1.0 / steps)) for i, z in enumerate(altitudes)
     ]
-    edges = [tables.horizon_and_haze_deg(solved, altitude) for altitude in altitudes]
+    edges = [page.horizon_and_haze_deg(solved, altitude) for altitude in altitudes]
     suns, kept = spectra[0].sun_elevation_deg, space.every_second(spectra[0].sun_elevation_deg.size)
     light = [one.light_at_nodes()[kept][:, nodes.every_second_row()][:, :, ::2] for one in spectra]
     colours = MoonColours.of(np.stack(light), channels)
@@ -149,7 +146,7 @@ def _add_field(
             "lift_deg": [(one.apparent_sun_deg - suns).tolist() for one in spectra],
             "horizon_deg": [horizon for horizon, _ in edges],
             "haze_deg": [haze for _, haze in edges],
-            "haze_top_km": tables.haze_top_km(solved),
+            "haze_top_km": page.haze_top_km(solved),
         }
         | colours.page_header(channels.wavelength_nm)
     )
@@ -159,9 +156,9 @@ def _add_field(
     if seen[0].log_phase is not None:
         pack.numbers(f"phase{k}", seen[0].log_phase)
     for i, altitude in enumerate(altitudes):
-        places = moonlight.sky_elevations(edges[i][0])
-        _add_lines(pack, channels, f"{k}_{i}", moonlight.sunbeam(solved, channels, altitude, places),
-                   moonlight.night(solved.medium, altitude, places))  # fmt: skip
+        places = night.sky_elevations(edges[i][0])
+        _add_lines(pack, channels, f"{k}_{i}", night.sunbeam(solved, channels, altitude, places),
+                   night.night(solved.medium, altitude, places))  # fmt: skip
     if "space" not in pack.header:
         return
     made, coarse, geometry = space.fill_space(
@@ -182,8 +179,8 @@ def _add_field(
         pack,
         channels,
         f"{k}_space",
-        moonlight.sunbeam(solved, channels, geometry.top_km, geometry.line_elevations(geometry.top_radius_km)),
-        moonlight.night(solved.medium, space.ABOVE_AIRGLOW_KM, geometry.line_elevations(above)),
+        night.sunbeam(solved, channels, geometry.top_km, geometry.line_elevations(geometry.top_radius_km)),
+        night.night(solved.medium, space.ABOVE_AIRGLOW_KM, geometry.line_elevations(above)),
     )
 
 

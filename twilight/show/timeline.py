@@ -3,8 +3,6 @@
 How bright each picture of a film is: one exposure for all, a camera that meters, an eye that adapts.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from datetime import timedelta
 

@@ -8,8 +8,6 @@ What pages and films draw with: the channels of a tone, for light that is the su
 A `SkyTable` of four channels as the two textures that `web/table.glsl` and `web/export/sky.wgsl` read.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

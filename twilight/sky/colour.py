@@ -1,7 +1,5 @@
 """From spectra to XYZ, linear sRGB and a picture on a screen, on colour-science's observers and matrices."""
 
-from __future__ import annotations
-
 import warnings
 from weakref import WeakKeyDictionary
 

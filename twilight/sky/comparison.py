@@ -1,7 +1,5 @@
 """`SkyComparison`: how one sky differs from another in every direction; what `sky - other` and `sky / other` give."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, Literal, Protocol, Self, TypeVar
 

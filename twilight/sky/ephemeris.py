@@ -4,8 +4,6 @@ Place and time to true elevation, azimuth and distance.  Axes of the ICRS; the E
 or 14 arcsec) and its poles do not move.  The sun's aberration is in; refraction is not.
 """
 
-from __future__ import annotations
-
 import datetime as dt
 import warnings
 from collections.abc import Sequence

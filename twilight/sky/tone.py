@@ -143,11 +143,7 @@ channels of which one is clipped are no colour, and were fringes of false hue (c
 @lru_cache(maxsize=8)
 def sensor_response(sensor: str) -> np.ndarray:
     """Response of red, green and blue at ``spectrum.VISIBLE_NM``, (471, 3), 0 where it was not measured."""
-    from colour import MSDS_CAMERA_SENSITIVITIES  # start-up
-
-    curves = MSDS_CAMERA_SENSITIVITIES[SENSORS[sensor]]
-    columns = [np.interp(spectrum.VISIBLE_NM, curves.wavelengths, c, left=0.0, right=0.0) for c in curves.values.T]
-    return np.stack(columns, axis=1)
+    return np.stack([spectrum.at_visible(f"{sensor} {channel}") for channel in ("red", "green", "blue")], axis=1)
 
 
 def illuminant(kelvin: float) -> np.ndarray:
@@ -160,25 +156,19 @@ def illuminant(kelvin: float) -> np.ndarray:
     if kelvin < 4000.0:
         metre = spectrum.VISIBLE_NM * 1e-9
         return metre**-5.0 / np.expm1(1.438777e-2 / (metre * kelvin)) / 1e30
-    from colour import sd_CIE_illuminant_D_series  # start-up
-    from colour.temperature import CCT_to_xy_CIE_D  # start-up
-
-    daylight = sd_CIE_illuminant_D_series(CCT_to_xy_CIE_D(kelvin))
-    return np.interp(spectrum.VISIBLE_NM, daylight.wavelengths, daylight.values)
+    return spectrum.daylight(kelvin)
 
 
 @lru_cache(maxsize=8)
 def balance(sensor: str, kelvin: float) -> tuple[np.ndarray, np.ndarray]:
     """Gains (3,) and matrix (3, 3): raw times gains is the luminance of white light [cd m^-2 for W m^-2 sr^-1], and
     the matrix takes balanced raw values to linear Rec. 709; white stays white."""
-    from colour import SDS_COLOURCHECKERS  # start-up
-
     response, light = sensor_response(sensor), illuminant(kelvin)
     matching = spectrum.LUMINOUS_EFFICACY_LM_PER_W * spectrum.colour_matching_functions("cie1931_2deg")
     white = light @ matching
     gains = white[1] / (light @ response)
-    patches = SDS_COLOURCHECKERS["ColorChecker N Ohta"].values()
-    reflectance = np.stack([np.interp(spectrum.VISIBLE_NM, p.wavelengths, p.values) for p in patches])
+    patches = [spectrum.colour_spectrum(f"patch {k + 1}") for k in range(24)]
+    reflectance = np.stack([np.interp(spectrum.VISIBLE_NM, *patch) for patch in patches])
     raw = (reflectance * light) @ response * gains / white[1]
     xyz = (reflectance * light) @ matching / white[1]
     to_rgb = spectrum.xyz_to_rgb_matrix("cie1931_2deg")

@@ -6,8 +6,6 @@ From above the sea the horizon of sunrise and sunset dips by arccos(R / (R + alt
 the sun's elevation alone.
 """
 
-from __future__ import annotations
-
 import datetime as dt
 import re
 from typing import NamedTuple

@@ -9,7 +9,8 @@ has what `Solver` lists:
   the field is a `PolarisedField`), `field_file` (where the field of one block of wavelengths is stored),
   `target_error` (the relative systematic error that it is to have) and `target_stderr` (a relative standard error
   that samples are added for);
-- `tuned_numbers()`, where a solver has them: rows of name, value, unit, air, test and meaning of what tunes its
+- `tuned_numbers()`, where a solver has them, and `kinds_met(medium, settings)`, which of their kinds of air a medium
+  is: rows of name, value, unit, air, test and meaning of what tunes its
   algorithm, which `twilight show solvers NAME` prints;
 - `recorded(settings)`, where settings may name files: the same with what is in them in place of their paths;
 - `prepare(medium, settings, *, observer_altitude_km, progress)`, which computes what depends on neither sun nor
@@ -17,8 +18,6 @@ has what `Solver` lists:
 
 `twilight.engine` does the rest: blocks of wavelengths, observers, suns, the sunbeam, errors and files.
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass

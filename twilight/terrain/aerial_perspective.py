@@ -4,8 +4,6 @@ Between nodes logarithms per length of the line are linear.  Light scattered onc
 its phase function, whose peak at the sun is narrower than the distance of the nodes.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -5,8 +5,6 @@ equidistant grid, in which distances and directions from the observer are true, 
 of rows or rotation it is stored in.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from functools import lru_cache

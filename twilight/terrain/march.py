@@ -18,8 +18,6 @@ Arguments that the kernels share: field: `Heights`; radius_km: the Earth's; star
 lines, azimuth from the sun to the right; (begin, end): the first row and the one after the last.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

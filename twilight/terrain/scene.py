@@ -13,8 +13,6 @@ comparison shadows can be cut off as Bruneton and Neyret 2008 do (eq. 17 and 18)
 is a point that refraction has lifted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -6,8 +6,6 @@ where j = 0, j = N, m = 0 and m = N each take a factor 1/2 (that of m is stored 
 second azimuth of N is an azimuth of N/2: the values in between show how good the series of N/2 is.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

@@ -27,8 +27,6 @@ What the table leaves out: several images of the sun (mirages; d chi/d i is kept
 a duct makes (bridged), and dispersion of the ground's edge for rays from above (0.01 deg in the lowest metre).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -14,8 +14,6 @@ sums of powers of q with no difference of large numbers.  A thin layer is a piec
 smooth passage from the air above to the air below; in a thick one S falls from the jump at the top to 0 smoothly.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import NamedTuple

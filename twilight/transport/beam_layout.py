@@ -8,8 +8,6 @@ J nodes of altitude, C + 1 of the apparent cosine, G + 1 of the sun's distance f
 point of a ray, D + 1 of the distance u from it, W wavelengths.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import NamedTuple

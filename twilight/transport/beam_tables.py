@@ -9,8 +9,6 @@ d(chi)/d(apparent); altitudes (J,) [km]; cosines (C,): apparent; distances (D,) 
 (J,) [rad], edge_cos (J,): true zenith angle and apparent cosine of the shadow's edge.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ Arguments that the kernels share: profile: `Profile`; altitude_km, z [km]: of th
 from the start of the line; a [rad]: elevation of the line at the point; travelled, s [km]: its length up to there.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

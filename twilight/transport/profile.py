@@ -1,7 +1,5 @@
 """Coefficients on levels fine enough for linear interpolation: what kernels march through."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -12,8 +12,6 @@ distances a and b from the point is where |u| is least in u + a .. u + b,
 and T is tabulated by x, at 550 nm; at another wavelength it is a power of that.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

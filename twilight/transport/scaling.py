@@ -13,8 +13,6 @@ with Wigner's functions d of the scattering angle.  Reference: Hovenier, van der
 Light in Planetary Atmospheres, appendix B.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple

@@ -16,8 +16,6 @@ Arguments that the kernels share: profile: `Profile`; z, altitude_km [km]: altit
 angle from the start of the ray; a [rad]: elevation of the ray at the point; h [km]: length of the step.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

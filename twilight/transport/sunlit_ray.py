@@ -18,8 +18,6 @@ its index among the directions of the phase functions; w: index of the wavelengt
 (3, S, W): of the light, as of `along`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

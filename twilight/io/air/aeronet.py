@@ -9,8 +9,6 @@ inversions (Sinyuk et al. 2020, Atmos. Meas. Tech. 13, 3375) the volume dV/dln r
 radius [um], Refractive_Index-Real_Part[440nm], AOD_Extinction-Total[440nm] and so on.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from dataclasses import dataclass, replace
@@ -19,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twilight.atmosphere.measured.parts import AerosolDepth, Part, Reading, SizeDistribution, WaterColumn
+from twilight.atmosphere.measured import AerosolDepth, Part, Reading, SizeDistribution, WaterColumn
 from twilight.base.errors import TwilightError
 from twilight.io.air.lines import PlaceAndTime, moment, number, read_lines, spoken
 

@@ -1,7 +1,5 @@
 """Points of maps over time: which indices of a grid a place and a time lie between, and the values there."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any

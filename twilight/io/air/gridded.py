@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from twilight.atmosphere.measured import parts
-from twilight.atmosphere.measured.parts import (
+from twilight.atmosphere import measured
+from twilight.atmosphere.measured import (
     AerosolDepth,
     AirColumn,
     CloudWater,
@@ -34,7 +34,7 @@ from twilight.atmosphere.measured.parts import (
 )
 from twilight.atmosphere.profiles import MOLECULES_PER_CM2_PER_DU
 from twilight.base.errors import TwilightError
-from twilight.base.extras import missing
+from twilight.base.extras import missing, require
 from twilight.base.reading import reading
 from twilight.io.air.grid_points import between, by_valid_time, dimension, weighted
 from twilight.io.air.lines import PlaceAndTime, spoken
@@ -88,7 +88,7 @@ ICE = ("ciwc", "QI")
 
 CLOUDS = (*COVER, *LIQUID, *ICE, "tcc", "CLDTOT")
 AEROSOL_MASSES = ("aermr", "DU0", "SS0", "BCPH", "OCPH", "SO4")
-KG_PER_DU = MOLECULES_PER_CM2_PER_DU * 1e4 * parts.MOLAR_MASS_OZONE / 6.02214076e23
+KG_PER_DU = MOLECULES_PER_CM2_PER_DU * 1e4 * measured.MOLAR_MASS_OZONE / 6.02214076e23
 """kg of ozone on a square metre in one Dobson unit, 2.1415e-5."""
 
 SURFACE_HPA = (("sp", 1e-2), ("PS", 1e-2))
@@ -157,7 +157,8 @@ def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
 
 def _open(path: Path, content: str) -> list[Any]:
     """The datasets of a file: GRIB may hold several that share no coordinates."""
-    import xarray  # start-up: half a second, and most climates name no such file
+    require(f"{path}: air in netCDF or GRIB", "xarray")
+    import xarray  # optional
 
     with reading(path, f"a complete {'GRIB' if content == 'grib' else 'netCDF'} file"):
         if content == "grib":
@@ -289,7 +290,7 @@ def _one(columns: dict[str, Any], names: tuple[str, ...]) -> Any:
 def _height_m(columns: dict[str, Any]) -> Any:
     """Geopotential height of the pressure levels [m], None where the file has none."""
     height, geopotential = _one(columns, HEIGHT_M), _one(columns, GEOPOTENTIAL)
-    return geopotential / parts.STANDARD_GRAVITY if height is None and geopotential is not None else height
+    return geopotential / measured.STANDARD_GRAVITY if height is None and geopotential is not None else height
 
 
 def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], wanted: PlaceAndTime) -> AirColumn:
@@ -304,10 +305,10 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
     q, r, o3 = _one(columns, SPECIFIC_HUMIDITY), _one(columns, RELATIVE_HUMIDITY), _one(columns, OZONE_MASS)
     water = None
     if q is not None:
-        water = parts.from_specific_humidity(np.maximum(np.asarray(q), 0.0))
+        water = measured.from_specific_humidity(np.maximum(np.asarray(q), 0.0))
     elif r is not None:
         percent = np.maximum(np.asarray(r), 0.0) * (100.0 if np.nanmax(r) <= 2.0 else 1.0)  # MERRA-2 has fractions
-        water = parts.from_relative_humidity(percent, temperature, pressure_hpa)
+        water = measured.from_relative_humidity(percent, temperature, pressure_hpa)
     if np.ndim(height_m) == 0:  # of the ground alone
         height_m = _from_the_ground(path, float(height_m), pressure_hpa, temperature, water, columns)
     height = np.asarray(height_m, dtype=float)
@@ -319,9 +320,9 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
     _check_hydrostatic(path, pressure_hpa[order], temperature[order], height[order])
     ozone = None
     if o3 is not None:
-        ozone = parts.ozone_from_mass_mixing_ratio(np.maximum(o3, 0.0), 0.0 if water is None else water)
+        ozone = measured.ozone_from_mass_mixing_ratio(np.maximum(o3, 0.0), 0.0 if water is None else water)
     latitude = 45.0 if wanted.latitude_deg is None else wanted.latitude_deg
-    z = parts.geometric_km(1e-3 * height, latitude)
+    z = measured.geometric_km(1e-3 * height, latitude)
     return AirColumn(
         source,
         z[order],
@@ -335,7 +336,7 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
 def _check_hydrostatic(path: Path, pressure_hpa: np.ndarray, temperature_k: np.ndarray, height_m: np.ndarray) -> None:
     """TwilightError for pressures and heights that are not of one air, as where one of them is in another unit."""
     metres = -np.diff(np.log(pressure_hpa)) * 0.5 * (temperature_k[1:] + temperature_k[:-1])
-    expected = float(metres.sum()) * parts.GAS_CONSTANT / (parts.MOLAR_MASS_DRY * parts.STANDARD_GRAVITY)
+    expected = float(metres.sum()) * measured.GAS_CONSTANT / (measured.MOLAR_MASS_DRY * measured.STANDARD_GRAVITY)
     thickness_m = float(height_m[-1] - height_m[0])
     if expected > 0.0 and not 0.8 <= thickness_m / expected <= 1.25:
         raise TwilightError(
@@ -381,16 +382,16 @@ def _from_the_ground(
             "too, or sp (surface pressure) to integrate from"
         )
     known = np.isfinite(temperature_k) & (pressure_hpa > 0.0)
-    virtual = parts.virtual_temperature_k(temperature_k, 0.0 if water is None else np.nan_to_num(water))[known]
+    virtual = measured.virtual_temperature_k(temperature_k, 0.0 if water is None else np.nan_to_num(water))[known]
     x = -np.log(pressure_hpa[known])
     order = np.argsort(x)
     x, virtual = x[order], virtual[order]
     metres = np.diff(x) * 0.5 * (virtual[1:] + virtual[:-1])
-    metres *= parts.GAS_CONSTANT / (parts.MOLAR_MASS_DRY * parts.STANDARD_GRAVITY)
+    metres *= measured.GAS_CONSTANT / (measured.MOLAR_MASS_DRY * measured.STANDARD_GRAVITY)
     course = np.concatenate([[0.0], np.cumsum(metres)])
     start = float(np.interp(-np.log(on_ground), x, course))
     if -np.log(on_ground) < x[0]:  # the ground lies below all levels
-        scale_m = virtual[0] * parts.GAS_CONSTANT / (parts.MOLAR_MASS_DRY * parts.STANDARD_GRAVITY)
+        scale_m = virtual[0] * measured.GAS_CONSTANT / (measured.MOLAR_MASS_DRY * measured.STANDARD_GRAVITY)
         start = float((-np.log(on_ground) - x[0]) * scale_m)
     height = np.full(pressure_hpa.shape, np.nan)
     height[np.flatnonzero(known)[order]] = ground_m + course - start
@@ -409,9 +410,9 @@ def _clouds(source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], want
     p, h, cc, water, frozen = rows[:, np.argsort(-rows[0])]
     if p.size < 2:
         return []
-    z = parts.geometric_km(1e-3 * h, 45.0 if wanted.latitude_deg is None else wanted.latitude_deg)
+    z = measured.geometric_km(1e-3 * h, 45.0 if wanted.latitude_deg is None else wanted.latitude_deg)
     edge_p, edge_z = (np.concatenate([[x[0]], 0.5 * (x[1:] + x[:-1]), [x[-1]]]) for x in (p, z))
-    kg_of_air = -100.0 * np.diff(edge_p) / parts.STANDARD_GRAVITY
+    kg_of_air = -100.0 * np.diff(edge_p) / measured.STANDARD_GRAVITY
     water, frozen = (np.maximum(one, 0.0) * kg_of_air for one in (water, frozen))
     return [CloudWater(source, edge_z[:-1], edge_z[1:], cc, water, frozen)]
 

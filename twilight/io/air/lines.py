@@ -1,7 +1,5 @@
 """Text files of measurements, line by line, and which of several measurements is nearest to a place and time."""
 
-from __future__ import annotations
-
 import math
 import zipfile
 from collections.abc import Sequence

@@ -10,8 +10,6 @@ Durre et al. 2016, Integrated Global Radiosonde Archive, version 2, NOAA NCEI, `
 begins with #, then one record a level at fixed columns; -9999 missing, -8888 removed by quality control.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Iterator
@@ -21,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from twilight.atmosphere.measured import parts
-from twilight.atmosphere.measured.parts import AirColumn, Reading
+from twilight.atmosphere import measured
+from twilight.atmosphere.measured import AirColumn, Reading
 from twilight.base.errors import TwilightError
 from twilight.io.air.lines import PlaceAndTime, moment, number, read_lines, spoken
 
@@ -125,12 +123,12 @@ def column_of(
             f"{path}: {source}: has {pressure_hpa.size} levels with pressure and temperature and "
             f"{np.count_nonzero(known)} heights; needed are 3 levels and a height"
         )
-    virtual = parts.virtual_temperature_k(temperature_k, np.where(np.isfinite(water_vapour), water_vapour, 0.0))
+    virtual = measured.virtual_temperature_k(temperature_k, np.where(np.isfinite(water_vapour), water_vapour, 0.0))
     metres = -np.diff(np.log(pressure_hpa)) * 0.5 * (virtual[1:] + virtual[:-1])
-    metres *= parts.GAS_CONSTANT / (parts.MOLAR_MASS_DRY * parts.STANDARD_GRAVITY)
+    metres *= measured.GAS_CONSTANT / (measured.MOLAR_MASS_DRY * measured.STANDARD_GRAVITY)
     course = np.concatenate([[0.0], np.cumsum(metres)])
     error = np.interp(course, course[known], (height_m - course)[known])  # what is known is met
-    z = parts.geometric_km(1e-3 * (course + error), latitude_deg)
+    z = measured.geometric_km(1e-3 * (course + error), latitude_deg)
     keep = np.concatenate([[True], np.diff(np.maximum.accumulate(z)) > 0.0])  # rounded to metres, two may be one
     return AirColumn(source, z[keep], pressure_hpa[keep], temperature_k[keep], water_vapour[keep])
 
@@ -182,9 +180,9 @@ def _row(
         return None
     kelvin, water = celsius + 273.15, np.nan
     if np.isfinite(dew_point):
-        water = float(parts.from_dew_point(dew_point + 273.15, pressure))
+        water = float(measured.from_dew_point(dew_point + 273.15, pressure))
     elif np.isfinite(humidity):
-        water = float(parts.from_relative_humidity(humidity, kelvin, pressure))
+        water = float(measured.from_relative_humidity(humidity, kelvin, pressure))
     return pressure, height, kelvin, water
 
 
@@ -268,7 +266,7 @@ def _igra_row(path: Path, line_number: int, line: str) -> tuple[float, float, fl
         return None
     kelvin, water = celsius + 273.15, np.nan
     if np.isfinite(humidity):
-        water = float(parts.from_relative_humidity(humidity, kelvin, pressure))
+        water = float(measured.from_relative_humidity(humidity, kelvin, pressure))
     elif np.isfinite(depression):
-        water = float(parts.from_dew_point(kelvin - depression, pressure))
+        water = float(measured.from_dew_point(kelvin - depression, pressure))
     return pressure, height, kelvin, water

@@ -1,7 +1,5 @@
 """The spectral radiance of the night sky of a scene: what shines above the scattering air, over the sky."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

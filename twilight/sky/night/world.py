@@ -5,8 +5,6 @@ horizon; and what the air does to light that comes from above it in all directio
 scattering.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime

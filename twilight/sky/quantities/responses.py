@@ -25,9 +25,8 @@ from twilight.numerics import spectrum
 JOHNSON_COUSINS = ("U", "B", "V", "R", "I")
 ALPHA_OPIC = ("s_cone_opic", "m_cone_opic", "l_cone_opic", "rhodopic", "melanopic")
 """The five of CIE S 026:2018."""
-CAMERA = "Nikon 5100 (NPL)"
-"""The camera of colour-science whose channels are `camera-red`, `camera-green`, `camera-blue`: Darrodi et al. 2015
-(JOSA A 32, 381), measured at the National Physical Laboratory."""
+CAMERA = "nikon_5100"
+"""The camera of data/colour/spectra.csv whose channels are `camera-red`, `camera-green`, `camera-blue`."""
 ERYTHEMA_NM = np.arange(300.0, 401.0)
 """Where erythema is counted [nm]: the air's data begin at 300 nm, and some 1 to 5 % of a high sun's is below."""
 SCOTOPIC_EFFICACY_LM_PER_W = 1700.06
@@ -125,11 +124,8 @@ def erythema(wavelength_nm: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def scotopic_efficiency() -> np.ndarray:
-    """V'(lambda) of the CIE 1951 scotopic observer at ``spectrum.VISIBLE_NM``, (471,), from colour-science."""
-    from colour import SDS_LEFS  # start-up
-
-    curve = SDS_LEFS["CIE 1951 Scotopic Standard Observer"]
-    return np.interp(spectrum.VISIBLE_NM, curve.wavelengths, curve.values, left=0.0, right=0.0)
+    """V'(lambda) of the CIE 1951 scotopic observer at ``spectrum.VISIBLE_NM``, (471,)."""
+    return spectrum.at_visible("scotopic")
 
 
 @lru_cache(maxsize=1)
@@ -139,13 +135,8 @@ def _scotopic() -> Response:
 
 @lru_cache(maxsize=3)
 def _camera(channel: str) -> Response:
-    from colour import MSDS_CAMERA_SENSITIVITIES  # start-up
-
-    curves = MSDS_CAMERA_SENSITIVITIES[CAMERA]
-    column = ("red", "green", "blue").index(channel)
-    return Response(
-        f"camera-{channel}", curves.wavelengths, np.maximum(curves.values[:, column], 0.0), source="Darrodi et al. 2015"
-    )
+    nm, values = spectrum.colour_spectrum(f"{CAMERA} {channel}")
+    return Response(f"camera-{channel}", nm, np.maximum(values, 0.0), source="Darrodi et al. 2015")
 
 
 CAMERA_NAMES = ("camera-red", "camera-green", "camera-blue")

@@ -1,7 +1,5 @@
 """Methods of `Sky` that give quantities: magnitudes, luminance, illuminance and others."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any
 
 import numpy as np

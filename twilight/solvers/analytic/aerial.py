@@ -16,8 +16,6 @@ straight up, and I of air 0 over 20 km of level ray at turbidity 6.
 The paper prints K = -b / (a cos theta) beside exp(-K (H - u)): transmittance is below 1 with +.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -27,8 +25,7 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.numerics.spectrum import hermite_matrix
 from twilight.solvers.analytic.coefficients import angles
-from twilight.solvers.analytic.daylight import column, table
-from twilight.solvers.analytic.limits import hemisphere
+from twilight.solvers.analytic.daylight import column, hemisphere, table
 
 HAZE_DECAY_PER_KM = 0.8333
 """Fall of the haze's density with height [km^-1] (Preetham 1999 sec. 4)."""

@@ -24,13 +24,16 @@ from twilight.solvers.analytic.coefficients import (
     overcast_illuminance_lx,
     traditional_overcast,
 )
-from twilight.solvers.analytic.daylight import SpectralBins, daylight_chromaticity, direct_transmittance, table
-from twilight.solvers.analytic.limits import (
+from twilight.solvers.analytic.daylight import (
+    SpectralBins,
     check_observer,
     check_sun,
     chosen_turbidity,
+    daylight_chromaticity,
+    direct_transmittance,
     hemisphere,
     sky_and_ground,
+    table,
 )
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 

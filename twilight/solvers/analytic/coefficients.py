@@ -16,8 +16,6 @@ the four lists.  Everything else in the file is for people.
 The five-parameter sky of Perez, Seals and Michalsky 1993, as Preetham 1999 eq. 3 has it, and the CIE's form.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -22,8 +22,14 @@ from twilight.base.progress import Progress, silent
 from twilight.base.sections import option, settings
 from twilight.solvers.analytic.aerial import aerial_perspective
 from twilight.solvers.analytic.coefficients import file_sha256, load_coefficients, overcast_luminance
-from twilight.solvers.analytic.daylight import SpectralBins, direct_transmittance
-from twilight.solvers.analytic.limits import check_observer, check_sun, chosen_turbidity, sky_and_ground
+from twilight.solvers.analytic.daylight import (
+    SpectralBins,
+    check_observer,
+    check_sun,
+    chosen_turbidity,
+    direct_transmittance,
+    sky_and_ground,
+)
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
 CAPABILITIES = Capabilities(kind="formula", finite_segments=True, wavelengths_at_once=ALL_WAVELENGTHS)

@@ -17,7 +17,7 @@ from twilight.base.extras import missing
 from twilight.base.progress import Progress
 from twilight.base.sections import option, settings
 from twilight.numerics import spectrum
-from twilight.solvers.analytic.limits import check_observer, check_sun, chosen_turbidity
+from twilight.solvers.analytic.daylight import check_observer, check_sun, chosen_turbidity
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
 NODES_NM = np.arange(320.0, 721.0, 40.0)

@@ -1,8 +1,7 @@
 """Haber, Magnor & Seidel 2005: cells around the observer that exchange scattered light, and an exact mode beyond it.
 
-In the order of the paper: `haber` (section 3), `grid` (4.1.2, 4.1.3), `ground` (4.1.4), `refraction` (4.4),
-`first_event` (4.6.2), `exchange` (4.5.3 to 4.6.2, and 5), `sky_texture` (4.7).  The exact mode: `exact`, and what it is
-made of, `exact_grid`, `stencils`, `ordinates`, `exact_view`.
+In the order of the paper: `haber` (section 3), `grid` (4.1.2, 4.1.3), `ground` (4.1.4), `direct_light` (4.4, 4.6.2),
+`exchange` (4.5.3 to 4.6.2, and 5), `sky_texture` (4.7).  The exact mode: `exact`, made of `stencils` and `ordinates`.
 """
 
 from twilight.solvers.base import Capabilities

@@ -19,8 +19,6 @@ P / (4 pi sigma_s V), which does not jump with the size of the cells.  "The tota
 target cell has to be scaled by the ratio I_all / I_active", of what all cells and those of active shells send out.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -9,8 +9,6 @@ sqrt(a(h) - a_0) from its lowest point: eq. (4) is a sum of differences of such 
 Cells are shells around the observer, cut into equal azimuths and elevations.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -4,17 +4,15 @@ A patch of area A takes A cos / (4 pi d^2) of a cell's light (as sky_fraction bo
 reflects by Lambert's law, 4 cos times as much as isotropic light.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
 import numpy as np
 
 from twilight.jit.kernels import njit
+from twilight.solvers.cells.direct_light import find_sun
 from twilight.solvers.cells.exchange import add_alike, sky_fraction, unfold
 from twilight.solvers.cells.grid import CellGrid, path_depth
-from twilight.solvers.cells.refraction import find_sun
 
 
 class Patches(NamedTuple):

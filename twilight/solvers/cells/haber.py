@@ -1,7 +1,7 @@
 """Haber section 3, the system in five steps, of which the last four are here:
 
     2  layers of air (4.1.2) and cells around the observer (4.1.3): `grid`
-    3  direct light (`first_event`, 4.6.2) along refracted paths (`refraction`, 4.4)
+    3  direct light (4.6.2) along refracted paths (4.4): `direct_light`
     4  indirect light: passes between all pairs of cells (`exchange`, 4.5.3 to 4.6.2 and 5), of active shells (5), and
        with the ground (`ground`, 4.1.4)
     5  the sky texture (`sky_texture`, 4.7)
@@ -9,8 +9,6 @@
 Air scatters isotropically from the first event on (4.5.1).  From the second on aerosol does so too, with (1 - g) of its
 scattering coefficient, eq. (2).
 """
-
-from __future__ import annotations
 
 import math
 from dataclasses import replace
@@ -20,8 +18,8 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.progress import Progress, silent
 from twilight.solvers.base import BareField, Convergence
+from twilight.solvers.cells.direct_light import sunlit
 from twilight.solvers.cells.exchange import energy_ratio, exchange, full_turn, make_active_shells, make_rings
-from twilight.solvers.cells.first_event import sunlit
 from twilight.solvers.cells.grid import make_grid, make_layers
 from twilight.solvers.cells.ground import Patches, exchange_with_ground, make_patches, sunlit_ground
 from twilight.solvers.cells.settings import CellsSettings, check_sun

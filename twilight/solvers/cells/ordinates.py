@@ -5,8 +5,6 @@ Each order follows every ray of every node through the source function J (radian
 with J interpolated in its logarithm between nodes: in the shadow it falls by e in a fraction of a degree.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,8 +14,7 @@ import numpy as np
 
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
-from twilight.solvers.cells.exact_grid import CellNodes, QuadratureDirections
-from twilight.solvers.cells.stencils import Mesh, Stencils
+from twilight.solvers.cells.stencils import CellNodes, Mesh, QuadratureDirections, Stencils
 from twilight.transport.beam import beam_at, beam_on_ground
 from twilight.transport.lines import (
     ALTITUDE,

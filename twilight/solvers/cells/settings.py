@@ -1,7 +1,5 @@
 """What a user can set of the cells solver."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from twilight.base.errors import TwilightError

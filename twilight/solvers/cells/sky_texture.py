@@ -5,8 +5,6 @@ The radiance that reaches the observer from one cell of power I at distance r, w
 tau by eq. (4) from the cell's centre; it is summed over the shells.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -11,8 +11,8 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.solvers.base import BareField, Cost
-from twilight.solvers.cells.exact import ExactCells
-from twilight.solvers.cells.exact_view import (
+from twilight.solvers.cells.exact import (
+    ExactCells,
     MultipleView,
     coarse_elevations,
     horizon_deg,

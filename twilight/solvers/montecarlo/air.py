@@ -10,8 +10,6 @@ SHELL_TOLERANCE; no shell contains a jump, and a layer is a whole number of shel
 Arguments that kernels share: `kernel`.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

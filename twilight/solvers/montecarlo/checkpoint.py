@@ -1,7 +1,5 @@
 """State of an interrupted run in a file: written whole or not at all, and only taken up for the same question."""
 
-from __future__ import annotations
-
 import hashlib
 import struct
 import time

@@ -9,8 +9,6 @@ arm, goes on in both by the larger of the two counts.
 Arguments that kernels share: `kernel`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -7,8 +7,6 @@ from there and q the density that candidates are drawn with, one of several is t
 Arguments that kernels share: `kernel`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

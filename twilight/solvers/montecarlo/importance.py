@@ -11,8 +11,6 @@ Altitudes of the tables are dense at the ground, beside the edges of layers, and
 Arguments that kernels share: `kernel`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import pairwise

@@ -16,8 +16,6 @@ what a piece of a leg scatters is integrated over it, so that none is lost at an
 Arguments that kernels share: `kernel`.
 """
 
-from __future__ import annotations
-
 import math
 from functools import partial
 

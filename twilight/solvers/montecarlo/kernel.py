@@ -30,8 +30,6 @@ along the next leg leaves as
 Circular polarisation is left out: P34 turns U into V, and V acts on Q and U in a further event only.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -23,8 +23,6 @@ The walk through the air and the incidence on the ground are not those of :mod:`
 solvers share: the reference solution would otherwise repeat a mistake made there.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ bisection and the nodes lie on the lit side, so that no node can stand now on on
 Arguments that kernels share: `kernel`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -13,8 +13,6 @@ of A makes of it, and A is divided by its first element, which goes into the wei
 Arguments that kernels share: `kernel`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -19,8 +19,6 @@ A caller follows a leg with
 Arguments that kernels share: `kernel`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

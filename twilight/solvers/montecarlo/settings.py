@@ -1,7 +1,5 @@
 """Settings of the Monte-Carlo solver and its quality ladder."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal
 

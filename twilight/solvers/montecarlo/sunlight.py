@@ -14,8 +14,6 @@ sun, y to its right.
 Arguments that kernels share: `kernel`; screen: `ScreenInSpace`, not empty.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

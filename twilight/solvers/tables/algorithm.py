@@ -13,8 +13,6 @@
 DS of the first order stays apart by species, without phase functions (sec. 4, "Angular precision").
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -15,8 +15,6 @@ zenith angle, of the sun's and of the angle between them; ground: whether the vi
 position; depth (r, mu, W): -ln T at the texels; out (W,): filled.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -14,8 +14,6 @@ mu_s, nu: cosines of Algorithm 4.1, of the view's zenith angle, the sun's and th
 view ends there; fineness: density of the steps along a ray; out: filled for the r begin..end.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

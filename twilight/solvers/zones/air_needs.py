@@ -6,8 +6,6 @@ Node altitudes are graded from the ground, with one at every jump, closer where 
 numbers are in `constants`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import pairwise

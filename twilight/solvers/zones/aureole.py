@@ -12,8 +12,6 @@ summed here.  x is that of the way of the light, from the sun to a point of the 
 a mean over the points weighted with the light that each of them sends.
 """
 
-from __future__ import annotations
-
 import math
 from functools import partial
 from typing import NamedTuple

@@ -1,7 +1,7 @@
 """Tuned numbers of the zones solver in one table: value, unit, air that it is for, test that covers it, what it does.
 
-A row is NAME: Tuned[type, unit, air, test, what it does and is worth] = value, and `twilight show solvers zones` prints
-all of them (`table`).  What a number costs and buys is said where it was measured.  Numbers that kernels read stand
+A row is NAME: Tuned[type, unit, air, test, what it does and is worth] = value; `twilight show solvers zones` prints all
+of them (`table`), and with a scene those whose kind of air it has (`grids.kinds_met`).  Numbers that kernels read stand
 beside the kernels, where numba sees them change; those of a quality are in `settings`, those that were measured (costs,
 errors, limits of what was compared) in `solver`.
 """
@@ -19,6 +19,8 @@ LAYERED = "layered"
 CLOUD = "thick cloud"
 ICE = "ice crystals"
 PARTICLES = "aerosol"
+PEAKED = "asymmetry 0.9 and more"
+BANDS = "bands of gases"
 
 # fmt: off
 # Degrees, directions and harmonics that the air needs.
@@ -35,10 +37,10 @@ LATE_SLACK: Tuned[int, "degrees", ANY, "test_what_the_air_needs_follows_its_humi
 MAX_PEAK_FRACTION: Tuned[float, "1", COARSE, "test_red_light_beside_a_sun_on_the_horizon_needs_a_higher_degree_in_dust",
     "largest fraction of the scattering that may count as not scattered, in the forward peak; 0.08 makes red light 1 "
     "deg above a sun on the horizon 6 % too dark"] = 0.055
-POLAR_MOMENT: Tuned[float, "1", "asymmetry 0.9 and more", "test_polar_angles_grow_with_the_degree",
+POLAR_MOMENT: Tuned[float, "1", PEAKED, "test_polar_angles_grow_with_the_degree",
     "where the degree grows, polar angles grow with the number of phase moments above this; 14 angles made the zenith "
     "10 % too bright at an asymmetry of 0.9, 32 % at 0.95"] = 0.12
-POLAR_GROWTH: Tuned[float, "angles", "asymmetry 0.9 and more", "test_polar_angles_grow_with_the_degree",
+POLAR_GROWTH: Tuned[float, "angles", PEAKED, "test_polar_angles_grow_with_the_degree",
     "polar angles a side for each such moment beyond those of the quality"] = 1.5
 LEAST_POLAR_MOMENT: Tuned[float, "1", COARSE, "test_polar_angles_grow_with_the_degree",
     "no more polar angles than phase moments exceed this"] = 0.05
@@ -186,7 +188,7 @@ BRIGHT_ZENITH_DEG: Tuned[float, "deg", ANY, "test_only_the_zenith_range_that_the
 # What wavelengths share, and the tables of the sunbeam.
 MAX_EXTINCTION_RATIO: Tuned[float, "1", ANY, "test_changed_air_has_grids_of_its_own",
     "extinction over the largest of a range's fixed wavelengths up to which a grid made for those serves"] = 1.5
-TERM_FACTORS: Tuned[tuple[float, float], "1", "bands of gases", "test_neighbours_in_a_band_do_not_move_a_wavelength",
+TERM_FACTORS: Tuned[tuple[float, float], "1", BANDS, "test_neighbours_in_a_band_do_not_move_a_wavelength",
     "multiples of the expected extinction that steps along rays follow for terms of a gas's exponential sum, however "
     "strongly the darkest term absorbs"] = (1.0, 2.0)
 ALTITUDE_NODES_PER_SCALE: Tuned[float, "1", ANY, "test_sunlight_between_the_altitudes_of_its_table",
@@ -278,15 +280,15 @@ NUGGET: Tuned[float, "1", ANY, "test_weights_are_exact_at_nodes_and_give_planes"
     "variance of a node's own value, which keeps weights small where two nodes are nearly the same"] = 1e-8
 SPECTRAL_TOLERANCE: Tuned[float, "1", ANY, "test_between_bands_it_is_as_near_as_stated",
     "standard deviation of ln of the light at which no more nodes are taken"] = 2.5e-4
-SPECTRAL_TOLERANCE_IN_BANDS: Tuned[float, "1", "bands of gases", "test_in_bands_it_is_as_near_as_stated",
-    "the same for terms of bands of gases deeper than SHALLOW_BAND"] = 1.35e-3
-SHALLOW_BAND: Tuned[float, "1", "bands of gases", "test_in_bands_it_is_as_near_as_stated",
+SPECTRAL_TOLERANCE_IN_BANDS: Tuned[float, "1", BANDS, "test_in_bands_it_is_as_near_as_stated",
+    "the same for terms of bands of gases deeper than SHALLOW_BAND"] = 7e-4
+SHALLOW_BAND: Tuned[float, "1", BANDS, "test_in_bands_it_is_as_near_as_stated",
     "fraction of vertical light up to which a band absorbs so little that light is as near as between "
     "bands"] = 0.05
-AIR_MASSES: Tuned[tuple[float, ...], "1", "bands of gases", "test_in_bands_it_is_as_near_as_stated",
+AIR_MASSES: Tuned[tuple[float, ...], "1", BANDS, "test_in_bands_it_is_as_near_as_stated",
     "relative air masses at which a term's fraction of its wavelength's light is evaluated; the "
     "largest counts"] = (1.0, 6.0, 30.0)
-MIN_TERM_FRACTION: Tuned[float, "1", "bands of gases", "test_in_bands_it_is_as_near_as_stated",
+MIN_TERM_FRACTION: Tuned[float, "1", BANDS, "test_in_bands_it_is_as_near_as_stated",
     "least such fraction that a term counts with"] = 7e-4
 MOST_FRACTION: Tuned[float, "1", ANY, "test_few_wavelengths_and_off_are_solved_bit_for_bit_as_ever",
     "blocks of nodes over blocks of wavelengths, or terms, beyond which nothing is interpolated: it would hardly "

@@ -1,7 +1,5 @@
 """Field: a solved medium, evaluated for any sun, observer and direction."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import partial

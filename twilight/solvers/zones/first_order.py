@@ -4,8 +4,6 @@ The direct beam is tabulated over altitude and, at every altitude, by the angle 
 is where it is sharp; interpolation is linear in its logarithm and never mixes light with shadow.
 """
 
-from __future__ import annotations
-
 import math
 from functools import partial
 from itertools import pairwise

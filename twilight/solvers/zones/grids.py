@@ -30,6 +30,7 @@ from twilight.solvers.zones.air_needs import (
     with_degree,
 )
 from twilight.solvers.zones.angles import Truncation, cubic_refinement, zenith_nodes
+from twilight.solvers.zones.aureole import forward_peak
 from twilight.solvers.zones.next_order import ZenithGrid
 from twilight.solvers.zones.ray_points import SpeciesMoments
 from twilight.solvers.zones.settings import ZonesSettings
@@ -374,3 +375,35 @@ class FieldGrids:
             laid_out_for=self.layout.beam,
             mixed=self.joined,
         )
+
+
+def kinds_met(medium: Medium, settings: ZonesSettings) -> set[str]:
+    """The kinds of air of the table of tuned numbers (`constants`) that a medium is at these settings: the numbers of
+    other kinds change nothing in its grids.
+
+    medium: of the terms, where gases have bands
+    """
+    grown, degree = settings_for(medium, settings)
+    scaled = delta_scaled(medium, degree)
+    layout = lay_out(medium, scaled, grown)
+    density = grown.altitude_density
+    reference = prepare_profile(delta_scaled(layout.bends, degree).medium)
+    plain = altitude_nodes(medium.bottom_km, medium.top_km, reference.break_km, density, layout.rims_km)
+    z = medium.altitude_km
+    aerosol = medium.aerosol_extinction_per_km * medium.aerosol_single_scattering_albedo
+    aloft = np.where(z[:, None] >= tuned.ALOFT_KM, aerosol, 0.0)
+    scattering = medium.air_scattering_per_km + aerosol
+    peak = forward_peak(medium, scaled, reference)
+    met = {
+        tuned.PARTICLES: medium.has_aerosol,
+        tuned.COARSE: degree > settings.degree or layout.truncation.azimuthal_orders > settings.azimuth_directions,
+        tuned.PEAKED: grown.polar_directions > settings.polar_directions,
+        tuned.VOLCANO: np.trapezoid(aloft, z, axis=0).max() > tuned.LEAST_ALOFT_DEPTH,
+        tuned.CLOUD: np.trapezoid(scattering, z, axis=0).max() > tuned.HAZE_DEPTH,
+        tuned.RIM: layout.rims_km.size > 0,
+        tuned.THIN: layout.thin_layer,
+        tuned.LAYERED: layout.altitude_km.size > plain.size,
+        tuned.ICE: peak is not None and peak.end.size > tuned.HIGHEST_DEGREE + 1,
+        tuned.BANDS: has_terms(medium),
+    }
+    return {tuned.ANY, *(kind for kind, there in met.items() if there)}

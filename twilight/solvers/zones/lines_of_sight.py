@@ -3,8 +3,6 @@
 The points depend on the air and the elevation, not on the sun: the last lines of sight are cached.
 """
 
-from __future__ import annotations
-
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Hashable

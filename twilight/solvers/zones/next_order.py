@@ -10,8 +10,6 @@ them; light: `RadianceField`; grid: `ZenithGrid`; series: `Truncation`; source: 
 as `SlabSource.amplitude`, A of I, Q and U together; c: cosine of the azimuth from the sun.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

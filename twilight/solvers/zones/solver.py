@@ -7,8 +7,6 @@ known beforehand: fine ones, coarse ones (dust and sea salt, whose phase functio
 high up.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Iterator, Sequence

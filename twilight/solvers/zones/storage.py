@@ -1,7 +1,5 @@
 """A solved field as one HDF5 file: the medium, the settings, the sunbeam and the solution."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Sequence

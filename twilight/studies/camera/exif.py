@@ -9,8 +9,6 @@ comes out as 118 of 255 in sRGB (standard output sensitivity; 0.65 is the usual 
 aperture and t the exposure time.  Cameras keep that to a third of a stop, and phones lift shadows: `LUMINANCE_LN`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import re

@@ -5,8 +5,6 @@ Pixels are upright, as a file's orientation says, in the whole picture where the
 light is Rec. 709 whatever colours the file states (``camera.stated``).
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Callable, Iterator

@@ -10,10 +10,27 @@ A latitude-longitude picture is a whole sphere, twice as wide as high: its rows 
 and azimuth_deg is the azimuth of its centre; azimuths grow to the right.
 
 `camera.yaml`: read, and written whole or not at all.
+
+Radial projections of lenses: ``u`` is the radius that the named projection gives for the focal length 1 at the angle
+theta off the optical axis, ``v`` the same after distortion; the radius in the image is the focal length in pixels times
+``v``::
+
+    equidistant     u = theta              0 <= theta <= pi
+    equisolid       u = 2 sin(theta / 2)   0 <= theta <= pi
+    stereographic   u = 2 tan(theta / 2)   0 <= theta < pi
+    orthographic    u = sin(theta)         0 <= theta <= pi/2
+    perspective     u = tan(theta)         0 <= theta < pi/2
+
+    v = u (1 + k1 u^2 + k2 u^4 + ...)
+
+For ``perspective`` the polynomial is Brown's radial distortion (Brown 1966, Photogrammetric Engineering 32), for
+``equidistant`` that of Kannala and Brandt (2006, IEEE PAMI 28); both as OpenCV's models of the same names have it.
+It is used up to its first maximum only, beyond which one radius would stand for two angles.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from os.path import isfile
 from pathlib import Path
@@ -27,7 +44,6 @@ from twilight.base.document import read_yaml
 from twilight.base.errors import TwilightError
 from twilight.base.sections import Flag, Integer, Number, Origins, Section, key, validate
 from twilight.base.whole_files import whole_file
-from twilight.numerics import lenses
 from twilight.numerics.directions import azimuth_elevation, camera_axes
 from twilight.numerics.projections import around, off_axis
 
@@ -133,8 +149,8 @@ class CameraModel(Section):
             raise ValueError("lens.natural_vignetting is for the projection perspective; use lens.vignetting")
         if lens.field_of_view_deg is not None:
             half = np.radians(0.5 * lens.field_of_view_deg)
-            u = float(lenses.ideal_radius(self.projection, np.sin(half), np.cos(half)))
-            if not 0.0 < u <= min(lenses.largest_radius(self.projection, lens.distortion), LARGEST_FIELD):
+            u = float(ideal_radius(self.projection, np.sin(half), np.cos(half)))
+            if not 0.0 < u <= min(largest_radius(self.projection, lens.distortion), LARGEST_FIELD):
                 raise ValueError(
                     f"lens.field_of_view_deg {lens.field_of_view_deg:g} is more than the projection {self.projection}"
                     f"{' with this distortion' if any(lens.distortion) else ''} can show"
@@ -158,8 +174,8 @@ class CameraModel(Section):
         if lens.focal_length_mm is not None and lens.sensor_width_mm is not None:
             return lens.focal_length_mm / lens.sensor_width_mm * width
         half = np.radians(0.5 * (lens.field_of_view_deg or 0.0))
-        u = lenses.ideal_radius(self.projection, np.sin(half), np.cos(half))
-        return float(0.5 * (lens.image_circle_px or width) / lenses.distorted(u, lens.distortion))
+        u = ideal_radius(self.projection, np.sin(half), np.cos(half))
+        return float(0.5 * (lens.image_circle_px or width) / distorted(u, lens.distortion))
 
     @cached_property
     def principal_point_px(self) -> np.ndarray:
@@ -175,7 +191,7 @@ class CameraModel(Section):
 
     @cached_property
     def _largest_u(self) -> float:
-        return lenses.largest_radius(self.projection, self.lens.distortion)
+        return largest_radius(self.projection, self.lens.distortion)
 
     # -- directions and pixels ----------------------------------------------------------------------------------------
 
@@ -204,8 +220,8 @@ class CameraModel(Section):
             return np.stack([x, y], axis=-1)
         length = np.hypot(across, forward)
         with np.errstate(divide="ignore", invalid="ignore"):
-            u = lenses.ideal_radius(self.projection, across / length, forward / length)
-            v = np.where(u <= self._largest_u, lenses.distorted(u, self.lens.distortion), np.nan)
+            u = ideal_radius(self.projection, across / length, forward / length)
+            v = np.where(u <= self._largest_u, distorted(u, self.lens.distortion), np.nan)
             radius = self._in_circle(self.focal_length_px * v)
             scale = np.where(across > 0, radius / across, np.where(np.isnan(radius), np.nan, 0.0))
         return self.principal_point_px + np.stack([scale * right, -scale * up], axis=-1)
@@ -229,7 +245,7 @@ class CameraModel(Section):
             return np.arctan2(np.hypot(own[..., 0], own[..., 2]), own[..., 1])
         x, y = np.moveaxis(np.asarray(xy, dtype=float) - self.principal_point_px, -1, 0)
         v = self._in_circle(np.hypot(x, y)) / self.focal_length_px
-        return lenses.ideal_angle(self.projection, lenses.undistorted(v, self.lens.distortion, self._largest_u))
+        return ideal_angle(self.projection, undistorted(v, self.lens.distortion, self._largest_u))
 
     def _in_circle(self, radius: np.ndarray) -> np.ndarray:
         """Radii [px], NaN outside the image circle (widened by rounding)."""
@@ -314,3 +330,101 @@ def write_camera(path: str | Path, camera: CameraModel) -> None:
     text = HEAD + yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+_LARGEST_RADIUS = {
+    "equidistant": np.pi,
+    "equisolid": 2.0,
+    "stereographic": np.inf,
+    "orthographic": 1.0,
+    "perspective": np.inf,
+}
+_MOST_STEPS = 80
+"""Steps of the safeguarded Newton iteration; bisection alone needs some 60 for a double."""
+
+
+def ideal_radius(projection: str, sine: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+    """u for the sine and cosine of the angle off the axis, NaN outside the projection's range."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if projection == "equidistant":
+            return np.arctan2(sine, cosine)
+        if projection == "equisolid":
+            return 2.0 * np.sin(0.5 * np.arctan2(sine, cosine))
+        if projection == "stereographic":
+            return np.where((sine > 0) | (cosine > 0), 2.0 * np.tan(0.5 * np.arctan2(sine, cosine)), np.nan)
+        if projection == "orthographic":
+            return np.where(cosine >= 0, sine, np.nan)
+        return np.where(cosine > 0, sine / cosine, np.nan)
+
+
+def ideal_angle(projection: str, u: np.ndarray) -> np.ndarray:
+    """The angle off the axis [rad] at the radius u, NaN outside the projection's range."""
+    with np.errstate(invalid="ignore"):
+        if projection == "equidistant":
+            return np.where(u <= np.pi, u, np.nan)
+        if projection == "equisolid":
+            return 2.0 * np.arcsin(0.5 * u)
+        if projection == "stereographic":
+            return 2.0 * np.arctan(0.5 * u)
+        if projection == "orthographic":
+            return np.arcsin(u)
+        return np.arctan(u)
+
+
+def _even_series(u: np.ndarray | float, coefficients: Sequence[float]) -> np.ndarray:
+    """1 + k1 u^2 + k2 u^4 + ..."""
+    square = np.square(u)
+    series = np.zeros_like(square)
+    for k in reversed(coefficients):
+        series = (series + k) * square
+    return 1.0 + series
+
+
+def distorted(u: np.ndarray | float, coefficients: Sequence[float]) -> np.ndarray:
+    """v = u (1 + k1 u^2 + k2 u^4 + ...), whatever u."""
+    return u * _even_series(u, coefficients)
+
+
+def _slope_coefficients(coefficients: Sequence[float]) -> list[float]:
+    """Coefficients of dv/du = 1 + 3 k1 u^2 + 5 k2 u^4 + ..."""
+    return [(2 * n + 1) * k for n, k in enumerate(coefficients, start=1)]
+
+
+def largest_radius(projection: str, coefficients: Sequence[float]) -> float:
+    """The largest u at which the projection with its distortion can still be inverted; inf where there is no limit."""
+    roots = np.roots([*reversed(_slope_coefficients(coefficients)), 1.0])
+    extrema = [float(np.sqrt(r.real)) for r in roots if abs(r.imag) <= 1e-9 * abs(r) and r.real > 0]
+    return min([_LARGEST_RADIUS[projection], *extrema])
+
+
+def undistorted(v: np.ndarray, coefficients: Sequence[float], largest: float) -> np.ndarray:
+    """u of `distorted(u) == v` with 0 <= u <= largest, NaN where there is none; v >= 0.
+
+    Newton's method inside a bracket that shrinks with every step, so that it cannot leave it.
+    """
+    v = np.asarray(v, dtype=float)
+    if not any(coefficients):
+        return np.where(v <= largest, v, np.nan)
+    high_end = largest
+    if not np.isfinite(largest):
+        most = np.max(v, initial=1.0, where=np.isfinite(v))
+        high_end = 1.0
+        while distorted(high_end, coefficients) < most:
+            high_end *= 2.0
+    top = float(distorted(high_end, coefficients))
+    outside = ~(v <= top * (1.0 + 1e-12))
+    goal = np.where(outside, 0.0, np.minimum(v, top))
+    low, high = np.zeros_like(goal), np.full_like(goal, high_end)
+    u = np.minimum(goal, high_end)
+    for _ in range(_MOST_STEPS):
+        error = distorted(u, coefficients) - goal
+        low, high = np.where(error <= 0, u, low), np.where(error >= 0, u, high)
+        slope = _even_series(u, _slope_coefficients(coefficients))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = u - error / slope
+        following = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
+        settled = np.abs(following - u) <= 1e-15 * np.maximum(1.0, u)
+        u = following
+        if settled.all():
+            break
+    return np.where(outside, np.nan, u)

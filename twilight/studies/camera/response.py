@@ -5,8 +5,6 @@ file of a curve is a CSV with the columns ``sample,exposure`` or ``sample,red,gr
 to 1, exposures that are not negative and do not decrease; between the rows it is linear.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

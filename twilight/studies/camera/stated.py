@@ -5,8 +5,6 @@ picture's PRIMARIES, EXPOSURE and COLORCORR.  Places: orientation, a piece of a 
 panorama (XMP, GPano).  What is not known is refused with a sentence.
 """
 
-from __future__ import annotations
-
 import struct
 from io import BytesIO
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a scene may leave out: each simplification against the same solver without it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -152,12 +152,12 @@ def _distance_errors(difference: np.ndarray, shifts: np.ndarray) -> ErrorQuantil
 
 
 def _lab(xyz: np.ndarray, observer: str) -> np.ndarray:
-    import colour  # start-up
+    import colour  # optional
 
     return colour.XYZ_to_Lab(xyz, colour.CCS_ILLUMINANTS[spectrum.OBSERVERS[observer]]["D65"])
 
 
 def _ciede2000(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    import colour  # start-up
+    import colour  # optional
 
     return colour.delta_E(a, b, method="CIE 2000")

@@ -1,7 +1,5 @@
 """Runs jobs in worker processes and caches their results, so that an interrupted comparison can be continued."""
 
-from __future__ import annotations
-
 import json
 import queue
 import subprocess

@@ -1,7 +1,5 @@
 """One job of a comparison: a solver at one quality, the suns and directions of one scene."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The reference solution: radiances with standard errors, from a stored table or from the Monte-Carlo solver."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

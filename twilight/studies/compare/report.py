@@ -227,7 +227,7 @@ def draw(
     marks = [m for m in marks if m.time_s > 0]
     if not marks:
         return False
-    import matplotlib  # start-up
+    import matplotlib  # optional
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
@@ -294,7 +294,7 @@ def _panel(axes: Any, marks: Sequence[FigurePoint], solvers: Sequence[str]) -> N
 
 def _limits(axes: Any, marks: Sequence[FigurePoint], levels: Sequence[FigurePoint]) -> None:
     """The same limits for all panels, of at least a decade each so that every axis has a labelled tick."""
-    from matplotlib.ticker import FuncFormatter, NullFormatter  # start-up
+    from matplotlib.ticker import FuncFormatter, NullFormatter  # optional
 
     formatter = FuncFormatter(lambda value, position: f"{value:g}")
     for axis, values, set_limits in (
@@ -319,7 +319,7 @@ def _memory(marks: Iterable[FigurePoint]) -> str:
 
 def _heading(figure: Any, solvers: Mapping[str, str], title: str, levels: Sequence[FigurePoint]) -> None:
     """The legend: names of the solvers, each with the memory of its process, and of what was computed elsewhere."""
-    from matplotlib.lines import Line2D  # start-up
+    from matplotlib.lines import Line2D  # optional
 
     handles = []
     dashed = {m.solver for m in levels}

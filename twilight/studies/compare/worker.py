@@ -5,13 +5,15 @@ Reads a job (JSON) from standard input and writes one JSON object a line to stan
 "reason": "..."}, {"compiled_s": s} and nothing after it where machine code had to be made.
 """
 
-from __future__ import annotations
-
+import ctypes
+import gc
 import json
+import math
 import os
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
 from typing import Any
@@ -19,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.base.peak_memory import peak_mib
 from twilight.base.progress import PhasedProgress
 from twilight.config.scene import Config
 from twilight.engine.field import Field, solve
@@ -222,6 +223,35 @@ def main() -> int:
     except BrokenPipeError:  # nobody reads any more
         os._exit(1)
     return 0
+
+
+if sys.platform != "win32":
+    import resource
+
+
+def peak_mib() -> float:
+    """Most memory this process has held [MiB], since `forget_peak` where the system can count anew; nan on Windows.
+
+    Linux counts into ru_maxrss what the parent held when it started this process; VmHWM is this process alone.
+    """
+    with suppress(OSError), open("/proc/self/status", encoding="ascii") as status:
+        for line in status:
+            if line.startswith("VmHWM:"):
+                return float(line.split()[1]) / 1024.0
+    if sys.platform == "win32":
+        return math.nan
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1024.0**2 if sys.platform == "darwin" else 1024.0)
+
+
+def forget_peak() -> None:
+    """Free what nothing holds and have the peak counted anew; on Linux alone."""
+    gc.collect()
+    if sys.platform == "linux":
+        with suppress(AttributeError, OSError):  # of the GNU C library alone
+            ctypes.CDLL(None).malloc_trim(0)
+    with suppress(OSError), open("/proc/self/clear_refs", "w", encoding="ascii") as file:
+        file.write("5")
 
 
 if __name__ == "__main__":

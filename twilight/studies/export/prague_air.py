@@ -6,8 +6,6 @@ Places are given by altitude and distance along the ground, on the reader's sphe
 the lowest 0 m of the air here: both ends of a line move up with it.  Lines of sight are straight.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise

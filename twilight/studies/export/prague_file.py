@@ -15,8 +15,6 @@ Wilkie et al. 2021, A fitted radiance and attenuation model for realistic atmosp
 Vévoda et al. 2022, A wide spectral range sky radiance model, doi:10.1111/cgf.14677.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 from pathlib import Path

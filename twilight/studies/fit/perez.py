@@ -4,8 +4,6 @@ Residuals are ln(model / truth), weighted by solid angle.  The scale of every sk
 lies in the aureole, and becomes the zenith value of the set afterwards.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The dimensions of a sweep: which keys vary along each, what a dataset calls them, and where scenes share a field."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

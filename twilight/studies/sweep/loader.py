@@ -126,7 +126,7 @@ load_skies = SkyDataset
 
 
 def _opened(path: Path) -> Any:
-    import xarray  # start-up
+    import xarray  # optional
 
     try:
         return xarray.open_zarr(path, chunks=None, decode_times=False)

@@ -56,7 +56,7 @@ class Store:
     """
 
     def __init__(self, path: Path, sweep: Sweep, journal: Journal):
-        import zarr  # start-up
+        import zarr  # optional
 
         self.path, self.sweep, self._journal = path, sweep, journal
         group = zarr.open_group(path, mode="r", use_consolidated=False)
@@ -69,7 +69,7 @@ class Store:
 
     def write(self, task: Task, result: TaskResult) -> None:
         """Chunks first, then the line that says that they are there.  TwilightError where the system refuses."""
-        import xarray  # start-up
+        import xarray  # optional
 
         names = [d.name for d in self.sweep.dimensions]
         ends = np.cumsum([math.prod(map(len, chunk)) for chunk in task.chunks])[:-1]
@@ -105,7 +105,7 @@ class Store:
 
     def write_status(self) -> None:
         """Bring the variables `status` and `turbidity` up to date with the journal."""
-        import xarray  # start-up
+        import xarray  # optional
 
         status = np.full(self.sweep.shape, MISSING, np.int8)
         turbidity = np.full([d.size for d in self.sweep.outer], np.nan)
@@ -216,9 +216,9 @@ def _create(path: Path, sweep: Sweep) -> None:
 
 def _empty(sweep: Sweep) -> tuple[Dataset, dict[str, Any]]:
     """The dataset without its skies, and how they are to be stored."""
-    import dask.array  # start-up
-    import xarray  # start-up
-    from zarr.codecs import BloscCodec, Crc32cCodec  # start-up
+    import dask.array  # optional
+    import xarray  # optional
+    from zarr.codecs import BloscCodec, Crc32cCodec  # optional
 
     axes = {"elevation": sweep.elevation_deg, "azimuth": sweep.azimuth_deg, "wavelength": sweep.wavelength_nm}
     names = [d.name for d in sweep.dimensions]

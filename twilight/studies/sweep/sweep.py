@@ -1,7 +1,5 @@
 """A sweep as a plan: dimensions, grid, chunks, and the tasks that fill them, one solved field each."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import json

@@ -21,7 +21,7 @@ from twilight.config.scene import Config, Observer
 from twilight.engine.field import Field, Part, parts
 from twilight.engine.problem import plan
 from twilight.scene import resolve
-from twilight.solvers.analytic.limits import turbidity_of
+from twilight.solvers.analytic.daylight import turbidity_of
 
 RADIANCE = "sun_normalised_radiance"
 DIRECT = "direct_irradiance_factor"
@@ -106,7 +106,7 @@ def _set_threads(threads: int | None) -> None:
     if threads is None:
         threads = most
         if "NUMBA_NUM_THREADS" not in os.environ:
-            from distributed import get_worker  # start-up
+            from distributed import get_worker  # optional
 
             threads = get_worker().state.nthreads
     numba.set_num_threads(max(1, min(threads, most)))

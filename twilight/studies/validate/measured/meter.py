@@ -5,8 +5,6 @@ its own band (`twilight.sky.quantities`: SQM), of which V is 0.1 to 0.2 mag fain
 0.1 mag.  The site's night, measured by the same meter, is added to what is computed.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator
 from dataclasses import dataclass

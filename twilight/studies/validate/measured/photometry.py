@@ -4,8 +4,6 @@ Measured sites differ among themselves by a factor 1.5 to 2, so level and slope 
 (computed / measured) over a range of sun elevations, and its slope [dex deg^-1].
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from datetime import timedelta

@@ -20,8 +20,6 @@ The zenith, which no such spectrum holds, may become fainter by a limit.  Standa
 suns in turn (jackknife), for residuals of neighbouring wavelengths are not independent.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path

@@ -57,7 +57,7 @@ def write_figure(
     sky is compared; the profiles through the zenith.  The sun's azimuth is in the middle.  lines: sentences for the
     panel of numbers.
     """
-    from matplotlib.figure import Figure  # start-up
+    from matplotlib.figure import Figure  # optional
 
     pictures, extent = _pictures(comparison, panorama, mask, others)
     wide = (extent[1] - extent[0]) / max(extent[3] - extent[2], 1.0) > WIDE

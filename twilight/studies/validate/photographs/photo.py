@@ -332,7 +332,7 @@ def _ciede2000(one: np.ndarray, other: np.ndarray, weight: np.ndarray) -> tuple[
     """CIEDE2000 of XYZ (..., 3) with and without the difference in luminance, NaN where masked."""
     there = (weight > 0) & np.isfinite(one).all(axis=-1) & (one[..., 1] > 0) & (other[..., 1] > 0)
     a, b, w = one[there], other[there], weight[there]
-    import colour as science  # start-up
+    import colour as science  # optional
 
     white_xy = science.CCS_ILLUMINANTS[spectrum.OBSERVERS[OBSERVER]]["D65"]
     white = 5.0 * np.exp(np.average(np.log(b[:, 1]), weights=w))

@@ -1,7 +1,5 @@
 """Positions of stars and planets over a place, refracted, by astropy (the extra `stars`) without a download."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,7 @@
-"""Compute the Mie results that come with the package: ``python -m twilight.atmosphere.ship_optics`` writes the file."""
+"""The Mie results that come with the package, twilight/data/opac/mie_ten_types.npz.
+
+python benchmarks/ship_optics.py
+"""
 
 from __future__ import annotations
 
@@ -11,23 +14,11 @@ from twilight.atmosphere.mie import LogNormal
 from twilight.atmosphere.stratosphere import SAGE_RADII_UM, droplets
 from twilight.base.shipped_data import data_file
 
-HUMIDITY_PERCENT = 80.0
-"""Relative humidity at which the ten types ship [%]: the default of a climate."""
-
-
-def populations() -> list[tuple[str, float]]:
-    """Component and humidity of every population in the ten types and their background."""
-    pairs = {(c, opac.FREE_TROPOSPHERE_HUMIDITY_PERCENT) for c in opac.FREE_TROPOSPHERE_PER_CM3}
-    pairs |= {(c, 0.0) for c in (*opac.STRATOSPHERE_PER_CM3, "mitr")}
-    for name in opac.opac_types():
-        pairs |= {(c, HUMIDITY_PERCENT) for c in opac.opac_type(name).number_density_per_cm3}
-    return sorted({(c, rh if opac.takes_up_water(c) else 0.0) for c, rh in pairs})
-
 
 def particles() -> list[tuple[LogNormal, np.ndarray]]:
-    """Sizes and refractive indices (W,) of those, and of the droplets of measured stratospheres of typical loading."""
+    """Sizes and refractive indices (W,) of those populations, and of measured stratospheres of typical loading."""
     wavelength_nm = shipped_optics.WAVELENGTHS_NM
-    spheres = [opac.particles(component, humidity, wavelength_nm) for component, humidity in populations()]
+    spheres = [opac.particles(component, humidity, wavelength_nm) for component, humidity in opac.populations()]
     sulphuric_acid = opac.particles("suso", 0.0, wavelength_nm)[1]
     return spheres + [(droplets(float(radius)), sulphuric_acid) for radius in SAGE_RADII_UM[1:5]]
 
