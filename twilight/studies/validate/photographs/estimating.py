@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.base.threads import one_blas_thread
@@ -101,7 +102,13 @@ def estimate_air(
     says: Given,
     progress: Progress = silent,
 ) -> Estimate:
-    """Fit photographs of one camera, held the same, and one air.  Errors: TwilightError for whatever cannot be done."""
+    """Fit photographs of one camera, held the same, and one air, behind the horizon `typical` unless the scene has one.
+
+    Errors: TwilightError for whatever cannot be done.
+    """
+    capable = not says.refine or solvers.load(given.chosen_solver[0]).CAPABILITIES.screen
+    if "horizon" not in given.model_fields_set and capable:
+        given = with_settings(given, {"horizon": "typical"})
     placed = [_placed(*one, given, says) for one in zip(names, photographs, _suns(photographs, says), strict=True)]
     shown, remarks = [one[0] for one in placed], list(dict.fromkeys(note for one in placed for note in one[3]))
     low, high = placed[0][1]
