@@ -146,15 +146,17 @@ def estimate_air(
     most = max(MOST_CELLS // len(shown), LEAST_CELLS)
     options, known = Options(order, own, low, high, free), low == high
     frames = [_frame(one, most, known) for one in shown]
+    first = None
     if not known or max(free.pitch, free.roll) > 0.0:
         # a sun and a camera that were not known: cut the pictures into cells again
-        look = first_look(airs, frames, options).values()
+        first = first_look(airs, frames, options)
+        look = first.values()
         lit = not known and look.get(SUN, 0.0) >= LIT_ABOVE_DEG
         if lit or np.hypot(look.get("pitch", 0.0), look.get("roll", 0.0)) > RETURNED_DEG:
             turned = {name: value for name, value in look.items() if name != "zoom"}
             cut = [_found(one, turned) for one in shown]
-            frames = [_frame(one, most, known, told) for one, told in zip(cut, frames, strict=True)]
-    made = find_air(airs, frames, options, refined, progress)
+            frames, first = [_frame(one, most, known, told) for one, told in zip(cut, frames, strict=True)], None
+    made = find_air(airs, frames, options, refined, progress, None if known else first)
     best = next(one for one in made if one.parameters)
     shown = [_found(one, best.values) for one in shown]
     return Estimate(tuple(shown), given, made, best, free, None if says.refine else "compact", tuple(remarks))
