@@ -82,6 +82,8 @@ STEEPEST_DEG, RAYS_FROM_ABOVE, RAYS_FROM_BELOW = 0.03, 90, 100
 """Of the table of sunbeams of an altitude: elevation of the lowest ray from above beside the horizontal one; counts."""
 LEAST_SPREAD = 0.05
 """Least d(true)/d(apparent zenith angle) of a sunbeam: beyond it the beam would be focused."""
+SCREEN_ERROR = 0.1
+"""Error at 95 % of a sky of what a screen takes of ln(light): 0.03 to 0.10 of it in red with `horizon: typical`."""
 DARKEST_PASSED, SPARED_DEG = 1e-6, 2.5
 """Of screens: least part of a sunbeam that passes, whose logarithm is interpolated; `Skies.lowest_spared_deg`."""
 DARK_LOG, DARK = -700.0, 1e-35
@@ -591,7 +593,7 @@ class Skies:
         self._diffuse = self._diffuse_light()
         self.inputs, self.log_base = air.inputs(observer_km), self._log_base()
         *fitted, self._spread = model.at_nodes(self.inputs, self.log_base)
-        self._fitted = np.array(fitted)
+        self._fitted, self._taken = np.array(fitted), np.zeros(SUN_DEG.size)
 
     def behind(self, screen: Screen, powers: np.ndarray) -> Skies:
         """The same behind a screen, whose altitudes are above the ground and whose T has these powers (W,): every Q_k
@@ -600,6 +602,8 @@ class Skies:
         made.shells.screen = screen, powers
         made.shells.__dict__.pop("_tables")
         made._diffuse = made._diffuse_light()
+        taken = (self.log_base - made._log_base()).real.reshape(len(powers), SUN_DEG.size, -1)
+        made._taken = np.percentile(taken, 95, axis=(0, 2))
         return made
 
     def lowest_spared_deg(self, screen: Screen) -> float:
@@ -743,8 +747,9 @@ class Skies:
         # terms of bands of gases that let no light through have no part in the sky
         brightest = light.max(axis=(0, 1))
         counted = spread[..., brightest > DARKEST_TERM * brightest.max()]
-        least, times = (np.interp(sun_elevation_deg, SUN_DEG, row) for row in self.model.error)
-        return sky._replace(relative_error=float(least + times * np.percentile(counted, 95)))
+        least, times, taken = (np.interp(sun_elevation_deg, SUN_DEG, row) for row in (*self.model.error, self._taken))
+        error = least + times * np.percentile(counted, 95)
+        return sky._replace(relative_error=float(np.hypot(error, SCREEN_ERROR * taken)))
 
     def _widened(self, sun_deg: float, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Light that forward peaks have scattered more than once, at the elevations of the nodes, from light in layers

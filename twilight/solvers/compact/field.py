@@ -17,7 +17,7 @@ from twilight.base.sections import option, settings
 from twilight.base.threads import one_blas_thread
 from twilight.solvers.base import BareField, Cost, ModelError, observer_at
 from twilight.solvers.compact.air import LIMITED, air_of, limited, side_by_side
-from twilight.transport.clear_air import AZIMUTH_DEG, ELEVATION_DEG, STEP, SUN_DEG, Air, Model, Skies
+from twilight.transport.clear_air import STEP, SUN_DEG, Air, Model, Skies
 
 SHIPPED = Path(__file__).resolve().parents[2] / "data" / "compact" / "clear-air.npz"
 """The file of the model."""
@@ -33,10 +33,6 @@ RELATIVE_SLACK = 0.05
 
 ROUNDING = 1e-7
 """How far beyond the fitted airs an air may be in any case."""
-
-SCREEN_ERROR = 0.1
-"""Error of what a screen takes, of ln(light), at 95 % of the directions: 0.03 to 0.10 of it with `horizon: typical` in
-the airs of tests/solvers/test_clear_air.py, in red, from the ground."""
 
 CACHED_SKIES = 8
 """Observers whose skies are cached, before a screen and behind it."""
@@ -136,12 +132,10 @@ class ClearAirField(BareField):
         elevation, azimuth = checked_directions(sun_elevation_deg, elevation_deg, azimuth_deg)
         above, sun = self.observer_above_km(altitude_km), float(sun_elevation_deg)
         skies = self._seen_from(above)
-        sky, error = skies.sky(sun), 0.0
         if self.screen is not None and sun < skies.lowest_spared_deg(self.screen):
-            whole, sky = sky, self._seen_from(above, screened=True).sky(sun)
-            whole_log, log = (np.log(one.light(ELEVATION_DEG, AZIMUTH_DEG)[..., 0, :]) for one in (whole, sky))
-            error = SCREEN_ERROR * float(np.percentile(whole_log - log, 95))
-        self.convergence = ModelError(float(np.hypot(sky.relative_error, error)))
+            skies = self._seen_from(above, screened=True)
+        sky = skies.sky(sun)
+        self.convergence = ModelError(sky.relative_error)
         grid = rows_and_columns(elevation, azimuth)
         if grid is not None:
             return sky.light(*grid, n_stokes)
