@@ -66,9 +66,10 @@ def estimate(
 ) -> None:
     """Estimate aerosol, ozone, ground albedo and, where it is not given, the sun's elevation from photographs.
 
-    Fits skies of the solver compact and compares the best with the photographs.  Says first where that does not fit,
-    and what they cannot tell.  Writes estimate.json, climate.yaml, which holds what was told, and what `twilight
-    validate photo` writes, of several pictures in a folder each.
+    Fits skies of the solver compact, behind the horizon typical (--set horizon=clean: a clean one), and compares the
+    best with the photographs.  Says first where that does not fit, and what they cannot tell.  Writes estimate.json,
+    climate.yaml, which holds what was told, and what `twilight validate photo` writes, of several pictures in a folder
+    each.
     """
     import twilight
     from twilight.base.progress import part_of
