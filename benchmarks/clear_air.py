@@ -440,7 +440,9 @@ def screen() -> None:
             exact = taken["zones", sun]
             of_directions = (np.abs(part) for part in (exact, taken["compact", sun] - exact))
             most, off = (np.percentile(part, 95, axis=0) for part in of_directions)
-            rows += [[name, f"{sun:g}", f"{w:g}", f"{m:.3f}", f"{d:.3f}"] for w, m, d in zip(nm, most, off, strict=True)]
+            rows += [
+                [name, f"{sun:g}", f"{w:g}", f"{m:.3f}", f"{d:.3f}"] for w, m, d in zip(nm, most, off, strict=True)
+            ]
             print(*rows[-1], sep="\t", flush=True)
     columns = ("climate", "sun_elevation_deg", "wavelength_nm", "taken_p95", "difference_p95")
     results.write(results.FOLDER / "clear_air_screen.csv", columns, rows)

@@ -149,7 +149,7 @@ def write_comparison(estimated: Any, shown: Any, folder: Path, others: Any) -> N
         "figures": comparison.figures,
         "computed_sky": sky.provenance,
     }
-    lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {estimated.best.aerosol_type}", *estimated.remarks)
+    lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {estimated.best.aerosol_type}", *estimated.about)
     drawn = (comparison, photographed.panorama, photographed.mask)
     write_figure(folder / "comparison.png", *drawn, title=shown.name, lines=lines, others=others)
     write_json(folder / "figures.json", facts)

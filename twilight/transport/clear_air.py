@@ -83,7 +83,7 @@ STEEPEST_DEG, RAYS_FROM_ABOVE, RAYS_FROM_BELOW = 0.03, 90, 100
 LEAST_SPREAD = 0.05
 """Least d(true)/d(apparent zenith angle) of a sunbeam: beyond it the beam would be focused."""
 SCREEN_ERROR = 0.1
-"""Error at 95 % of a sky of what a screen takes of ln(light): 0.03 to 0.10 of it in red with `horizon: typical`."""
+"""Error at 95 % of a sky, as a part of what a screen takes of ln(light), by `benchmarks/clear_air.py screen`."""
 DARKEST_PASSED, SPARED_DEG = 1e-6, 2.5
 """Of screens: least part of a sunbeam that passes, whose logarithm is interpolated; `Skies.lowest_spared_deg`."""
 DARK_LOG, DARK = -700.0, 1e-35

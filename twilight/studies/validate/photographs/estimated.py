@@ -138,11 +138,11 @@ class Estimate:
         name = re.sub(r"\.[^.]*$", "", self.shown[0].name)
         told = ", ".join(key for key in self.settings) or "nothing"
         about = f"From the photograph {self.picture}: {told}; all else as in {self.given.climate.name}"
-        about = "; ".join([about, *self._beyond])
+        about = "; ".join([about, *self.beyond])
         return {"version": 1, **data, "name": f"{self.given.climate.name}-{name}"[:100], "description": about}
 
     @property
-    def _beyond(self) -> list[str]:
+    def beyond(self) -> list[str]:
         """The sentence on what was taken to lie beyond the horizon, where a sun stands so low that it matters."""
         screen = described(self.given.horizon)
         if min(one.sun_elevation_deg for one in self.shown) >= LOW_SUN_DEG:
@@ -190,12 +190,17 @@ class Estimate:
     def __repr__(self) -> str:
         return "\n".join([f"<Estimate of {self.picture}: {self.best.aerosol_type}", *self.sentences()]) + ">"
 
+    @property
+    def about(self) -> list[str]:
+        """Whether the fit does not fit, where sun and camera are from, and what lies beyond the horizon."""
+        return [*([] if self.fits else [_misfit(self.best)]), *self.remarks, *self.beyond]
+
     def sentences(self) -> list[str]:
         """What the photograph tells and what it does not, in words; where a fit does not fit, that comes first."""
         if not self.fits:
-            return [_misfit(self.best), *self.remarks]
+            return self.about
         told = [_sentence(p) for p in self.best.parameters if p.name not in ANGLES]
-        return [*self.remarks, *self._beyond, *told, *self._types(), *self._camera(), self._bands()]
+        return [*self.about, *told, *self._types(), *self._camera(), self._bands()]
 
     def _camera(self) -> list[str]:
         """How the camera was held, what it did to the picture, and what not knowing it costs."""
