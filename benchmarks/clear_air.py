@@ -3,11 +3,13 @@
     python benchmarks/clear_air.py fit AIRS APPROXIMATE [FILE.npz]            with the folders of clear_air_airs.py
     python benchmarks/clear_air.py climates                              writes clear_air.csv
     python benchmarks/clear_air.py calibrate                             the error that it estimates, by clear_air.csv
+    python benchmarks/clear_air.py screen                                writes clear_air_screen.csv
     python benchmarks/clear_air.py picture                               draws ../docs/clear-air.png
 
 `fit` needs PyTorch, takes half an hour and holds one air in ten out: it prints the errors in these, and calibrates the
 model's estimate of its error on them.
-`climates` compares it with the Monte-Carlo reference solution of thirteen climates (`zones_error.py`).
+`climates` compares it with the Monte-Carlo reference solution of thirteen climates (`zones_error.py`), `screen` what
+`horizon: typical` takes of ln(light) with what it takes by `zones`.
 """
 
 from __future__ import annotations
@@ -110,6 +112,10 @@ class Data:
     part: np.ndarray
     number: np.ndarray
     limits: np.ndarray
+
+
+SCREENED = ("continental-clean", "continental-average", "urban")
+SCREENED_SUNS_DEG = (3.2, 0.4, -0.6, -1.4, -2.4, -3.6, -4.6, -6.4, -8.4, -11.4, -15.6)
 
 
 def _weight_of_suns() -> np.ndarray:
@@ -416,6 +422,32 @@ def climates(model: Model) -> None:
         )
 
 
+def screen() -> None:
+    """What the screen `typical` takes by zones and by compact, at 95 % of the directions, and the difference; suns lie
+    between the model's."""
+    nm, rows = (450.0, 550.0, 680.0), []
+    e, a = np.meshgrid([0.5, 2, 4, 7, 11, 16, 22, 30, 40, 55, 75, 90], np.arange(0.0, 181.0, 12.0), indexing="ij")
+    for name in SCREENED:
+        taken: dict[tuple[str, float], np.ndarray] = {}
+        for solver in ("zones", "compact"):
+            clean, dimmed = (
+                twilight.solve(name, solver=solver, wavelength_nm=nm, settings={"horizon": horizon})
+                for horizon in ("clean", "typical")
+            )
+            for sun in SCREENED_SUNS_DEG:
+                taken[solver, sun] = np.log(clean.radiance(sun, e, a) / dimmed.radiance(sun, e, a)).reshape(-1, len(nm))
+        for sun in SCREENED_SUNS_DEG:
+            exact = taken["zones", sun]
+            of_directions = (np.abs(part) for part in (exact, taken["compact", sun] - exact))
+            most, off = (np.percentile(part, 95, axis=0) for part in of_directions)
+            rows += [
+                [name, f"{sun:g}", f"{w:g}", f"{m:.3f}", f"{d:.3f}"] for w, m, d in zip(nm, most, off, strict=True)
+            ]
+            print(*rows[-1], sep="\t", flush=True)
+    columns = ("climate", "sun_elevation_deg", "wavelength_nm", "taken_p95", "difference_p95")
+    results.write(results.FOLDER / "clear_air_screen.csv", columns, rows)
+
+
 def picture(path: Path) -> None:
     """The model, zones and the ratio of their luminances, half a sky each: azimuth 0 to 180 deg to the right."""
     import matplotlib
@@ -469,6 +501,8 @@ def main(words: Sequence[str]) -> None:
             climates(load_model(SHIPPED))
         case ["calibrate"]:
             calibrate(SHIPPED)
+        case ["screen"]:
+            screen()
         case ["picture"]:
             picture(results.ROOT / "docs" / "clear-air.png")
         case _:

@@ -18,6 +18,7 @@ import results
 
 import twilight
 from twilight.studies.validate.photographs.estimate import Estimated
+from twilight.studies.validate.photographs.estimated import LOW_SUN_DEG
 from twilight.studies.validate.photographs.figure import write_figure
 from twilight.studies.validate.photographs.photo import compare
 
@@ -65,6 +66,12 @@ def one(name: str, file: Path, output: Path) -> list[list]:
     begin = time.process_time()
     twilight.estimate(file, white_balance=True, sun_elevation_deg=found.sun_elevation_deg)
     rows.append([name, "processor_time_s, sun known", f"{time.process_time() - begin:.1f}", *[""] * 5])
+    if found.sun_elevation_deg < LOW_SUN_DEG:
+        sun = {"sun_elevation_deg": found.sun_elevation_deg, "types": [found.best.aerosol_type]}
+        for horizon in ("clean", "typical"):
+            other = twilight.estimate(file, white_balance=True, settings={"horizon": horizon}, **sun)
+            told = (("misfit", other.best.misfit), ("aerosol", other.parameters["aerosol"].value))
+            rows += [[name, f"{what}, sun known, horizon {horizon}", f"{v:.4g}", *[""] * 5] for what, v in told]
     for p in found.best.parameters:
         interval = (f"{x:.4g}" for x in (p.low, p.high, p.low_95, p.high_95))
         rows.append([name, p.name, f"{p.value:.4g}", *interval, p.constrained])
@@ -84,7 +91,7 @@ def one(name: str, file: Path, output: Path) -> list[list]:
     rows += [[name, what, value, *[""] * 5] for what, value in facts]
     lines = (
         f"sun {found.sun_elevation_deg:+.2f} deg; {found.best.aerosol_type}",
-        *found.remarks,
+        *found.about,
         *map(words, found.best.parameters),
     )
     drawn = (compared, seen.panorama, seen.mask)

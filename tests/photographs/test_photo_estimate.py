@@ -187,7 +187,7 @@ def test_the_solver_s_error_enters_the_uncertainties():
 
 # The function and the command ------------------------------------------------------------------------------------
 
-DUSK = {"sun.elevation_deg": -3.0, "solver.name": "compact", "ground.albedo": 0.3}
+DUSK = {"sun.elevation_deg": -3.0, "solver.name": "compact", "ground.albedo": 0.3, "horizon": "typical"}
 
 
 def drawn(tmp_path, **settings):
@@ -203,7 +203,7 @@ def test_the_air_of_a_drawn_picture(tmp_path):
     begin = time.process_time()
     found = twilight.estimate(drawn(tmp_path), types=["continental_average"], name="dusk.jpg", white_balance=True)
     assert time.process_time() - begin < 60.0
-    assert found.fits
+    assert found.fits and any("horizon: typical" in line for line in found.sentences())
     assert found.sun_elevation_deg == pytest.approx(-3.0, abs=1.0)
     aerosol = found.parameters["aerosol"]
     assert aerosol.value == pytest.approx(0.2, rel=0.1)

@@ -133,6 +133,7 @@ def test_rays_between_scatterings_see_all_directions_and_stay_in_the_air():
         pytest.param("pure-air", {"climate__gases__ozone__column_du": 250.0}, marks=pytest.mark.slow),
         pytest.param("maritime-clean", {"observer__altitude_km": 9.0}, marks=pytest.mark.slow),
         pytest.param("volcanic-stratosphere", {}, marks=pytest.mark.slow),
+        pytest.param("continental-clean", {"horizon": "typical"}, marks=pytest.mark.slow),
     ],
 )
 def test_its_skies_are_as_near_to_zones_as_it_says(climate, settings):
@@ -148,6 +149,14 @@ def test_its_skies_are_as_near_to_zones_as_it_says(climate, settings):
         assert np.percentile(np.abs(mine[..., 0, :] / theirs[..., 0, :] - 1.0), 95) < 1.5 * estimated + DRAFT_ERROR, sun
         degree = [np.hypot(one[..., 1, :], one[..., 2, :]) / one[..., 0, :] for one in (mine, theirs)]
         assert np.percentile(np.abs(degree[0] - degree[1]), 95) < 0.03, sun
+
+
+def test_a_screen_beyond_the_horizon_takes_red_light_of_dusk_and_none_of_a_sun_above_3_deg(urban):
+    """`horizon: typical` would be ignored, grey, or move the day; how much it takes is beside `zones` above."""
+    screened = solve(resolve(scene(horizon="typical")))
+    for sun, spared in ((3.0, True), (-4.0, False)):
+        blue, _, _, red = np.log(urban.radiance(sun, E, A) / screened.radiance(sun, E, A)).T
+        assert (np.array([blue, red]) == 0.0).all() if spared else (red > 0.1).all() and (np.abs(blue) < 0.01).all()
 
 
 def test_a_grid_gives_what_its_directions_give_and_the_sky_is_its_own_mirror_image(urban):

@@ -62,7 +62,8 @@ def estimate(
         HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW; several are of one camera that was not moved, and of one air.
     scene
         As of `render`: all that is not estimated.  Its sun counts where it is given: an elevation, a place and time, or
-        several elevations to search between; otherwise that of the file's time and place, or all are searched.
+        several elevations to search between; otherwise that of the file's time and place, or all are searched.  Its
+        horizon counts where it is given (`clean`: nothing beyond it); otherwise it is `typical`.
     camera
         File of a camera or its model; None: a panorama of the whole sphere, twice as wide as high, or what the file
         says.  Where neither says the angle above the horizontal, that is found by the horizon, or with the air.

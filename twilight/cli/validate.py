@@ -67,9 +67,10 @@ def estimate(
 ) -> None:
     """Estimate aerosol, ozone, ground albedo and, where it is not given, the sun's elevation from photographs.
 
-    Fits skies of the solver compact and compares the best with the photographs.  Says first where that does not fit,
-    and what they cannot tell.  Writes estimate.json, climate.yaml, which holds what was told, and what `twilight
-    validate photo` writes, of several pictures in a folder each.
+    Fits skies of the solver compact, behind the horizon typical (--set horizon=clean: a clean one), and compares the
+    best with the photographs.  Says first where that does not fit, and what they cannot tell.  Writes estimate.json,
+    climate.yaml, which holds what was told, and what `twilight validate photo` writes, of several pictures in a folder
+    each.
     """
     import twilight
     from twilight.base.progress import part_of
@@ -151,7 +152,7 @@ def write_comparison(estimated: Any, shown: Any, folder: Path, others: Any) -> N
         "figures": comparison.figures,
         "computed_sky": sky.provenance,
     }
-    lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {estimated.best.aerosol_type}", *estimated.remarks)
+    lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {estimated.best.aerosol_type}", *estimated.about)
     drawn = (comparison, photographed.panorama, photographed.mask)
     write_figure(folder / "comparison.png", *drawn, title=shown.name, lines=lines, others=others)
     write_json(folder / "figures.json", facts)

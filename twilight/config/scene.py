@@ -85,7 +85,7 @@ single evenings are 0.8 to 1.5 and 0.6 to 1.15 times off (docs/validation.md).""
 
 
 class Horizon(Section):
-    """What lies beyond the horizon; `typical` in place of the section: the screen of `TYPICAL`."""
+    """What lies beyond the horizon; in place of the section `typical`, the screen of `TYPICAL`, or `clean`, nothing."""
 
     screen: HorizonScreen | None = key(
         None, "what takes sunbeams on their way: heights_km and transmission | clouds | skyline; unset: nothing"
@@ -95,9 +95,9 @@ class Horizon(Section):
     @classmethod
     def _preset(cls, value: Any) -> Any:
         if isinstance(value, str):
-            if value != "typical":
-                raise ValueError(f"must be typical, or a section with a screen, got {value!r}")
-            return {"screen": TYPICAL}
+            if value not in ("typical", "clean"):
+                raise ValueError(f"must be typical, clean, or a section with a screen, got {value!r}")
+            return {"screen": TYPICAL} if value == "typical" else {}
         return value
 
 

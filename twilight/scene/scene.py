@@ -269,8 +269,8 @@ class Scene:
     def __post_init__(self) -> None:
         if self.medium.screen is not None and not self.capabilities.screen:
             raise TwilightError(
-                f"horizon.screen: the solver {self.solver_name} knows nothing beyond the horizon; zones, montecarlo "
-                "and tables do"
+                f"horizon.screen: the solver {self.solver_name} knows nothing beyond the horizon; zones, montecarlo, "
+                "tables and compact do"
             )
 
     @property

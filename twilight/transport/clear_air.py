@@ -32,13 +32,17 @@ The file is a zip of arrays (.npy), W wavelengths, S = 32 suns `SUN_DEG`, E = 15
 
 from __future__ import annotations
 
+import copy
 import functools
 import json
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from twilight.atmosphere.screen import Screen
 
 FORMAT = "twilight clear air 2"
 EARTH_RADIUS_KM = 6371.0
@@ -78,6 +82,10 @@ STEEPEST_DEG, RAYS_FROM_ABOVE, RAYS_FROM_BELOW = 0.03, 90, 100
 """Of the table of sunbeams of an altitude: elevation of the lowest ray from above beside the horizontal one; counts."""
 LEAST_SPREAD = 0.05
 """Least d(true)/d(apparent zenith angle) of a sunbeam: beyond it the beam would be focused."""
+SCREEN_ERROR = 0.1
+"""Error at 95 % of a sky, as a part of what a screen takes of ln(light), by `benchmarks/clear_air.py screen`."""
+DARKEST_PASSED, SPARED_DEG = 1e-6, 2.5
+"""Of screens: least part of a sunbeam that passes, whose logarithm is interpolated; `Skies.lowest_spared_deg`."""
 DARK_LOG, DARK = -700.0, 1e-35
 """Logarithm of the sunbeam in the shadow of the Earth; least radiance over F0 whose logarithm is taken [sr^-1]."""
 MOST_DEGREE = 16
@@ -347,7 +355,7 @@ class Shells:
 
     boundary_km (L + 1,): altitudes above the ground, the observer's among them; extinction, peak (L, W), scattering
     (S, L, W) [km^-1]: without scattering in forward peaks, that in peaks, and of each of S kinds; refractivity
-    (SUBLAYERS L + 1,)
+    (SUBLAYERS L + 1,); screen: what dims the sunbeam beyond the horizon, and the powers (W,) of its T
     """
 
     def __init__(
@@ -359,8 +367,10 @@ class Shells:
         refractivity: np.ndarray,
         observer_km: float = 0.0,
         radius_km: float = EARTH_RADIUS_KM,
+        screen: tuple[Screen, np.ndarray] | None = None,
     ):
         self.boundary_km, self.extinction, self.scattering, self.peak = boundary_km, extinction, scattering, peak
+        self.screen = screen
         self.first = int(np.argmin(np.abs(boundary_km - observer_km)))
         parts = (np.asarray(boundary_km, float).tobytes(), np.asarray(refractivity, float).tobytes())
         self._geometry = (*parts, float(radius_km))
@@ -375,7 +385,20 @@ class Shells:
         """Zenith angles that go on rising from boundary to boundary, (R,), and -ln of the sunbeams, (R, W)."""
         b = self.beams
         key = b.zenith_rad + 4.0 * np.repeat(np.arange(self.boundary_km.size), np.diff(b.start))
-        return key, b.path_km @ self.extinction - b.log_factor[:, None]
+        depth = b.path_km @ self.extinction - b.log_factor[:, None]
+        if self.screen is not None:
+            screen, powers = self.screen
+            depth -= np.log(np.maximum(screen.at(self._least_km(screen)), DARKEST_PASSED))[:, None] * powers
+        return key, depth
+
+    def _least_km(self, screen: Screen) -> np.ndarray:
+        """Least altitudes (R,) of the sunbeams on the part of their way that counts for a screen [km]."""
+        b, x = self.beams, _parts(*self._geometry)[1]
+        at_end = np.repeat(x[::SUBLAYERS], np.diff(b.start))
+        near, far = (at_end * np.cos(b.apparent_rad) + s for s in (screen.from_km, screen.to_km))
+        along = np.where(near > 0.0, near, np.where(far < 0.0, far, 0.0))
+        highest = np.maximum.accumulate(x)
+        return np.interp(np.hypot(at_end * np.sin(b.apparent_rad), along), highest, sublayers(self.boundary_km))
 
     def _place(self, k: Any, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The ray before each zenith angle at boundaries k, and the part of the way to the next, 0 to 1."""
@@ -570,7 +593,25 @@ class Skies:
         self._diffuse = self._diffuse_light()
         self.inputs, self.log_base = air.inputs(observer_km), self._log_base()
         *fitted, self._spread = model.at_nodes(self.inputs, self.log_base)
-        self._fitted = np.array(fitted)
+        self._fitted, self._taken = np.array(fitted), np.zeros(SUN_DEG.size)
+
+    def behind(self, screen: Screen, powers: np.ndarray) -> Skies:
+        """The same behind a screen, whose altitudes are above the ground and whose T has these powers (W,): every Q_k
+        and M_0 are of the sunbeam that passes, and M / M_0 is that of the whole one."""
+        made, made.shells = copy.copy(self), copy.copy(self.shells)
+        made.shells.screen = screen, powers
+        made.shells.__dict__.pop("_tables")
+        made._diffuse = made._diffuse_light()
+        taken = (self.log_base - made._log_base()).real.reshape(len(powers), SUN_DEG.size, -1)
+        made._taken = np.percentile(taken, 95, axis=(0, 2))
+        return made
+
+    def lowest_spared_deg(self, screen: Screen) -> float:
+        """Sun elevation [deg] from which on a screen takes nothing (0.1 %) of a sky: `SPARED_DEG` above the highest one
+        whose beams it dims anywhere."""
+        dims = screen.at(self.shells._least_km(screen)) < 1.0
+        first = self.shells.beams.zenith_rad[dims].min(initial=np.pi)
+        return 90.0 - float(np.degrees(first)) + SPARED_DEG
 
     def _coefficients(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Of the layers between BOUNDARY_KM, by the similarity rule: extinction [km^-1], albedo (L, W); and (2 l + 1) x
@@ -706,8 +747,9 @@ class Skies:
         # terms of bands of gases that let no light through have no part in the sky
         brightest = light.max(axis=(0, 1))
         counted = spread[..., brightest > DARKEST_TERM * brightest.max()]
-        least, times = (np.interp(sun_elevation_deg, SUN_DEG, row) for row in self.model.error)
-        return sky._replace(relative_error=float(least + times * np.percentile(counted, 95)))
+        least, times, taken = (np.interp(sun_elevation_deg, SUN_DEG, row) for row in (*self.model.error, self._taken))
+        error = least + times * np.percentile(counted, 95)
+        return sky._replace(relative_error=float(np.hypot(error, SCREEN_ERROR * taken)))
 
     def _widened(self, sun_deg: float, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Light that forward peaks have scattered more than once, at the elevations of the nodes, from light in layers

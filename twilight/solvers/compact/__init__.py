@@ -9,6 +9,7 @@ CAPABILITIES = Capabilities(
     every_sun=True,
     every_observer=True,
     looks_down=False,
+    screen=True,
     cost=lambda medium, settings, suns, altitude_km: COST,
 )
 

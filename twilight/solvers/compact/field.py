@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,8 +34,8 @@ RELATIVE_SLACK = 0.05
 ROUNDING = 1e-7
 """How far beyond the fitted airs an air may be in any case."""
 
-CACHED_OBSERVERS = 4
-"""Observers whose skies are cached."""
+CACHED_SKIES = 8
+"""Observers whose skies are cached, before a screen and behind it."""
 
 
 @settings
@@ -90,7 +91,11 @@ class ClearAirField(BareField):
         check_medium(medium)
         self.air = air_of(medium)
         check_air(self.air, medium.wavelength_nm, model)
-        self._skies: dict[float, Skies] = {}
+        self.screen = medium.screen
+        if self.screen is not None:
+            above = tuple(z - medium.bottom_km for z in self.screen.altitude_km)
+            self.screen = replace(self.screen, altitude_km=above)
+        self._skies: dict[tuple[float, bool], Skies] = {}
         self._seen_from(self.observer_above_km(None))
 
     @property
@@ -125,8 +130,11 @@ class ClearAirField(BareField):
     @one_blas_thread()
     def _light(self, sun_elevation_deg: float, elevation_deg, azimuth_deg, altitude_km, n_stokes: int) -> np.ndarray:
         elevation, azimuth = checked_directions(sun_elevation_deg, elevation_deg, azimuth_deg)
-        skies = self._seen_from(self.observer_above_km(altitude_km))
-        sky = skies.sky(float(sun_elevation_deg))
+        above, sun = self.observer_above_km(altitude_km), float(sun_elevation_deg)
+        skies = self._seen_from(above)
+        if self.screen is not None and sun < skies.lowest_spared_deg(self.screen):
+            skies = self._seen_from(above, screened=True)
+        sky = skies.sky(sun)
         self.convergence = ModelError(sky.relative_error)
         grid = rows_and_columns(elevation, azimuth)
         if grid is not None:
@@ -152,7 +160,10 @@ class ClearAirField(BareField):
         """
         elevation, azimuth = checked_directions(sun_elevation_deg, elevation_deg, azimuth_deg)
         airs = side_by_side([self.air.towards(direction) for direction in directions])
-        sky = Skies(self.model, airs, self.observer_above_km(observer_altitude_km)).sky(float(sun_elevation_deg))
+        skies, sun = Skies(self.model, airs, self.observer_above_km(observer_altitude_km)), float(sun_elevation_deg)
+        if self.screen is not None and sun < skies.lowest_spared_deg(self.screen):
+            skies = skies.behind(self.screen, np.tile(self.screen.powers(self.medium.wavelength_nm), len(directions)))
+        sky = skies.sky(sun)
         light = sky.light(elevation.ravel(), azimuth.ravel(), 3, on_grid=False).imag / STEP
         light = light.reshape(*elevation.shape, 3, len(directions), -1)
         return np.moveaxis(light, -2, 0)
@@ -163,13 +174,16 @@ class ClearAirField(BareField):
         return checked_observer(self.medium, altitude) - self.medium.bottom_km
 
     @one_blas_thread()
-    def _seen_from(self, above: float) -> Skies:
+    def _seen_from(self, above: float, screened: bool = False) -> Skies:
         """The skies of an observer above the ground [km], computed when one is asked for first."""
-        if above not in self._skies:
-            if len(self._skies) == CACHED_OBSERVERS:
+        if (above, screened) not in self._skies:
+            made = Skies(self.model, self.air, above) if not screened else self._seen_from(above)
+            if screened and self.screen is not None:
+                made = made.behind(self.screen, self.screen.powers(self.medium.wavelength_nm))
+            if len(self._skies) == CACHED_SKIES:
                 del self._skies[next(iter(self._skies))]
-            self._skies[above] = Skies(self.model, self.air, above)
-        return self._skies[above]
+            self._skies[above, screened] = made
+        return self._skies[above, screened]
 
 
 def check_air(air: Air, wavelength_nm: np.ndarray, model: Model) -> None:

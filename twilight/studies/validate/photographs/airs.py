@@ -12,7 +12,7 @@ parameter the parabola of its change.  So a trial is a weighted sum of splines, 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from twilight.config.load import load
 from twilight.config.scene import PLACED_NM, Config
 from twilight.numerics import spectrum
 from twilight.scene.medium import climate_medium
+from twilight.scene.scene import screen_of
 from twilight.sky import colour
 from twilight.solvers import compact
 from twilight.studies.validate.photographs.photo import OBSERVER
@@ -212,7 +213,7 @@ class Airs:
             shown = ", ".join(f"{p.name} {values[p.name]:.3g}" for p in self.design.parameters)
             self.progress(f"air {len(self._fields) + 1}: {aerosol_type}, {shown}", min(0.95, len(self._fields) / 24))
             config = with_settings(self.base, climate_settings(self.design, values, aerosol_type))
-            medium = climate_medium(config.climate, WAVELENGTH_NM)
+            medium = replace(climate_medium(config.climate, WAVELENGTH_NM), screen=screen_of(config.horizon))
             self._fields[key] = compact.prepare(
                 medium,
                 compact.CompactSettings(polarisation=False),

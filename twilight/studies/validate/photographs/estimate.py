@@ -18,7 +18,7 @@ import numpy as np
 
 from twilight.base.progress import Progress, silent
 from twilight.studies.validate.photographs.airs import AEROSOL, SUN, SUN_DEG, Airs, Design, Parameter, Skies
-from twilight.studies.validate.photographs.fit import REACH, Fit, Frame, Freedom
+from twilight.studies.validate.photographs.fit import REACH, Errors, Fit, Frame, Freedom
 from twilight.studies.validate.photographs.photo import Curve
 
 UNCONSTRAINED = 0.6
@@ -155,15 +155,21 @@ class Options:
 
 
 def find_air(
-    airs: Airs, frames: Sequence[Frame], options: Options, refine: Refine | None = None, progress: Progress = silent
+    airs: Airs,
+    frames: Sequence[Frame],
+    options: Options,
+    refine: Refine | None = None,
+    progress: Progress = silent,
+    first: Fit | None = None,
 ) -> list[AirEstimate]:
     """The best air of every type, the best type first; the one that is taken has parameters with intervals.
 
     frames: one whose sun may be unknown, or several of one camera, held the same, whose suns are known.
     refine: another solver's sky of an air; all types are fitted again with the difference from `airs` at the best one.
+    first: `first_look` of the same frames, where it was made.
     Errors: TwilightError for an air that cannot be computed.
     """
-    first = first_look(airs, frames, options)
+    first = first or first_look(airs, frames, options)
     errors = first.errors
     errors.take(errors.likeliest(first.difference(first.x)))
     first.find([first.x])
@@ -234,8 +240,8 @@ def _again(fit: Fit, airs: Airs) -> float:
 def _with_sun(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:
     """The fit of the first type, with the sun where it is sought."""
 
-    def fitted(suns: Sequence[float]) -> Fit:
-        depths = Fit(frames, airs.first(options.types[0], suns), options.freedom)
+    def fitted(suns: Sequence[float], errors: Errors | None = None) -> Fit:
+        depths = Fit(frames, airs.first(options.types[0], suns), options.freedom, errors)
         depths.find(starts(depths), MOST_STARTS)
         skies = airs.first(options.types[0], suns, depths.values()[AEROSOL.name])
         made = Fit(frames, skies, options.freedom, depths.errors)
@@ -249,17 +255,18 @@ def _with_sun(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:
     if known:
         return fitted(known)
     suns = _searched(options)
-    misfit = _search(airs, frames, options, suns)
-    lowest = [s for s in range(suns.size) if misfit[s] <= misfit[max(0, s - 1) : s + 2].min()]
-    lowest = sorted(lowest, key=lambda s: misfit[s])[:2]
-    found = []
+    chi2, misfit, errors = _search(airs, frames, options, suns)
+    lowest = _two_lowest(chi2)
+    lowest = [s for s in lowest if chi2[s] <= chi2[lowest[0]] + SECOND_BEST]
+    lowest += _two_lowest(misfit)  # thin clouds may carry chi^2 off
+    found: list[Fit] = []
     for at in lowest:
-        if misfit[at] > misfit[lowest[0]] + SECOND_BEST:
+        if any(suns[at] in fit.skies.sun_elevations_deg[1:-1] for fit in found):
             continue
         for _ in range(MOST_WINDOWS):
             begin = int(np.clip(at - WINDOW, 0, suns.size - 2 * WINDOW - 1))
             end = begin + 2 * WINDOW
-            fit = fitted(suns[begin : end + 1].tolist())
+            fit = fitted(suns[begin : end + 1].tolist(), errors)
             sun = fit.values()[SUN]
             if sun < suns[begin + 1] and begin > 0:
                 at = begin
@@ -267,8 +274,15 @@ def _with_sun(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:
                 at = end
             else:
                 break
+        _again(fit, airs)
         found.append(fit)
-    return min(found, key=lambda fit: fit.chi2)
+    return min(found, key=lambda fit: (fit.misfit() > LARGEST_MISFIT, fit.chi2))
+
+
+def _two_lowest(values: np.ndarray) -> list[int]:
+    """Places of the two lowest local minima."""
+    places = [s for s in range(values.size) if values[s] <= values[max(0, s - 1) : s + 2].min()]
+    return sorted(places, key=lambda s: values[s])[:2]
 
 
 def _searched(options: Options) -> np.ndarray:
@@ -279,22 +293,31 @@ def _searched(options: Options) -> np.ndarray:
     return suns
 
 
-def _search(airs: Airs, frames: Sequence[Frame], options: Options, suns: np.ndarray) -> np.ndarray:
-    """chi^2 of every sun of the search, the least of a few optical depths and pitches."""
-    misfit, errors = np.full(suns.size, np.inf), None
+def _search(
+    airs: Airs, frames: Sequence[Frame], options: Options, suns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, Errors]:
+    """chi^2 of every sun of the search, and Q, each the least of a few optical depths and pitches; the errors, with the
+    likeliest amplitude of the sky's."""
+    made: list[tuple[int, Fit]] = []
+    errors: Errors | None = None
     for depth in SEARCH_DEPTHS:
         node = airs.design.nodes[depth]
         for s, splines in enumerate(airs.splines(options.types[0], node, suns.tolist())):
             design = Design(airs.design.others, None)
             same = np.broadcast_to(splines, (len(design.nodes), 1, *splines.shape))
             skies = Skies(design, options.types[0], suns[s : s + 1], same, airs.error)
-            fixed = [replace(frame, sun_deg=float(suns[s])) for frame in frames]
-            fit = Fit(fixed, skies, options.freedom, errors)
-            errors = fit.errors
-            for start in starts(fit)[: len(starts(fit)) // 3]:  # the same sky for all depths
-                r = fit.residuals(start)
-                misfit[s] = min(misfit[s], float(r @ r))
-    return misfit
+            fit = Fit([replace(frame, sun_deg=float(suns[s])) for frame in frames], skies, options.freedom, errors)
+            errors, pitched = fit.errors, starts(fit)
+            # the same sky for all depths
+            fit.x = min(pitched[: len(pitched) // 3], key=lambda x: float(np.sum(fit.residuals(x) ** 2)))
+            made.append((s, fit))
+    assert errors is not None
+    best = min((fit for _, fit in made), key=lambda fit: float(np.sum(fit.residuals(fit.x) ** 2)))
+    errors.take(errors.likeliest(best.difference(best.x)))
+    found = np.full((2, suns.size), np.inf)
+    for s, fit in made:
+        found[:, s] = np.minimum(found[:, s], (float(np.sum(fit.residuals(fit.x) ** 2)), fit.misfit()))
+    return found[0], found[1], errors
 
 
 # What they say ---------------------------------------------------------------------------------------------------

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from twilight.config.scene import Config
+from twilight.config.scene import Config, Horizon
 from twilight.engine import run
 from twilight.scene import resolve
+from twilight.scene.scene import described
 from twilight.sky.sky import Sky
 from twilight.studies.validate.photographs.airs import (
     OTHERS,
@@ -37,6 +38,10 @@ from twilight.studies.validate.photographs.photograph import MaskedSky, Photogra
 
 OTHER_SUNS = {"the same air at noon (sun at 60 deg)": 60.0, "the same air with the sun at -6 deg": -6.0}
 """Other skies of the air of a photograph."""
+
+TYPICAL = Horizon.model_validate("typical")
+LOW_SUN_DEG = 3.0
+"""Sun below which the sentences say what lies beyond the horizon."""
 
 WORDS = {
     "aerosol": "haze (aerosol optical depth at 550 nm)",
@@ -133,7 +138,17 @@ class Estimate:
         name = re.sub(r"\.[^.]*$", "", self.shown[0].name)
         told = ", ".join(key for key in self.settings) or "nothing"
         about = f"From the photograph {self.picture}: {told}; all else as in {self.given.climate.name}"
+        about = "; ".join([about, *self.beyond])
         return {"version": 1, **data, "name": f"{self.given.climate.name}-{name}"[:100], "description": about}
+
+    @property
+    def beyond(self) -> list[str]:
+        """The sentence on what was taken to lie beyond the horizon, where a sun stands so low that it matters."""
+        screen = described(self.given.horizon)
+        if min(one.sun_elevation_deg for one in self.shown) >= LOW_SUN_DEG:
+            return []
+        usual = " (horizon: typical, as on evenings that were recorded)" if self.given.horizon == TYPICAL else ""
+        return [f"beyond the horizon: {screen or 'nothing that stops sunlight'}{usual}"]
 
     def sky_of(self, shown: Shown) -> Sky:
         """The computed sky of one of the photographs."""
@@ -175,12 +190,17 @@ class Estimate:
     def __repr__(self) -> str:
         return "\n".join([f"<Estimate of {self.picture}: {self.best.aerosol_type}", *self.sentences()]) + ">"
 
+    @property
+    def about(self) -> list[str]:
+        """Whether the fit does not fit, where sun and camera are from, and what lies beyond the horizon."""
+        return [*([] if self.fits else [_misfit(self.best)]), *self.remarks, *self.beyond]
+
     def sentences(self) -> list[str]:
         """What the photograph tells and what it does not, in words; where a fit does not fit, that comes first."""
         if not self.fits:
-            return [_misfit(self.best), *self.remarks]
+            return self.about
         told = [_sentence(p) for p in self.best.parameters if p.name not in ANGLES]
-        return [*self.remarks, *told, *self._types(), *self._camera(), self._bands()]
+        return [*self.about, *told, *self._types(), *self._camera(), self._bands()]
 
     def _camera(self) -> list[str]:
         """How the camera was held, what it did to the picture, and what not knowing it costs."""
@@ -251,6 +271,7 @@ class Estimate:
         return {
             "photograph": self.picture,
             "scene": self.given.title,
+            "horizon": self.given.horizon.model_dump(mode="json", exclude_none=True, exclude_unset=True),
             "fits": self.fits,
             "sun_elevation_deg": self.sun_elevation_deg,
             "sun_azimuth_deg": self.sun_azimuth_deg,

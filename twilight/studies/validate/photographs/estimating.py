@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.base.threads import one_blas_thread
@@ -101,7 +102,13 @@ def estimate_air(
     says: Given,
     progress: Progress = silent,
 ) -> Estimate:
-    """Fit photographs of one camera, held the same, and one air.  Errors: TwilightError for whatever cannot be done."""
+    """Fit photographs of one camera, held the same, and one air, behind the horizon `typical` unless the scene has one.
+
+    Errors: TwilightError for whatever cannot be done.
+    """
+    capable = not says.refine or solvers.load(given.chosen_solver[0]).CAPABILITIES.screen
+    if "horizon" not in given.model_fields_set and capable:
+        given = with_settings(given, {"horizon": "typical"})
     placed = [_placed(*one, given, says) for one in zip(names, photographs, _suns(photographs, says), strict=True)]
     shown, remarks = [one[0] for one in placed], list(dict.fromkeys(note for one in placed for note in one[3]))
     low, high = placed[0][1]
@@ -139,15 +146,17 @@ def estimate_air(
     most = max(MOST_CELLS // len(shown), LEAST_CELLS)
     options, known = Options(order, own, low, high, free), low == high
     frames = [_frame(one, most, known) for one in shown]
+    first = None
     if not known or max(free.pitch, free.roll) > 0.0:
         # a sun and a camera that were not known: cut the pictures into cells again
-        look = first_look(airs, frames, options).values()
+        first = first_look(airs, frames, options)
+        look = first.values()
         lit = not known and look.get(SUN, 0.0) >= LIT_ABOVE_DEG
         if lit or np.hypot(look.get("pitch", 0.0), look.get("roll", 0.0)) > RETURNED_DEG:
             turned = {name: value for name, value in look.items() if name != "zoom"}
             cut = [_found(one, turned) for one in shown]
-            frames = [_frame(one, most, known, told) for one, told in zip(cut, frames, strict=True)]
-    made = find_air(airs, frames, options, refined, progress)
+            frames, first = [_frame(one, most, known, told) for one, told in zip(cut, frames, strict=True)], None
+    made = find_air(airs, frames, options, refined, progress, None if known else first)
     best = next(one for one in made if one.parameters)
     shown = [_found(one, best.values) for one in shown]
     return Estimate(tuple(shown), given, made, best, free, None if says.refine else "compact", tuple(remarks))
