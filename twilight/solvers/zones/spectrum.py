@@ -32,9 +32,9 @@ from twilight.solvers.zones.scattering import TINY, Solution
 from twilight.solvers.zones.settings import ZonesSettings
 
 STATED_ERROR = 5e-3
-"""What interpolation adds between bands, at 95 % of directions, in eight of the ten types of aerosol (`benchmarks/hyperspectral.py`);
-most of it, in deep twilight, are the steps of its nodes, which are finer there than those of a wavelength that is
-solved alone."""
+"""What interpolation adds between bands, at 95 % of directions, in eight of the ten types of aerosol
+(`benchmarks/hyperspectral.py`); most of it, in deep twilight, are the steps of its nodes, which are finer there than
+those of a wavelength that is solved alone."""
 STATED_ERROR_IN_BANDS = 8.5e-3
 """The same within bands of gases."""
 NODES_AT_ONCE = 3 * LANES
