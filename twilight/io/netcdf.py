@@ -257,7 +257,7 @@ class _File(NamedTuple):
 def _load(path: Path) -> _File:
     """All of a file; through h5netcdf alone, as it is written."""
     check_heaps(path)
-    with interruptible_h5netcdf().File(path, "r") as opened:
+    with interruptible_h5netcdf().File(path, "r", phony_dims="sort") as opened:
         sizes = [np.prod(v.shape, dtype=float) * getattr(v.dtype, "itemsize", 8) for v in opened.variables.values()]
         check_expansion(path, sum(sizes))
         variables = {name: _Stored(v.dimensions, np.asarray(v[...])) for name, v in opened.variables.items()}
