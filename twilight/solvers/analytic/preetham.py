@@ -119,7 +119,8 @@ class Field(BareField):
             settings.turbidity, settings.outside, allowed, medium, "preetham"
         )
         self.clear_turbidity = min(self.turbidity, high)
-        self.overcast = float(np.clip((self.turbidity - high) / (OVERCAST_TURBIDITY - high), 0.0, 1.0))
+        span = max(OVERCAST_TURBIDITY - high, 1e-9)  # coefficients of one sky cover any turbidity: never overcast
+        self.overcast = float(np.clip((self.turbidity - high) / span, 0.0, 1.0))
         self._bins = SpectralBins(medium.wavelength_nm, "preetham")
         of_medium = {} if self.medium_turbidity is None else {"medium_turbidity": self.medium_turbidity}
         self.facts = {"turbidity": self.turbidity} | of_medium
