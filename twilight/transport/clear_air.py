@@ -84,8 +84,10 @@ LEAST_SPREAD = 0.05
 """Least d(true)/d(apparent zenith angle) of a sunbeam: beyond it the beam would be focused."""
 SCREEN_ERROR = 0.1
 """Error at 95 % of a sky, as a part of what a screen takes of ln(light), by `benchmarks/clear_air.py screen`."""
-DARKEST_PASSED, SPARED_DEG = 1e-6, 2.5
-"""Of screens: least part of a sunbeam that passes, whose logarithm is interpolated; `Skies.lowest_spared_deg`."""
+DARKEST_PASSED = 1e-6
+"""Least part of a sunbeam that passes a screen, so that it has a logarithm, which is interpolated."""
+SPARED_DEG = 2.5
+"""How far above the highest sun whose beams a screen dims anywhere it takes less than 0.1 % of any sky [deg]."""
 DARK_LOG, DARK = -700.0, 1e-35
 """Logarithm of the sunbeam in the shadow of the Earth; least radiance over F0 whose logarithm is taken [sr^-1]."""
 MOST_DEGREE = 16
