@@ -108,6 +108,10 @@ def _solvers(name: str | None, target: str | None, given: list[str] | None) -> N
         return
     if name not in SOLVERS:
         raise TwilightError(f"show solvers: {name} {unknown(name, SOLVERS, 'solver')}")
+    tuned = getattr(load(name), "tuned_numbers", None)
+    if tuned is None and target is not None:
+        raise TwilightError(f"show solvers {name} {target}: {name} has no tuned numbers; zones has them")
+    kinds = None if target is None else _kinds_met(name, target, given)
     qualities = load(name).QUALITIES
     presets = {quality: asdict(settings) for quality, settings in qualities.items()}
     why = option_fields(qualities["standard"])
@@ -117,11 +121,7 @@ def _solvers(name: str | None, target: str | None, given: list[str] | None) -> N
         ]
         if rows:
             print_table([title, *presets, "what it is"], rows, right=tuple(range(1, 1 + len(presets))))
-    tuned = getattr(load(name), "tuned_numbers", None)
-    if tuned is None and target is not None:
-        raise TwilightError(f"show solvers {name} {target}: {name} has no tuned numbers; zones has them")
     if tuned is not None:
-        kinds = None if target is None else _kinds_met(name, target, given)
         acting = [row for row in tuned() if kinds is None or row.air in kinds]
         columns = ["tuned number", "value", "unit", "for air", "test", "what it does"]
         print_table(columns, [[row.name, str(row.value), *row[2:]] for row in acting], right=(1,))
