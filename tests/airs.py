@@ -1,7 +1,5 @@
 """Airs in closed form that tests of several parts share, scenes of fields in closed form, and fields as skies."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

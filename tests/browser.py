@@ -1,7 +1,5 @@
 """A headless browser with software WebGL 2 for tests of pages, served from loopback."""
 
-from __future__ import annotations
-
 import functools
 import http.server
 import shutil

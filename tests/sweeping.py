@@ -1,7 +1,5 @@
 """What the tests of sweeps share: the toy solver of `toy_solver`, its scene, and what it must give."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Files of measurements, each in its makers' words: what is taken from them and what is refused."""
 
-from __future__ import annotations
-
 import datetime as dt
 
 import air_files
@@ -11,13 +9,7 @@ import pytest
 import xarray
 
 from twilight.atmosphere.aerosols import optical_depth_at
-from twilight.atmosphere.measured import (
-    AerosolDepth,
-    AirColumn,
-    OzoneColumn,
-    SizeDistribution,
-    WaterColumn,
-)
+from twilight.atmosphere.measured import AerosolDepth, AirColumn, OzoneColumn, SizeDistribution, WaterColumn
 from twilight.atmosphere.profiles import load_profile
 from twilight.base.errors import TwilightError
 from twilight.config import load

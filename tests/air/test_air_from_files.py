@@ -1,7 +1,5 @@
 """Climates made of files of measurements: the command, the section `air`, and the sky that they give."""
 
-from __future__ import annotations
-
 import air_files
 import numpy as np
 import pytest
@@ -83,12 +81,7 @@ def test_the_section_air_reads_beside_its_file_and_its_record_needs_no_files(tmp
     np.testing.assert_array_equal(first.aerosol_extinction_per_km, second.aerosol_extinction_per_km)
 
 
-@pytest.mark.parametrize(
-    ("air", "words"),
-    [
-        ({"sounding": "a.lev15", **PLACE}, "; air.sounding takes a sounding"),
-    ],
-)
+@pytest.mark.parametrize(("air", "words"), [({"sounding": "a.lev15", **PLACE}, "; air.sounding takes a sounding")])
 def test_the_section_air_refuses_in_one_sentence(tmp_path, air, words):
     air_files.aeronet(tmp_path / "a.lev15")
     (tmp_path / "c.yaml").write_text(yaml.safe_dump({"version": 1, "name": "c", "air": air}))

@@ -258,9 +258,7 @@ def test_layers_keep_every_column(layers, average):
 def test_many_layers_tend_to_the_continuous_medium(average):
     """Many layers would not converge to the continuous air."""
     medium = build_medium(
-        W,
-        aerosol=opac_type("continental average"),
-        layers=Boundaries(tuple(np.arange(0, 100.05, 0.1))),
+        W, aerosol=opac_type("continental average"), layers=Boundaries(tuple(np.arange(0, 100.05, 0.1)))
     )
     z = np.array([0.55, 1.25, 7.35, 20.05, 34.95, 60.05])
     a, b = medium.at(z), average.at(z)

@@ -1,7 +1,5 @@
 """Bands of water vapour and oxygen: the source's transmissions, the exponential sums, and what solvers make of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The ground at its site's altitude: what the medium is then, and that solvers take the lowest level for it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

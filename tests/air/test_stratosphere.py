@@ -60,9 +60,7 @@ def test_measured_stratosphere():
     """A measured profile would have another column, place or decay above its top."""
     assert len(sage_scenarios()) == 12
     medium = build_medium(
-        [550.0],
-        aerosol=opac_type("continental clean"),
-        stratosphere=StratosphereSpec("nh_midlat_typical"),
+        [550.0], aerosol=opac_type("continental clean"), stratosphere=StratosphereSpec("nh_midlat_typical")
     )
     name = "stratosphere (nh_midlat_typical)"
     assert medium.notes["optical_depth"][name][0] == pytest.approx(0.0055, abs=0.0005)

@@ -1,7 +1,5 @@
 """`import twilight` alone suffices for a sky."""
 
-from __future__ import annotations
-
 import ast
 from datetime import UTC, datetime, timedelta
 from pathlib import Path

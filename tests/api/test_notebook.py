@@ -1,7 +1,5 @@
 """The notebook of the docs, executed: it shows what its text says, with what `import twilight` offers alone."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re

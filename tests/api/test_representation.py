@@ -1,7 +1,5 @@
 """How skies and models show themselves, and the accessor of xarray's datasets: the same figures everywhere."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re

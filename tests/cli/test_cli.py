@@ -1,7 +1,5 @@
 """The command line from end to end: what a render of one sky writes, and where."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The command line: bad input is one sentence, and an interrupt leaves nothing half done."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

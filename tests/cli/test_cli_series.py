@@ -1,7 +1,5 @@
 """The command line: renders of several skies, their table, dataset and numbered files."""
 
-from __future__ import annotations
-
 import csv
 from datetime import datetime
 

@@ -1,7 +1,5 @@
 """The command line: what it tells without computing a sky."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

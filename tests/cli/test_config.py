@@ -1,7 +1,5 @@
 """Climates and configurations: what is accepted, and that every error names the file, the key and what is allowed."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import re

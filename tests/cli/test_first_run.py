@@ -1,7 +1,5 @@
 """The sentence of the first run."""
 
-from __future__ import annotations
-
 import sys
 
 from twilight import solvers

@@ -1,7 +1,5 @@
 """Any value of any key, and any text: accepted, or refused in one sentence."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 

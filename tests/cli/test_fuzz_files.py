@@ -3,8 +3,6 @@
 The readers of HDF5 and OpenEXR are libraries in C; a process of its own makes their crash a fault like any other.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import subprocess

@@ -1,7 +1,5 @@
 """A render of a sequence that is interrupted at random moments: what was finished is whole, the next run is clean."""
 
-from __future__ import annotations
-
 import json
 import random
 import re

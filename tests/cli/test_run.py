@@ -1,7 +1,5 @@
 """What a run makes of a configuration: the air, the suns, what is left out, and the record."""
 
-from __future__ import annotations
-
 import itertools
 from datetime import UTC, datetime
 

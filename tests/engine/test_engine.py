@@ -1,7 +1,5 @@
 """The engine: blocks, observers, mirror images, what solvers declare, and what its callers may no longer decide."""
 
-from __future__ import annotations
-
 import inspect
 from dataclasses import dataclass, replace
 from types import SimpleNamespace

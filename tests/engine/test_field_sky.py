@@ -1,7 +1,5 @@
 """A solved field as a person meets it: a sky of any sun at once, what it says of itself, and wrong questions."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a user holds beside the field it came from: every kind of file, read by somebody else's reader."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray

@@ -1,7 +1,5 @@
 """The light of directions and surfaces at places and times, term by term."""
 
-from __future__ import annotations
-
 import time
 from datetime import UTC, datetime, timedelta
 

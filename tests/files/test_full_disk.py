@@ -1,7 +1,5 @@
 """A disk that is full at any moment of any writer: one sentence, nothing half written."""
 
-from __future__ import annotations
-
 import ast
 import errno
 import resource

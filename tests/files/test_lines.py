@@ -1,7 +1,5 @@
 """Lines of sight by Runge-Kutta steps against the layered ray tracer, closed forms and optical depths."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

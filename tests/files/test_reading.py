@@ -1,7 +1,5 @@
 """Files that say that they hold more than they should: refused with the sizes, before memory is taken for them."""
 
-from __future__ import annotations
-
 import io
 import resource
 import zipfile

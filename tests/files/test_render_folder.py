@@ -1,7 +1,5 @@
 """The folder of a render: nothing is lost, nothing stale stays, what is finished is not computed again."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from toy_sky import glow_sky

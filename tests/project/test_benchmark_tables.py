@@ -1,7 +1,5 @@
 """Tables of benchmarks of which some rows are made anew."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

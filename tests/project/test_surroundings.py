@@ -1,7 +1,5 @@
 """What is around the program is missing, full or gone: one sentence, no traceback, no half files."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

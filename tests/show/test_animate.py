@@ -1,7 +1,5 @@
 """`twilight animate`: films of a sky in closed form, read back, and what stops one."""
 
-from __future__ import annotations
-
 import sys
 from itertools import pairwise
 

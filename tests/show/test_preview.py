@@ -1,7 +1,5 @@
 """Previews: of the air that was asked for, as wrong as they say, gone when the sky is there."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image

@@ -1,7 +1,5 @@
 """`twilight view`: pages in a headless browser, their pixels against the field, and what every control does."""
 
-from __future__ import annotations
-
 import json
 import math
 from types import SimpleNamespace

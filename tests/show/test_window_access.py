@@ -1,7 +1,5 @@
 """The page for every hand: axe-core's rules, sizes for fingers, a sheet on a phone, keys, one name for each control."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page of `twilight view` as people meet it: opened from disk, under fingers, inside a notebook, in time."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """`twilight export shader`: GLSL and WGSL in a headless browser, read back, beside numpy and beside the field."""
 
-from __future__ import annotations
-
 import base64
 import io
 import os

@@ -1,7 +1,5 @@
 """`twilight view` from the ground to orbit: pixels above the air against a sky in closed form, and against a field."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

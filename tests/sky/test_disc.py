@@ -1,7 +1,5 @@
 """The sun's disc: limb darkening, the shape and light that refraction and extinction leave, pictures and lamps."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -109,9 +107,6 @@ def test_layers_of_an_inversion_cut_it_into_slices(air):
     step = 3e-6 * (1.0 / (1.0 + np.exp(np.clip((z - 0.035) / 0.002, -50, 50))))[:, None]
     layered = on_levels(air, z, refractivity=air.at(z).refractivity + step)
     assert waist(air) == 1 and waist(layered) > 1
-
-
-# Files ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

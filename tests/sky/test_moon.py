@@ -1,7 +1,5 @@
 """The moon: place, brightness, disc, and the sky that it lights."""
 
-from __future__ import annotations
-
 import datetime as dt
 import json
 

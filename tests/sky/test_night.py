@@ -35,9 +35,6 @@ def zenith_magnitude(**levels):
     return float(-2.5 * np.log10(as_sky(night).luminance()[0, 0] / 10.8e4))  # V mag arcsec^-2 of cd m^-2
 
 
-# Directions -----------------------------------------------------------------------------------------------------
-
-
 def test_van_rhijn_closed_form_and_observers():
     horizon = 1.0 / np.sqrt(1.0 - (6371.0 / 6461.0) ** 2)
     assert light.van_rhijn(np.array([90.0, 0.0]), 90.0) == pytest.approx([1.0, horizon])
@@ -85,9 +82,6 @@ def test_without_a_place_the_ecliptic_rises_from_the_sun_at_its_tilt():
     assert world.ecliptic_from_sun(90.0, 0.0, 0.0, None, None)[1] == pytest.approx(90.0 - world.ECLIPTIC_TILT_DEG)
 
 
-# Light above the air --------------------------------------------------------------------------------------------
-
-
 def test_airglow_bins_keep_every_line():
     fine = np.arange(381.0, 721.0, 1.0)
     for edges in (np.arange(380.5, 720.6, 20.0), np.linspace(380.5, 719.5, 6)):
@@ -116,9 +110,6 @@ def test_zodiacal_light_is_the_table():
     assert light.zodiacal_500nm(180.0, 0.0) > light.zodiacal_500nm(150.0, 0.0)
     # 1 S10 is 1.28e-11 W m^-2 nm^-1 sr^-1 by Leinert et al. 1998, from another magnitude scale
     assert light.S10_550NM == pytest.approx(1.28e-11, rel=0.08)
-
-
-# The air --------------------------------------------------------------------------------------------------------
 
 
 def test_vacuum_and_pure_absorber_are_exact():
@@ -159,9 +150,6 @@ def test_extreme_air_stays_between_nothing_and_the_brightest_light_above():
     assert (veil(medium, np.array([-40.0]), observer_km=200.0).transmittance == 0).all()
 
 
-# Against measured nights ----------------------------------------------------------------------------------------
-
-
 def test_zenith_at_solar_maximum_is_that_of_paranal():
     """Patat 2003: V 21.61 (rms 0.20); the photometer leaves out resolved stars; luminance is not quite the V band."""
     got = zenith_magnitude(airglow=light.SOLAR_MAXIMUM, starlight=0.2, zodiacal_light=1.0)
@@ -199,9 +187,6 @@ def test_few_wavelengths_see_the_same_night():
         night = night_radiance(hazy_earth(wavelength_nm=nm), np.array([90.0]), np.array([0.0]))
         brightness.append(as_sky(night, nm).luminance()[0, 0])
     assert brightness == pytest.approx([brightness[1]] * 3, rel=0.12)
-
-
-# In a scene -----------------------------------------------------------------------------------------------------
 
 
 def test_levels_scale_and_add():

@@ -1,7 +1,5 @@
 """The polarised sky in closed form: light scattered once by molecules vibrates across the plane of scattering."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from types import ModuleType

@@ -1,7 +1,5 @@
 """Bands, eyes and skins: every quantity against a number that somebody else published."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from toy_sky import glow_sky

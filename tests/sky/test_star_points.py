@@ -1,7 +1,5 @@
 """The brighter stars as points: where they stand, what of their light arrives, and that pictures keep it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import datetime, timedelta
 

@@ -1,7 +1,5 @@
 """The eye and the camera: CIE 191, thresholds, colour at low light; exposure, white balance, noise; dither."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -39,9 +37,6 @@ def of_spectrum(tone, radiance):
     """What a tone sees of a radiance [W m^-2 sr^-1 nm^-1] at VISIBLE_NM."""
     factor = np.interp(NM, spectrum.VISIBLE_NM, radiance) / spectrum.solar_irradiance(NM)
     return tone.see(factor, NM, SUN)
-
-
-# Eye ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("ratio", (0.65, 1.0, 2.05, 3.5))
@@ -122,9 +117,6 @@ def test_adaptation_follows_light_at_once_and_the_dark_slowly():
     assert -3.0 < ten_minutes < 0.5  # dark adaptation takes longer than that
 
 
-# Camera ---------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("sensor", SENSORS)
 @pytest.mark.parametrize("kelvin", (3000.0, 5500.0, 9000.0))
 def test_the_light_of_the_white_balance_is_white_at_its_luminance(sensor, kelvin):
@@ -194,9 +186,6 @@ def test_a_camera_needs_colours():
         Camera().see(np.ones((1, 2)), np.array([550.0, 600.0]), SUN)
     with pytest.raises(TwilightError, match="not known"):
         tone_of("film noir", "cie1931_2deg")
-
-
-# Files ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("tone", ("eye", "camera"))

@@ -1,7 +1,5 @@
 """Times of twilight: against another program, on days without them, and as configurations and commands take them."""
 
-from __future__ import annotations
-
 import datetime as dt
 import itertools
 

@@ -14,8 +14,6 @@ from twilight.solvers.analytic.cie import CieSettings
 from twilight.solvers.analytic.coefficients import angles
 from twilight.solvers.analytic.daylight import hemisphere
 
-# --- standard skies ---
-
 
 def test_type_12_is_the_clear_sky_that_the_paper_quotes():
     """Preetham 1999 eq. 1, Kittler's clear sky."""
@@ -88,8 +86,6 @@ def test_what_cannot_be_done_is_one_sentence(make, words):
     with pytest.raises(TwilightError, match=words):
         make()
 
-
-# --- aerial perspective ---
 
 THREE_NM = np.array([380.0, 550.0, 720.0])
 RAYS = [

@@ -3,8 +3,6 @@
 Each tolerance stands beside what was measured.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

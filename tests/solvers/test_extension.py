@@ -1,7 +1,5 @@
 """Packages of others add solvers and file formats: the example of the docs, installed and used."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -13,12 +13,7 @@ from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
 DATA = Path(__file__).parents[1] / "data" / "rt_disort.csv"
 PUBLISHED = np.genfromtxt(DATA, delimiter=",", names=True, skip_header=4, dtype=None, encoding=None)
-PHASES = {
-    1: PhaseFunction.henyey_greenstein([0.0]),
-    2: None,
-    3: PhaseFunction.henyey_greenstein([0.75]),
-    4: haze_l(),
-}
+PHASES = {1: PhaseFunction.henyey_greenstein([0.0]), 2: None, 3: PhaseFunction.henyey_greenstein([0.75]), 4: haze_l()}
 """Phase function by number of the test; None: of air."""
 
 
@@ -66,10 +61,7 @@ def test_henyey_greenstein_and_haze():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("test", "albedo", "moments"),
-    [
-        (3, 1.0, henyey_greenstein(0.75, 80)),
-        (4, 0.9, np.append(1.0, HAZE_L) / (2 * np.arange(len(HAZE_L) + 1) + 1)),
-    ],
+    [(3, 1.0, henyey_greenstein(0.75, 80)), (4, 0.9, np.append(1.0, HAZE_L) / (2 * np.arange(len(HAZE_L) + 1) + 1))],
     ids=["henyey_greenstein", "haze_l"],
 )
 def test_henyey_greenstein_and_haze_closely(test, albedo, moments):

@@ -1,7 +1,5 @@
 """Other programs as solvers: they see the air that ours see, and refuse what they cannot do."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Laws that hold in any air, tried on random climates (derandomised: the same ones in every run)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Light interpolated over the spectrum, beside light that is solved at every wavelength."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Extreme air, suns and observers in every solver that claims them: finite, not negative, not too bright."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 
@@ -256,9 +254,6 @@ def test_formulae_give_a_sky_or_one_sentence(name):
                     else:
                         assert_sane(radiance, f"{name}, {what}, {wavelength_nm} nm, sun {sun}")
     assert 0 < refused < len(EXTREMES) * 4 * 5
-
-
-# --- convergence, precision, threads ---
 
 
 @pytest.mark.slow

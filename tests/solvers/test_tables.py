@@ -1,7 +1,5 @@
 """The tables solver against closed forms, exact quadrature, conservation of energy and the zones solver."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

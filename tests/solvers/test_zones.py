@@ -1,7 +1,5 @@
 """The zones solver against the reference solution, other solvers, conservation laws and itself."""
 
-from __future__ import annotations
-
 import os
 import re
 from dataclasses import replace

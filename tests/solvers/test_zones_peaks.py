@@ -1,7 +1,5 @@
 """Sharp things in the zones solver: the glow around the sun and thin layers."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 

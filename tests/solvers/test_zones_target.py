@@ -1,7 +1,5 @@
 """A target error: the cheapest quality that has it, from errors measured beforehand."""
 
-from __future__ import annotations
-
 import csv
 import math
 from dataclasses import replace

@@ -132,9 +132,6 @@ def test_a_refit_is_nearer_to_computed_skies_than_the_paper():
         assert again.chromaticity_median < 0.004 < own.chromaticity_median
 
 
-# --- the command ---
-
-
 @pytest.fixture
 def small(monkeypatch, tmp_path):
     """Fewer skies; the sky that is fitted is the paper's own, so that its coefficients must come out as exact."""

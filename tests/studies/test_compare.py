@@ -1,7 +1,5 @@
 """Error against run time: statistics, tables of the reference solution, workers, and the command from end to end."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
@@ -56,9 +54,6 @@ def scene(**solver):
     return load(SCENE | {"solver": {"name": "toy", **solver}})
 
 
-# Statistics -----------------------------------------------------------------------------------------------------
-
-
 def test_a_table_of_references_survives_the_file(toy, tmp_path):
     stored = {sun: reference(toy, sun, stderr=0.01, nm=(428.57142857142856, 600.0)) for sun in (5.0, -6.5)}
     write_references(tmp_path / "t.csv", stored)
@@ -85,9 +80,6 @@ def test_options_of_the_scene_stay_with_the_solver_that_it_names(toy):
     config = scene(factor=3.0)
     assert with_preset(config, SolverPreset("toy", "draft")).solver["factor"] == 3.0
     assert "factor" not in with_preset(config, SolverPreset("cells", "draft")).solver
-
-
-# Workers --------------------------------------------------------------------------------------------------------
 
 
 def job(toy, suns=(5.0, -6.0), repeats=1, **solver):
@@ -166,9 +158,6 @@ def test_known_errors_come_out_and_refused_suns_are_listed(toy, tmp_path):
     assert set(by["draft", 5.0].by_wavelength) == set(NM)
     for quality in ("draft", "standard"):
         assert by[quality, -12.0].error is None and "-10 deg or higher" in by[quality, -12.0].reason
-
-
-# The command ----------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -263,9 +252,6 @@ def test_an_interrupt_keeps_what_is_finished_and_ends_the_worker(files, log):
     assert result.exit_code == 0, result.output
     assert all((out / "rows" / name).read_bytes() == content for name, content in finished.items())
     assert len(log.read_text().splitlines()) > before
-
-
-# Ablations, reference solution ---------------------------------------------------------------------------------
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """Errors beside a reference with noise of its own, their picture, the directions that are compared, bad tables."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -74,9 +72,6 @@ def test_noise_shows_in_the_colours_and_narrow_spectra_have_none():
     assert errors.ciede2000.median < 0.5 * errors.ciede2000.noise_median
     assert errors.luminance.median < 0.5 * errors.luminance.noise_median
     assert colour_errors(right, right, None, np.array([500.0, 550.0, 590.0])) is None
-
-
-# Directions and tables ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("count", (24, 48, 240))

@@ -41,9 +41,6 @@ def meter():
     return work.Photometer(load("continental-average", QUIET))
 
 
-# References -----------------------------------------------------------------------------------------------------
-
-
 def test_janiczek_deyoung_is_the_published_table():
     """Values of the polynomials; AMS Glossary: civil twilight ends at 3.5 to 2 lx, the night begins near 6e-4."""
     found = horizontal_illuminance_lux(np.array([60.0, 10.0, 0.0, -6.0, -12.0, -18.0]))
@@ -71,9 +68,6 @@ def test_evening_finds_the_sun():
         at = sun_position(moment, site.latitude_deg, site.longitude_deg, site.altitude_km)
         assert float(at.elevation_deg) == pytest.approx(-9.0, abs=1e-3)
         assert 180.0 < azimuth < 360.0
-
-
-# Quadratures ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("sun", [-18.0, 3.0, 30.0, 85.0])
@@ -109,9 +103,6 @@ def test_level_and_slope_of_made_up_points():
     assert (level.low_deg, level.high_deg, level.count) == (-12, -5, 4)
     assert level.level_dex == pytest.approx(0.2) and level.slope_difference == pytest.approx(0.01)
     assert level.factor == pytest.approx(10**0.2)
-
-
-# The meter ------------------------------------------------------------------------------------------------------
 
 
 class Even:
@@ -166,9 +157,6 @@ def test_the_measured_curves_are_those_of_their_sources():
     with open(folder / "rural_twilight_spectra" / "sessions_2_3_4.csv", encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if row["run"] == "3"]
     assert np.array_equal(spectra, [[float(row[f"{w:g}"]) for w in nm] for row in rows])
-
-
-# The sky --------------------------------------------------------------------------------------------------------
 
 
 def test_illuminance_by_day_and_in_twilight(meter):

@@ -1,7 +1,5 @@
 """The file of the Prague Sky Model: its bytes, its angles, its sums of products, and what readers find in it."""
 
-from __future__ import annotations
-
 import math
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The sky of zones beside published values of the Prague sky model (docs/accuracy.md)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sweeps: axes, grouping, the dataset, failed tasks and full disks."""
 
-from __future__ import annotations
-
 import json
 import re
 
@@ -21,8 +19,6 @@ from twilight.scene import resolve
 from twilight.studies.sweep.dimensions import IDLE_KEYS, SEVERAL_SUNS, SHAPE_KEYS, key_attributes
 from twilight.studies.sweep.store import JOURNAL
 from twilight.studies.sweep.work import BENDING, DIRECT, RADIANCE, compute, forget
-
-# Axes -----------------------------------------------------------------------------------------------------------
 
 
 def test_ranges_hold_their_ends_and_even_steps(toy):
@@ -46,9 +42,6 @@ def test_a_list_is_rendered_as_it_stands(toy):
     listed = [{"climate": "urban", "ground.albedo": 0.1}, {"ground.albedo": 0.3, "climate": "desert"}]
     cases = load_series({**BASE, "vary": {"list": listed}})
     assert [(c.config.climate.name, c.config.climate.ground.albedo) for c in cases] == [("urban", 0.1), ("desert", 0.3)]
-
-
-# Grouping -------------------------------------------------------------------------------------------------------
 
 
 def test_scenes_that_share_a_field_share_its_computation(toy):
@@ -90,9 +83,6 @@ def test_keys_of_tasks_follow_all_that_matters_and_nothing_else(toy):
         keys[name] = planned({"ground.albedo": [0, 1]}, **changes).tasks[0].key
     assert keys["base"] == keys["name"] == keys["output"]
     assert len(set(keys.values())) == len(keys) - 2
-
-
-# Skies ----------------------------------------------------------------------------------------------------------
 
 
 def test_a_task_gives_what_run_gives(toy):

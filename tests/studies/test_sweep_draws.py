@@ -1,7 +1,5 @@
 """Drawn airs: the same seed draws the same, parts by draw, turbidity beside them, and what the loader hands out."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sweeps that go wrong: failed tasks, full disks, damaged journals and chunks."""
 
-from __future__ import annotations
-
 import resource
 
 import numpy as np

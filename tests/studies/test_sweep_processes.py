@@ -1,7 +1,5 @@
 """Sweeps on real clusters: what is left when workers, clients, schedulers or users stop one."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """An evening as a table: columns, the times at which they pass a value, presets, files."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
 

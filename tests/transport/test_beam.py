@@ -256,9 +256,7 @@ def _extreme_media():
     levels[0] = 0.0
     middle = np.exp(-np.repeat(0.5 * (edges[1:] + edges[:-1]), 2) / 8.0)[:, None]
     yield replace(
-        pure_air(levels),
-        air_scattering_per_km=0.0115 * middle * np.ones(3),
-        refractivity=2.8e-4 * middle * np.ones(3),
+        pure_air(levels), air_scattering_per_km=0.0115 * middle * np.ones(3), refractivity=2.8e-4 * middle * np.ones(3)
     )
 
 

@@ -1,7 +1,5 @@
 """From high up the horizon dips: the sky's rows go below the horizontal, and the picture shows the true horizon."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
