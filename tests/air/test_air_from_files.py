@@ -11,7 +11,6 @@ from twilight.cli.app import app
 from twilight.config import load
 from twilight.config.load import load_climate
 from twilight.engine import solve
-from twilight.io.air import KINDS
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
 from twilight.scene.scene import resolved_configuration
@@ -25,6 +24,7 @@ def run(*arguments):
 
 
 def test_the_command_prints_a_climate_and_says_what_is_from_where(tmp_path, monkeypatch):
+    """The climate would not say what was measured."""
     monkeypatch.chdir(tmp_path)
     made = [air_files.wyoming(tmp_path / "w.txt"), air_files.era5(tmp_path / "e.nc")]
     made += [air_files.aeronet(tmp_path / "a.lev15"), air_files.cams(tmp_path / "cams.nc")]
@@ -83,16 +83,11 @@ def test_the_section_air_reads_beside_its_file_and_its_record_needs_no_files(tmp
 
 @pytest.mark.parametrize(("air", "words"), [({"sounding": "a.lev15", **PLACE}, "; air.sounding takes a sounding")])
 def test_the_section_air_refuses_in_one_sentence(tmp_path, air, words):
+    """A photometer's file would be read as a sounding."""
     air_files.aeronet(tmp_path / "a.lev15")
     (tmp_path / "c.yaml").write_text(yaml.safe_dump({"version": 1, "name": "c", "air": air}))
     with pytest.raises(TwilightError, match=words):
         load(tmp_path / "c.yaml")
-
-
-def test_a_kind_for_each_key():
-    from twilight.config.air import AIR_FILES
-
-    assert set(AIR_FILES) == set(KINDS)
 
 
 def test_the_sky_of_an_atmosphere_written_as_files_is_that_of_the_atmosphere(coarse_draft, tmp_path):

@@ -63,6 +63,7 @@ def test_a_preview_is_of_the_very_air():
     ],
 )
 def test_there_is_no_preview_of_what_the_models_do_not_show(settings):
+    """A preview would show another air or view."""
     assert preview_of(scene(**settings)) is None
 
 

@@ -134,6 +134,7 @@ def test_keys_step_finely_and_coarsely(page_of_two):
 
 
 def test_every_control_has_a_name_of_its_own(page_of_two):
+    """A screen reader would not tell two controls apart."""
     with open_page(page_of_two, *DESK, **COARSE_PIXELS) as (page, errors):
         for state in STATES.values():
             page.evaluate("s => twilight.set(s)", state)

@@ -43,6 +43,7 @@ def page_file(view, tmp_path_factory):
 
 
 def test_it_opens_from_disk_and_says_how_long_that_took(page_file):
+    """A page sent by mail would stay empty."""
     with open_page(page_file, 400, 500, from_disk=True) as (page, errors):
         assert page.url.startswith("file:")
         assert page.evaluate("twilight.at(40, 10)?.luminance ?? 0") > 0.0

@@ -44,6 +44,7 @@ def solid_angles(rays: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", sorted(PROJECTIONS))
 def test_every_projection_keeps_a_stars_light_and_place(kind):
+    """A star would be brighter where pixels are small."""
     more = {"perspective": {"elevation_deg": 30.0}, "limb": {"band_deg": (0.0, 40.0)}}
     view = View(kind=kind, width=240, **more.get(kind, {}))
     rays = view.rays((0, view.shape[0])).astype(float)
@@ -70,6 +71,7 @@ def test_every_projection_keeps_a_stars_light_and_place(kind):
 
 
 def test_rows_drawn_apart_are_those_of_the_whole():
+    """A picture drawn by rows would have seams."""
     view = View(kind="perspective", width=120, elevation_deg=30.0)
     rays = view.rays((0, view.shape[0])).astype(float)
     towards = direction(np.linspace(-20.0, 20.0, 60), 30.0 + 12.0 * np.sin(np.arange(60.0)))
@@ -85,6 +87,7 @@ def test_rows_drawn_apart_are_those_of_the_whole():
 
 
 def test_a_hill_hides_stars():
+    """Stars would shine through mountains."""
     rays = View(kind="perspective", width=60).rays((0, 30)).astype(float)
     hidden = np.zeros((30, 60), bool)
     hidden[:, :30] = True
@@ -100,6 +103,7 @@ def air():
 
 
 def test_stars_stand_where_astropy_has_them(air):
+    """Stars would stand beside their places."""
     pytest.importorskip("astropy")
     from twilight.studies.validate.stars import coordinates
 
@@ -201,6 +205,7 @@ def test_stars_move_through_a_film(tmp_path):
 
 
 def test_stars_without_a_place_are_refused():
+    """Stars of no place would be drawn."""
     config = load("pure-air", {"night.stars": True, "sun.elevation_deg": -10.0})
     with pytest.raises(TwilightError, match=r"night\.stars needs a place and a time"):
         next(iter(frames(resolve(config), cached=False)))

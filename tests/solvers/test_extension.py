@@ -49,6 +49,7 @@ def twilight(installed, folder, *commands):
 
 
 def test_a_solver_and_a_format_of_another_package_are_used_by_their_names(installed, tmp_path):
+    """The example of the docs would not work."""
     uniform = ["render", "pure-air", "--sun-elevation", "5", "--solver", "uniform", *SMALL]
     words = [*uniform, "--set", "solver.radiance=0.02", "--only", "luminance-csv,h5", "--output", "out"]
     slips = ([*uniform, "--set", f"solver.{slip}"] for slip in ("radiance=-1", "radiants=1"))
@@ -67,6 +68,7 @@ def test_a_solver_and_a_format_of_another_package_are_used_by_their_names(instal
 
 
 def test_without_the_package_its_names_are_unknown():
+    """A name of no package would be taken."""
     render = ["render", "pure-air", "--sun-elevation", "5"]
     done = CliRunner().invoke(app, [*render, "--solver", "uniform"])
     assert done.exit_code == 2 and "uniform is not a solver" in done.stderr
@@ -93,6 +95,7 @@ def test_a_name_that_is_taken_or_cannot_be_loaded_is_one_sentence(monkeypatch):
 
 
 def test_a_module_that_is_no_solver_says_what_it_lacks(monkeypatch):
+    """A module that is no solver would be a traceback."""
     monkeypatch.setitem(solvers.SOLVERS, "json", "json")
     with pytest.raises(TwilightError, match="json: json is no solver; it lacks CAPABILITIES, QUALITIES, prepare"):
         solvers.load("json")

@@ -55,6 +55,7 @@ def stokes(scene, wavelengths=None, interpolation=None):
 
 
 def test_between_bands_it_is_as_near_as_stated():
+    """Interpolated wavelengths would be worse than the plan says."""
     scene = scene_of("pure-air", np.linspace(400.0, 580.0, 49))
     one = plan(scene, SUNS_DEG).interpolations[0]
     assert 0 < one.n_nodes <= 24 and not one.in_band
@@ -137,6 +138,7 @@ def test_one_interpolation_serves_all_ranges_and_bands():
 
 
 def test_few_wavelengths_and_off_are_solved_bit_for_bit_as_ever():
+    """A few wavelengths would be interpolated."""
     few = plan(scene_of("pure-air", np.linspace(400.0, 580.0, 16)))
     off = plan(scene_of("pure-air", np.linspace(400.0, 580.0, 49), "off"))
     single = scene_of("pure-air", np.linspace(400.0, 580.0, 49))
@@ -147,6 +149,7 @@ def test_few_wavelengths_and_off_are_solved_bit_for_bit_as_ever():
 
 
 def test_blocks_of_the_engine_take_it_and_say_so(tmp_path, monkeypatch):
+    """Interpolation would be lost in blocks, in the cache, or not be recorded."""
     monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("TWILIGHT_CACHE_GB", "1")
     monkeypatch.setattr(problem, "INTERPOLATED_AT_ONCE", 16)

@@ -138,6 +138,7 @@ def extremes_apart():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["zones", "cells", "montecarlo"])
 def test_extreme_air_under_every_sun(name, request):
+    """Extreme air would be negative, NaN or too bright under some sun."""
     if name == "zones":
         solved = request.getfixturevalue("extremes_apart")
         radiance = np.array([solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in SUNS_DEG])
@@ -172,6 +173,7 @@ def test_a_globe_that_traps_its_light_is_refused(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("what", STRUCTURES)
 def test_odd_levels_zones(what):
+    """Odd levels of the air would be NaN or too bright in `zones`."""
     settings = QUICK if what == "black" else ZONES
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)  # a 0 / 0 that happens not to matter today
@@ -182,6 +184,7 @@ def test_odd_levels_zones(what):
 @pytest.mark.parametrize("what", STRUCTURES)
 @pytest.mark.parametrize("name", ["cells", "montecarlo"])
 def test_odd_levels(name, what):
+    """Odd levels of the air would be NaN or too bright."""
     check_structure(name, what, (30.0, -0.57, -6.0))
 
 
@@ -193,6 +196,7 @@ def plain_zones():
 @pytest.mark.slow
 @pytest.mark.parametrize("altitude_km", [0.0, 8.0, 50.0, 80.0, 100.0, 400.0, 40000.0])
 def test_observers_from_the_ground_to_orbit(plain_zones, altitude_km):
+    """A sun on the horizon would be NaN for some observer."""
     horizon = horizon_deg(altitude_km)
     for sun in (90.0, 10.0, 0.0, horizon, horizon - 0.57, horizon + 1e-9, -18.0, -40.0, -90.0):
         if sun < -90.0:
@@ -211,6 +215,7 @@ def test_observers_from_the_ground_to_orbit(plain_zones, altitude_km):
 @pytest.mark.slow
 @pytest.mark.parametrize("altitude_km", [0.0, 8.0, 50.0, 100.0, 400.0])
 def test_observers_of_the_reference_solution(altitude_km):
+    """`montecarlo` would be NaN for some observer."""
     horizon = horizon_deg(altitude_km)
     field = solvers.load("montecarlo").prepare(medium_of(Air()), MONTECARLO, observer_altitude_km=altitude_km)
     for sun in (30.0, horizon, -6.0):
@@ -222,6 +227,7 @@ def test_observers_of_the_reference_solution(altitude_km):
 
 @pytest.mark.slow
 def test_what_is_not_claimed_is_one_sentence(plain_zones):
+    """A solver would answer for what it does not claim."""
     medium = medium_of(Air(), Air())
     for name in solvers.SOLVERS:
         settings = settings_of(name) if name in ("zones", "cells", "montecarlo") else None
@@ -238,6 +244,7 @@ def test_what_is_not_claimed_is_one_sentence(plain_zones):
 
 @pytest.mark.parametrize("name", ["preetham", "cie"])
 def test_formulae_give_a_sky_or_one_sentence(name):
+    """A formula would be NaN in extreme air."""
     module = solvers.load(name)
     refused = 0
     for what, air in EXTREMES.items():

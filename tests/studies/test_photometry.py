@@ -63,6 +63,7 @@ def test_koomen_falls_by_ten_in_two_degrees():
 
 
 def test_evening_finds_the_sun():
+    """Moments of measurements would be of other suns."""
     for site in KOOMEN_SITES:
         moment, azimuth = work.evening(site, -9.0)
         at = sun_position(moment, site.latitude_deg, site.longitude_deg, site.altitude_km)
@@ -72,6 +73,7 @@ def test_evening_finds_the_sun():
 
 @pytest.mark.parametrize("sun", [-18.0, 3.0, 30.0, 85.0])
 def test_hemisphere_integrates_cosines_exactly(sun):
+    """Irradiances would be off by the quadrature."""
     elevation, azimuth, weight = work.hemisphere(sun)
     sine = np.sin(np.radians(elevation))
     assert weight.sum() == pytest.approx(np.pi, rel=1e-12)
@@ -82,6 +84,7 @@ def test_hemisphere_integrates_cosines_exactly(sun):
 
 
 def test_disc_rises_over_the_horizon():
+    """The disc would light the ground before it rises."""
     bare = replace(hazy_earth(), refractivity=0 * hazy_earth().refractivity)
     beam = prepare_beam(bare)
     point = np.zeros(1)
@@ -94,6 +97,7 @@ def test_disc_rises_over_the_horizon():
 
 
 def test_level_and_slope_of_made_up_points():
+    """Level and slope would be stated of other suns."""
     suns = np.array([-12.0, -10.0, -8.0, -6.0])
     points = [
         work.PhotometricPoint("a", "illuminance", "s", "ground", 0.0, h, 10 ** (0.2 + 0.01 * (h + 9.0)), 0.0, 1.0)
@@ -186,6 +190,7 @@ def test_zenith_luminance_at_maryland(meter):
 
 
 def test_tables_and_picture(tmp_path):
+    """A table would have its columns exchanged."""
     rows = [("illuminance", "ground", 0.0, h, float(horizontal_illuminance_lux(h)), 0.0, 1.0) for h in (-6.0, -9.0)]
     for site in KOOMEN_SITES:
         for sun, computed, measured in ((-6.0, 0.5, 0.5), (-7.0, 0.1, np.nan)):
@@ -207,6 +212,7 @@ def test_tables_and_picture(tmp_path):
 
 @pytest.mark.slow
 def test_command_writes_tables_and_picture(tmp_path):
+    """The command would miss a file."""
     words = ["pure-air", "--quality", "draft", "--set", "night=null", "--output", str(tmp_path)]
     done = CliRunner().invoke(app, ["validate", "photometry", *words])
     assert done.exit_code == 0, done.output

@@ -23,6 +23,7 @@ SCENE = {
 
 @pytest.mark.parametrize("altitude_km", (0.5, 10.0, 400.0))
 def test_the_dip_is_that_of_the_ray_that_touches_the_ground(altitude_km):
+    """The horizon would be drawn elsewhere."""
     medium = climate_medium(load_climate("pure-air"), [550.0])
     dip = horizon_dip_deg(medium, altitude_km)
     without_air = np.degrees(np.arccos(6371.0 / (6371.0 + altitude_km)))
@@ -32,6 +33,8 @@ def test_the_dip_is_that_of_the_ray_that_touches_the_ground(altitude_km):
 
 
 def test_rows_bracket_the_horizon_from_high_up_and_are_those_of_the_texture_else():
+    """The limb would be smeared, or the ground's sky change."""
+
     def rows(altitude_km, **more):
         config = load("pure-air", {**SCENE, "observer.altitude_km": altitude_km, **more})
         return texture_rows(resolve(config))
@@ -46,6 +49,7 @@ def test_rows_bracket_the_horizon_from_high_up_and_are_those_of_the_texture_else
 
 
 def test_the_picture_from_ten_kilometres_shows_the_horizon_below_zero():
+    """From an airliner the horizon would be level."""
     config = load("pure-air", {**SCENE, "observer.altitude_km": 10.0})
     sky = run(resolve(config))
     picture, _ = render_view(sky, width=400)
