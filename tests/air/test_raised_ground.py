@@ -21,13 +21,9 @@ RAISED_KM = 2.8
 ELEVATION_DEG = np.array([2.0, 20.0, 60.0, 90.0, 10.0])
 AZIMUTH_DEG = np.array([0.0, 5.0, 180.0, 0.0, 120.0])
 SOLVERS = (
-    "zones",
-    "preetham",
-    "cie",
-    pytest.param("cells", marks=pytest.mark.slow),
-    pytest.param("montecarlo", marks=pytest.mark.slow),
-    pytest.param("sasktran2", marks=pytest.mark.slow),
-)
+    "zones", "preetham", "cie", pytest.param("cells", marks=pytest.mark.slow),
+    pytest.param("montecarlo", marks=pytest.mark.slow), pytest.param("sasktran2", marks=pytest.mark.slow),
+)  # fmt: skip
 NEARLY = {"cells": 1e-4}
 """Relative difference by rounding: points of the sky's table lie on different sides of an edge."""
 

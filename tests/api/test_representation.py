@@ -150,18 +150,11 @@ def every_layer(sky):
     """The sky with all that a file can hold of one."""
     grid = sky.sun_normalised_radiance
     return replace(
-        sky,
-        night_radiance=np.full(grid.shape, 1e-6),
-        standard_error=0.01 * grid,
-        polarisation=0.1 * np.stack([grid, -grid], axis=2),
-        polarisation_error=0.01 * np.stack([grid, grid], axis=2),
-        apparent_sun_elevation_deg=5.2,
-        sun_azimuth_deg=280.0,
-        latitude_deg=52.5,
-        longitude_deg=13.4,
-        observer_altitude_km=0.1,
-        time=datetime(2026, 6, 21, 20, tzinfo=UTC),
-    )
+        sky, night_radiance=np.full(grid.shape, 1e-6), standard_error=0.01 * grid,
+        polarisation=0.1 * np.stack([grid, -grid], axis=2), polarisation_error=0.01 * np.stack([grid, grid], axis=2),
+        apparent_sun_elevation_deg=5.2, sun_azimuth_deg=280.0, latitude_deg=52.5, longitude_deg=13.4,
+        observer_altitude_km=0.1, time=datetime(2026, 6, 21, 20, tzinfo=UTC),
+    )  # fmt: skip
 
 
 def test_axes_are_a_few_words_with_a_unit_and_time_is_a_time(sky, tmp_path):

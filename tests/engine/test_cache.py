@@ -57,13 +57,10 @@ def test_whatever_enters_makes_another_field(solved):
     """The field of other air would be taken from the cache."""
     twilight.render("pure-air", **SCENE)
     changes = [
-        {"sun_elevation_deg": -3.001},
-        {"wavelength_nm": [550.001]},
-        {"altitude_km": 0.001},
-        {"settings": {"ground.albedo": 0.1501}},
-        {"settings": {"gases.ozone.column_du": 334.0}},
+        {"sun_elevation_deg": -3.001}, {"wavelength_nm": [550.001]}, {"altitude_km": 0.001},
+        {"settings": {"ground.albedo": 0.1501}}, {"settings": {"gases.ozone.column_du": 334.0}},
         {"settings": {"solver.max_orders": 7}},
-    ]
+    ]  # fmt: skip
     for number, change in enumerate(changes, start=2):
         settings = SCENE["settings"] | change.get("settings", {})
         twilight.render("pure-air", **(SCENE | change | {"settings": settings}))

@@ -35,12 +35,9 @@ def full_sky():
         direct_irradiance=np.linspace(0.0, 0.2, 7),
         provenance={
             "configuration": {"version": 1, "name": "T1", "medium": {"table": "t1.csv"}, "ü": [1.5, None]},
-            "version": __version__,
-            "hash": "ab" * 32,
-            "run_time_s": 12.25,
-            "solver": "toy",
+            "version": __version__, "hash": "ab" * 32, "run_time_s": 12.25, "solver": "toy",
         },
-    )
+    )  # fmt: skip
     return replace(sky, standard_error=0.01 * sky.sun_normalised_radiance)
 
 

@@ -192,12 +192,8 @@ def test_spectral_exr_follows_the_layout_and_reads_elsewhere(tmp_path):
     path = write_spectral_exr(sky, tmp_path / "sky.spectral.exr", width=64)
     with OpenEXR.File(str(path), separate_channels=True) as file:
         assert set(file.channels()) == {
-            *"RGB",
-            "S0.400,000000nm",
-            "S0.455,250000nm",
-            "S0.550,000000nm",
-            "S0.700,000000nm",
-        }
+            *"RGB", "S0.400,000000nm", "S0.455,250000nm", "S0.550,000000nm", "S0.700,000000nm",
+        }  # fmt: skip
         header = file.header()
         assert header["spectralLayoutVersion"] == "1.0" and header["emissiveUnits"] == "W.m^-2.sr^-1"
         assert header["twilightRadianceUnits"] == "W.m^-2.sr^-1.nm^-1"

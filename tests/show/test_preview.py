@@ -52,16 +52,11 @@ def test_a_preview_is_of_the_very_air():
 @pytest.mark.parametrize(
     "settings",
     [
-        {"observer.altitude_km": 20.0},
-        {"output.polariser_deg": 30.0},
-        {"output.files": ["h5"]},
-        {"observer.view": {"kind": "fisheye", "width": 64}},
-        {"solver": {"name": "zones", "max_orders": 1}},
-        {"solver": {"name": "compact"}},
-        {"sun.elevation_deg": -20.0},
-        {"climate": "overcast-stratus"},
+        {"observer.altitude_km": 20.0}, {"output.polariser_deg": 30.0}, {"output.files": ["h5"]},
+        {"observer.view": {"kind": "fisheye", "width": 64}}, {"solver": {"name": "zones", "max_orders": 1}},
+        {"solver": {"name": "compact"}}, {"sun.elevation_deg": -20.0}, {"climate": "overcast-stratus"},
     ],
-)
+)  # fmt: skip
 def test_there_is_no_preview_of_what_the_models_do_not_show(settings):
     """A preview would show another air or view."""
     assert preview_of(scene(**settings)) is None

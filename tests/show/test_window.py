@@ -110,14 +110,9 @@ def test_the_suns_place_and_the_night_are_those_of_twilight(field, pages):
     rows = np.arange(1.0, 91.0)
     columns = np.arange(0.0, 360.0, 5.0)
     night = night_radiance(
-        field.medium,
-        rows,
-        columns,
-        NightLevels(),
-        sun_elevation_deg=exact.elevation_deg,
-        sun_azimuth_deg=exact.azimuth_deg,
-        place=Place(latitude, longitude, parse_time(at)),
-    )
+        field.medium, rows, columns, NightLevels(), sun_elevation_deg=exact.elevation_deg,
+        sun_azimuth_deg=exact.azimuth_deg, place=Place(latitude, longitude, parse_time(at)),
+    )  # fmt: skip
     channels = Channels(NM)
     table = channels.of(night / channels.solar_irradiance)
     i = np.rint(elevation[keep] - 1.0).astype(int)

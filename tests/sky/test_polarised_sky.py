@@ -224,13 +224,10 @@ def test_a_sweep_keeps_q_and_u_and_gives_them_back_for_both_halves(tmp_path, mon
     monkeypatch.setitem(sys.modules, "rayleigh_toy", module)
     monkeypatch.setitem(solvers.SOLVERS, "rayleigh", "rayleigh_toy")
     scene = {
-        "version": 1,
-        "climate": {"version": 1, "name": "air"},
-        "solver": {"name": "rayleigh"},
-        "wavelengths": {"list_nm": NM.tolist()},
-        "texture": {"azimuth_count": 12, "elevation_count": 3},
+        "version": 1, "climate": {"version": 1, "name": "air"}, "solver": {"name": "rayleigh"},
+        "wavelengths": {"list_nm": NM.tolist()}, "texture": {"azimuth_count": 12, "elevation_count": 3},
         "vary": {"sun.elevation_deg": [5.0, 40.0]},
-    }
+    }  # fmt: skip
     made = Sweep(load_axes(scene))
     assert list(made.layers) == ["sun_normalised_radiance_q", "sun_normalised_radiance_u"]
     with open_store(tmp_path / "sweep.zarr", made) as store:

@@ -74,13 +74,10 @@ def test_a_date_is_that_of_the_clocks_of_the_place():
 @pytest.mark.parametrize(
     ("at", "expected"),
     [
-        ("2026-06-21 civil dusk", -6.0),
-        ("2026-06-21 Sunset", -0.8333),
-        ("2026-06-21 dusk -4", -4.0),
-        ("2026-06-21 dawn 3.5 deg", 3.5),
-        ("civil dawn", -6.0),
+        ("2026-06-21 civil dusk", -6.0), ("2026-06-21 Sunset", -0.8333), ("2026-06-21 dusk -4", -4.0),
+        ("2026-06-21 dawn 3.5 deg", 3.5), ("civil dawn", -6.0),
     ],
-)
+)  # fmt: skip
 def test_a_configuration_takes_a_twilight_for_a_time(at, expected):
     """`at: civil dusk` would be another sun."""
     (sun,) = suns_of(load("pure-air", {"sun": {"at": at, **BERLIN}}))

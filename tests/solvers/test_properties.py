@@ -27,14 +27,9 @@ FEW = settings(max_examples=3, **COMMON)
 MANY = settings(max_examples=60, **COMMON)
 
 airs = st.builds(
-    Air,
-    air=st.floats(0.0, 0.5),
-    aerosol=st.one_of(st.just(0.0), st.floats(1e-4, 3.0)),
-    albedo=st.floats(0.0, 1.0),
-    asymmetry=st.floats(0.0, 0.9),
-    ozone=st.one_of(st.just(0.0), st.floats(1e-4, 1.0)),
-    ground=st.floats(0.0, 1.0),
-)
+    Air, air=st.floats(0.0, 0.5), aerosol=st.one_of(st.just(0.0), st.floats(1e-4, 3.0)), albedo=st.floats(0.0, 1.0),
+    asymmetry=st.floats(0.0, 0.9), ozone=st.one_of(st.just(0.0), st.floats(1e-4, 1.0)), ground=st.floats(0.0, 1.0),
+)  # fmt: skip
 suns = st.floats(-12.0, 90.0)
 ELEVATION_DEG = np.array([-40.0, 1.0, 10.0, 45.0, 90.0])
 AZIMUTH_DEG = np.array([0.0, 20.0, 90.0, 150.0, 0.0])

@@ -16,22 +16,11 @@ from twilight.transport.beam import prepare_beam, traced_wavelengths
 from twilight.transport.beam_lookup import beam_at
 
 SMALL = {
-    "degree": 4,
-    "max_degree": 4,
-    "polar_directions": 4,
-    "azimuth_directions": 5,
-    "late_degree": 3,
-    "late_polar_directions": 4,
-    "late_azimuth_directions": 4,
-    "altitude_density": 0.3,
-    "zenith_density": 0.4,
-    "step_density": 0.3,
-    "first_order_step_density": 0.5,
-    "line_of_sight_density": 0.5,
-    "beam_density": 0.4,
-    "polarisation_degree": 4,
-    "late_polarisation_degree": 3,
-}
+    "degree": 4, "max_degree": 4, "polar_directions": 4, "azimuth_directions": 5, "late_degree": 3,
+    "late_polar_directions": 4, "late_azimuth_directions": 4, "altitude_density": 0.3, "zenith_density": 0.4,
+    "step_density": 0.3, "first_order_step_density": 0.5, "line_of_sight_density": 0.5, "beam_density": 0.4,
+    "polarisation_degree": 4, "late_polarisation_degree": 3,
+}  # fmt: skip
 """Options that solve a field in a second."""
 SUNS_DEG = (30.0, 0.0, -6.0)
 ELEVATION_DEG, AZIMUTH_DEG = (a.ravel() for a in np.meshgrid([2.0, 15.0, 70.0], [0.0, 60.0, 180.0]))

@@ -77,14 +77,9 @@ def brightest(asymmetry: float, name: str = "") -> float:
 
 DARK: dict[float, dict[str, float]] = {
     -18.0: {
-        "conservative pure air": 2.0e-8,
-        "aerosol optical depth 20": 3.2e-12,
-        "a white fog over snow": 2.3e-10,
-        "asymmetry 0.98": 8.3e-10,
-        "soot that does not scatter": 1.7e-11,
-        "isotropic and white, over snow": 8.6e-10,
-        "300 nm": 3.2e-13,
-        "nothing": 0.0,
+        "conservative pure air": 2.0e-8, "aerosol optical depth 20": 3.2e-12, "a white fog over snow": 2.3e-10,
+        "asymmetry 0.98": 8.3e-10, "soot that does not scatter": 1.7e-11, "isotropic and white, over snow": 8.6e-10,
+        "300 nm": 3.2e-13, "nothing": 0.0,
     },
     -40.0: {
         "conservative pure air": 2.8e-17,
@@ -96,7 +91,7 @@ DARK: dict[float, dict[str, float]] = {
         "300 nm": 8.2e-24,
         "nothing": 0.0,
     },
-}
+}  # fmt: skip
 """Brightest radiance [sr^-1] of each extreme at the directions looked at, by `zones` with QUICK; `montecarlo` finds the
 same within a factor 2 and its noise.  Air of a scale height of 8 km has next to nothing above the Earth's shadow."""
 DARK_STRUCTURE = {-18.0: 1.3e-9, -40.0: 7e-19}

@@ -27,14 +27,9 @@ from twilight.transport.scattered_once import ScatteredOnce
 READER = os.environ.get("TWILIGHT_PRAGUE_READER", "")
 """Folder with PragueSkyModel.cpp and PragueSkyModel.h of github.com/PetrVevoda/pragueskymodel."""
 AXES = PragueAxes(
-    np.array([30.0, 80.0]),
-    np.array([0.0, 1.0]),
-    np.array([50.0]),
-    np.array([-12.0, -11.75, 0.0, 20.0]),
-    2,
-    440.0,
+    np.array([30.0, 80.0]), np.array([0.0, 1.0]), np.array([50.0]), np.array([-12.0, -11.75, 0.0, 20.0]), 2, 440.0,
     120.0,
-)
+)  # fmt: skip
 NODES = channel_nodes(2, 440.0, 120.0, 1)
 
 

@@ -29,13 +29,10 @@ def air():
         wavelength_nm=CHANNELS_NM,
         quality="draft",
         settings={
-            "atmosphere.profile": "us_standard",
-            "aerosol.optical_depth_550nm": AEROSOL_DEPTH,
-            "aerosol.stratosphere": "none",
-            "refraction.model": "none",
-            "ground.albedo": 0.5,
+            "atmosphere.profile": "us_standard", "aerosol.optical_depth_550nm": AEROSOL_DEPTH,
+            "aerosol.stratosphere": "none", "refraction.model": "none", "ground.albedo": 0.5,
         },
-    )
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SKIES)

@@ -13,12 +13,9 @@ from twilight.sky import colour
 from twilight.transport.rays import ApparentRays, horizon_dip_deg
 
 SCENE = {
-    "solver.quality": "draft",
-    "solver.polarisation": False,
-    "texture.resolution_deg": 10,
-    "wavelengths": {"list_nm": [450.0, 550.0, 650.0]},
-    "sun": {"elevation_deg": -4.0},
-}
+    "solver.quality": "draft", "solver.polarisation": False, "texture.resolution_deg": 10,
+    "wavelengths": {"list_nm": [450.0, 550.0, 650.0]}, "sun": {"elevation_deg": -4.0},
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("altitude_km", (0.5, 10.0, 400.0))
