@@ -287,21 +287,3 @@ def test_ground_albedo():
     """One number for the ground would not count at all wavelengths, or an impossible one would."""
     assert np.all(build_medium(W, ground_albedo=0.3).ground_albedo == 0.3)
     np.testing.assert_array_equal(build_medium(W, ground_albedo=[0.1, 0.2, 0.3]).ground_albedo, [0.1, 0.2, 0.3])
-
-
-@pytest.mark.parametrize(
-    "options, text",
-    [
-        ({"profile": "venus"}, "us_standard"), ({"top_km": 9.0}, "10 to 120"),
-        ({"top_km": float("nan")}, "10 to 120"), ({"ozone_column_du": -1.0}, "ozone_column_du"),
-        ({"ozone_column_du": 3000.0}, "0 to 2000"), ({"ozone_column_du": 300, "ozone_day_of_year": 10}, "not both"),
-        ({"ozone_treatment": "mixed"}, "overhead_filter"), ({"refraction": "snell"}, "ciddor"),
-        ({"ground_albedo": 1.2}, "between 0 and 1"), ({"ground_albedo": [0.1, 0.2]}, "2 values"),
-        ({"layers": EqualAirMass(0)}, "layers.count"), ({"layers": Boundaries((0.0, 50.0))}, "100 km"),
-        ({"layers": Boundaries((0.0, 50.0, 40.0, 100.0))}, "each above"), ({"co2_ppm": -3.0}, "co2_ppm"),
-    ],
-)  # fmt: skip
-def test_errors_name_what_is_allowed(options, text):
-    """An impossible option would not be refused in a sentence that says what is allowed."""
-    with pytest.raises(TwilightError, match=text):
-        build_medium([550.0, 600.0, 650.0], **options)

@@ -193,23 +193,6 @@ def test_levels_are_the_air():
     assert notes["water_vapour_column_mm"] == pytest.approx(2 * medium.notes["water_vapour_column_mm"])
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"pressure_hpa": [1013, 540]}, "6 altitude_km but 2 pressure_hpa"),
-        ({"altitude_km": [0, 5, 4, 20, 50, 100]}, "must increase"),
-        ({"altitude_km": [0, 5, 10, 20, 50, 90]}, "up to top_km"),
-        ({"altitude_km": [1, 5, 10, 20, 50, 100]}, "at or below the ground"),
-        ({"pressure_hpa": [1013, 540, 540, 55, 0.8, 3e-4]}, "decrease"),
-        ({"temperature_k": [15, 256, 223, 217, 271, 195]}, "from 120 to 1000"),
-    ],
-)
-def test_levels_that_are_no_air_are_refused(changes, words):
-    """Levels that are no air would be computed."""
-    with pytest.raises(TwilightError, match=words):
-        load(levels(**changes))
-
-
 def test_optical_depths_at_several_wavelengths_are_met():
     """Measured haze would not be met at its wavelengths."""
     nm, depth = [340.0, 440.0, 500.0, 675.0, 870.0, 1020.0], [0.40, 0.28, 0.23, 0.14, 0.10, 0.085]

@@ -11,6 +11,7 @@ from rendering import TABLE_NM, call
 from typer.testing import CliRunner
 
 from twilight import solvers
+from twilight.base.errors import TwilightError
 from twilight.base.sections import option_fields
 from twilight.cli.app import app
 from twilight.cli.options import settings_of
@@ -157,3 +158,21 @@ def test_show_prints_depths_and_draws_the_profile(table, tmp_path):
     assert lines["scale height of the air"] == f"{60 / np.log(1e3) * (1 - 1e-3):.2f} km"
     assert (tmp_path / "profile.png").read_bytes().startswith(b"\x89PNG")
     assert list(tmp_path.glob(".*")) == []
+
+
+def test_an_altitude_in_metres_is_said_before_anything_is_computed(monkeypatch):
+    """Hours would be computed for an observer above the air, for 2400 m."""
+    from twilight.api import light
+
+    def computes(*_):
+        raise TwilightError("computes now")
+
+    monkeypatch.setattr(light, "field_for", computes)
+    place = ["--latitude", "48", "--longitude", "11", "--altitude-km", "2400"]
+    for words, says in (
+        (["light", "pure-air", "--at", "2026-06-21T21:00Z"], "is 2400 km, above the air; 2400 m are 2.4 km"),
+        (["timeline", "pure-air", "--at", "2026-06-21"], "altitude_km: 2400"),
+        (["times", "--date", "2026-06-21"], "altitude_km: 2400"),
+    ):
+        refused = call(*words, *place)
+        assert refused.exit_code == 2 and says in refused.stderr

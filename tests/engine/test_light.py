@@ -17,6 +17,8 @@ from twilight.engine.surfaces import Direction, Surface, towards
 from twilight.numerics.directions import whole_hemisphere
 from twilight.sky.night import NightLevels, night_radiance
 
+pytestmark = pytest.mark.usefixtures("coarse_draft")
+
 PLACE = (28.3, -16.5)
 AIR = {
     "version": 1,

@@ -90,7 +90,7 @@ def test_a_preview_is_written_said_and_taken_away(tmp_path, monkeypatch, capsys)
 
 
 @pytest.mark.parametrize("off", [False, True])
-def test_a_render_has_one_until_its_sky_is_there(tmp_path, monkeypatch, off):
+def test_a_render_has_one_until_its_sky_is_there(coarse_draft, tmp_path, monkeypatch, off):
     """Also where the render before was killed and left its own."""
     from twilight.cli import render_files
 

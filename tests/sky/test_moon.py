@@ -33,6 +33,8 @@ from twilight.sky.moon import (
     surface,
 )
 
+pytestmark = pytest.mark.usefixtures("coarse_draft")
+
 SMALL = {
     "wavelengths.list_nm": [430.0, 490.0, 550.0, 610.0, 670.0],
     "texture": {"resolution_deg": 15.0},

@@ -9,15 +9,12 @@ from airs import turbid
 from filming import film, scene
 from scipy.spatial import cKDTree
 
-from twilight.base.errors import TwilightError
-from twilight.config import load, load_climate
+from twilight.config import load_climate
 from twilight.config.pictures import View
-from twilight.engine.frames import frames
 from twilight.engine.night import night_light, without_points
 from twilight.engine.view import ViewRadiance
 from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.numerics.projections import PROJECTIONS
-from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
 from twilight.sky.night import NightLevels
 from twilight.sky.night.points import (
@@ -202,10 +199,3 @@ def test_stars_move_through_a_film(tmp_path):
         assert np.degrees(np.linalg.norm(middle / np.linalg.norm(middle) - towards)) < 0.3
         places.append(azimuth_elevation(towards))
     assert np.ptp([float(a) for a, _ in places]) > 1.0
-
-
-def test_stars_without_a_place_are_refused():
-    """Stars of no place would be drawn."""
-    config = load("pure-air", {"night.stars": True, "sun.elevation_deg": -10.0})
-    with pytest.raises(TwilightError, match=r"night\.stars needs a place and a time"):
-        next(iter(frames(resolve(config), cached=False)))

@@ -9,12 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.base.registry import Registry
-from twilight.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "docs" / "examples" / "extension"
@@ -65,15 +63,6 @@ def test_a_solver_and_a_format_of_another_package_are_used_by_their_names(instal
     # a slip in its options is one sentence
     assert wrong[0] == 2 and "solver.radiance must be a number of at least 0, got -1" in wrong[2]
     assert misspelt[0] == 2 and "did you mean radiance" in misspelt[2]
-
-
-def test_without_the_package_its_names_are_unknown():
-    """A name of no package would be taken."""
-    render = ["render", "pure-air", "--sun-elevation", "5"]
-    done = CliRunner().invoke(app, [*render, "--solver", "uniform"])
-    assert done.exit_code == 2 and "uniform is not a solver" in done.stderr
-    done = CliRunner().invoke(app, [*render, "--only", "luminance-csv"])
-    assert done.exit_code == 2 and "is not a file of a render" in done.stderr
 
 
 def registry_with(monkeypatch, name, value):

@@ -142,7 +142,12 @@ def test_extreme_air_under_every_sun(name, request):
         check_extremes(name, SUNS_DEG)
 
 
-@pytest.mark.parametrize("what", EXTREMES)
+QUICK_EXTREMES = ("aerosol optical depth 20", "300 nm", "nothing")
+
+
+@pytest.mark.parametrize(
+    "what", [what if what in QUICK_EXTREMES else pytest.param(what, marks=pytest.mark.slow) for what in EXTREMES]
+)
 def test_extreme_air_is_dark_at_night(what):
     """Each by itself: a block of all has the grids that any of them needs, and takes three times as long."""
     check_extremes("zones", (-18.0, -40.0), replace(ZONES, polarisation=False), some=(what,))
