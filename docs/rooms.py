@@ -95,7 +95,7 @@ def takes() -> set[tuple[str, str]]:
 
 
 def drawing() -> str:
-    """A row for each room.  A line goes left from it, to dots on the lines that go down from the rooms that import it."""
+    """A row for each room.  Its line goes left to dots on the lines that go down from the rooms that import it."""
     order, pairs, names = layers(), takes(), modules()
     storeys = {room: n for n, rooms in enumerate(STOREYS, 1) for room in rooms}
     lowest = {room: max([i for i, below in enumerate(order) if (room, below) in pairs], default=-1) for room in order}
