@@ -262,8 +262,8 @@ ABSORPTION_RANGES_KM: Tuned[tuple[float, ...], "km", ANY, "test_between_bands_it
     "two, oxygen in three, ozone in the last two"] = (0.0, 3.0, 10.0, 30.0)
 WEAK_DEPTH: Tuned[float, "optical depth", ANY, "test_in_bands_it_is_as_near_as_stated",
     "vertical depth of absorption up to which its coordinate grows in proportion, beyond like its logarithm: deep "
-    "twilight comes through 50 air masses, and with 0.08 weak wings of bands had no node near them (5 % in arctic air at "
-    "770 nm)"] = 0.02
+    "twilight comes through 50 air masses, and with 0.08 weak wings of bands had no node near them (arctic, 770 nm: "
+    "5 %)"] = 0.02
 WAVELENGTH_SCALE: Tuned[float, "ln nm", ANY, "test_between_bands_it_is_as_near_as_stated",
     "change of a coordinate, here the wavelength, over which light changes in another way "
     "(benchmarks/hyperspectral.py)"] = 3.3
