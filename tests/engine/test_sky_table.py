@@ -1,7 +1,5 @@
 """The rule by which every sky is read: closed forms, breaks, suns, channels, and nodes chosen by what they miss."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
