@@ -235,7 +235,7 @@ def view(self: Field, **options: Any) -> "Page":
     Parameters
     ----------
     **options
-        Of `twilight.show.view_fields`, e.g. altitudes_km.
+        Of `twilight.show.skies.view_fields`, e.g. altitudes_km.
 
     Returns
     -------

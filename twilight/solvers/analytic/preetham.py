@@ -2,7 +2,7 @@
 horizon.  From the coefficients' highest turbidity (6) to OVERCAST_TURBIDITY it goes linearly over to the CIE's overcast
 sky of flat spectrum without direct sun, as the paper asks for (sec. 5, Fig. 10).
 
-The turbidity is that of the medium (`limits.turbidity_of`) unless it is set; everything else about the air, and
+The turbidity is that of the medium (`daylight.turbidity_of`) unless it is set; everything else about the air, and
 the ground's albedo, does not change the sky.  Directions below the horizon see the ground, a Lambertian reflector of
 the medium's albedo under this sky and this sun.
 """
