@@ -19,7 +19,7 @@ from twilight.scene.plan import GAS_TOLERANCE, facts, horizontal_refraction_arcm
 from twilight.scene.scene import count_suns, resolved_configuration, suns_of
 
 SMALL = {
-    "solver": {"name": "cells", "multiple_scattering": "none"},
+    "solver": {"name": "zones", "quality": "draft", "max_orders": 1},
     "texture": {"azimuth_count": 8, "elevation_count": 6},
     "sun.elevation_deg": -3,
 }

@@ -9,7 +9,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.threads import in_slices
-from twilight.solvers.base import BareField, Convergence, observer_at
+from twilight.solvers.base import BareField, Convergence, check_sun, observer_at
 from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.angles import scattering_geometry
 from twilight.solvers.zones.aureole import forward_peak, widen_peaks
@@ -84,8 +84,7 @@ class Field(BareField):
         return lowest, 90.0 if first <= 0.0 else 90.0 - around - first
 
     def _check_sun(self, sun_elevation_deg: float, observer_altitude_km: float) -> None:
-        if not -90.0 <= sun_elevation_deg <= 90.0:
-            raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
+        check_sun(sun_elevation_deg)
         lowest, highest = self._suns_seen_from(observer_altitude_km)
         if self.solutions and not lowest - 1e-9 <= sun_elevation_deg <= highest + 1e-9:
             solved_for = f"{lowest:g} to {highest:g} deg" if lowest <= highest + 1e-9 else "lower observers"
