@@ -42,41 +42,41 @@ STOREYS = (
 
 def modules() -> dict[str, Path]:
     """All modules of the package by name; a package's is its `__init__`."""
-    found = {}
+    paths = {}
     for path in sorted((ROOT / "twilight").rglob("*.py")):
         parts = path.relative_to(ROOT).with_suffix("").parts
-        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
+        paths[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return paths
 
 
 @functools.cache
 def imports_of(path: Path) -> dict[str, set[str]]:
     """What a module imports from where, in functions and for types alone too."""
-    found: dict[str, set[str]] = {}
+    members: dict[str, set[str]] = {}
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            found |= {alias.name: set() for alias in node.names}
+            members |= {alias.name: set() for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            found.setdefault(node.module or "", set()).update(alias.name for alias in node.names)
-    return found
+            members.setdefault(node.module or "", set()).update(alias.name for alias in node.names)
+    return members
 
 
 def imported(path: Path, names: dict[str, Path]) -> set[str]:
     """The modules of the package that a module imports."""
-    found = set()
+    imports = set()
     for module, members in imports_of(path).items():
-        found |= {f"{module}.{member}" for member in members} & names.keys() or {module}
-    return found & names.keys()
+        imports |= {f"{module}.{member}" for member in members} & names.keys() or {module}
+    return imports & names.keys()
 
 
 def reached(path: Path, names: dict[str, Path]) -> set[str]:
     """The modules that a module imports, and those whose names it takes from a package that hands them on."""
-    found = imported(path, names)
+    imports = imported(path, names)
     for module, members in imports_of(path).items():
         if module in names and names[module].name == "__init__.py":
             within = imports_of(names[module])
-            found |= {source for source, handed in within.items() if handed & members and source in names}
-    return found
+            imports |= {source for source, handed in within.items() if handed & members and source in names}
+    return imports
 
 
 def layers() -> list[str]:
@@ -119,24 +119,24 @@ def drawing() -> str:
 
 def drawn(text: str) -> str:
     """The drawing that a page holds."""
-    found = re.search(rf"{BEGIN}\n\n```text\n(.*?)\n```\n\n{END}", text, re.DOTALL)
-    assert found is not None, f"{BEGIN} is not there"
-    return found[1]
+    block = re.search(rf"{BEGIN}\n\n```text\n(.*?)\n```\n\n{END}", text, re.DOTALL)
+    assert block is not None, f"{BEGIN} is not there"
+    return block[1]
 
 
 def walks(text: str) -> dict[str, list[tuple[str, str]]]:
     """Walk to its steps: a file, and the file that imports it; "by name" for a solver that the registry loads."""
     part = text.partition("## Three walks")[2].partition("\n## ")[0]
-    found = {}
+    steps_of = {}
     for walk in part.split("\n### ")[1:]:
         steps = re.findall(r"^(\d+)\. `([\w/]+\.py)`(?: \((?:from (\d+)|(by name))\))?:", walk, re.MULTILINE)
         assert [int(step[0]) for step in steps] == [*range(1, len(steps) + 1)]
         files = [step[1] for step in steps]
-        found[walk.partition("\n")[0]] = [
+        steps_of[walk.partition("\n")[0]] = [
             (file, named or files[int(source) - 1 if source else i - 1] if i else "")
             for i, (_, file, source, named) in enumerate(steps)
         ]
-    return found
+    return steps_of
 
 
 def broken(steps: list[tuple[str, str]]) -> list[str]:

@@ -47,7 +47,7 @@ def quick(name: str):
     from twilight.solvers.montecarlo import MonteCarloSettings
 
     made = {
-        "cells": lambda: CellsSettings(multiple_scattering="isotropic", azimuth_cells=24),
+        "cells": lambda: CellsSettings(azimuth_cells=24),
         "montecarlo": lambda: MonteCarloSettings(target_stderr=None, samples=64),
     }
     return made[name]() if name in made else solvers.load(name).QUALITIES[next(iter(solvers.load(name).QUALITIES))]
