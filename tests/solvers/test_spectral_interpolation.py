@@ -11,7 +11,7 @@ from twilight.engine import plan, problem, solve
 from twilight.engine.problem import full_cost
 from twilight.scene import resolve
 from twilight.solvers import zones
-from twilight.solvers.zones.spectrum import STATED_ERROR, STATED_ERROR_IN_BANDS, choose_nodes, kriging_weights
+from twilight.solvers.zones.spectrum import STATED_ERROR, choose_nodes, kriging_weights
 from twilight.transport.beam import prepare_beam, traced_wavelengths
 from twilight.transport.beam_lookup import beam_at
 
@@ -66,7 +66,7 @@ def test_in_bands_it_is_as_near_as_stated(tmp_path):
     some = np.array([3, 8, 12])
     new, old = stokes(scene, some, one), stokes(scene, some)
     error = np.abs(new[..., 0, :] / old[..., 0, :] - 1.0)
-    assert np.percentile(error, 95) < STATED_ERROR_IN_BANDS
+    assert np.percentile(error, 95) < STATED_ERROR
     dark = scene.bands.select(np.array([10])).expand(scene.medium.select(np.array([10])))
     field = zones.prepare(dark, scene.settings, sun_elevations_deg=SUNS_DEG, interpolation=one)
     field.save(tmp_path / "field.h5")

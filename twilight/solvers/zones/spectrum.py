@@ -24,7 +24,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of
 from twilight.solvers.base import Convergence
 from twilight.solvers.zones import constants as tuned
-from twilight.solvers.zones.grids import FieldGrids, FieldNodes, has_terms, serves_range
+from twilight.solvers.zones.grids import FieldGrids, FieldNodes, serves_range
 from twilight.solvers.zones.next_order import RadianceField
 from twilight.solvers.zones.orders import solve
 from twilight.solvers.zones.ray_points import LANES, block_values
@@ -32,11 +32,8 @@ from twilight.solvers.zones.scattering import TINY, Solution
 from twilight.solvers.zones.settings import ZonesSettings
 
 STATED_ERROR = 5e-3
-"""What interpolation adds between bands, at 95 % of directions, in eight of the ten types of aerosol
-(`benchmarks/hyperspectral.py`); most of it, in deep twilight, are the steps of its nodes, which are finer there than
-those of a wavelength that is solved alone."""
-STATED_ERROR_IN_BANDS = 8.5e-3
-"""The same within bands of gases."""
+"""What interpolation adds, at 95 % of directions, between bands of gases and in them, in the ten types of aerosol
+(`benchmarks/hyperspectral.py`)."""
 NODES_AT_ONCE = 3 * LANES
 """Nodes that are solved together: each such part has rays and a sunbeam of its own."""
 
@@ -203,8 +200,7 @@ class SpectralInterpolation:
             lowest = np.float32(np.log(TINY))
             light = RadianceField(np.maximum(log_mean, lowest), ratio, np.maximum(log_ground, lowest))
             solutions.append(Solution(light, at_nodes.convergence.orders, at_nodes.convergence.residual))
-        error = STATED_ERROR_IN_BANDS if has_terms(grids.medium) else STATED_ERROR
-        return solutions, replace(at_nodes.convergence, interpolation_error=error)
+        return solutions, replace(at_nodes.convergence, interpolation_error=STATED_ERROR)
 
     def _solve(self, zenith_range_deg: tuple[float, float], progress: Progress) -> _LightAtNodes:
         starts = range(0, self.n_nodes, NODES_AT_ONCE)
