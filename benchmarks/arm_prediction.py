@@ -50,7 +50,6 @@ def climate(exponent: float = EXPONENT, **aerosol: Any) -> dict[str, Any]:
 
 SOLVERS: dict[str, dict[str, Any]] = {
     "zones": {"solver.quality": "standard"},
-    "cells": {"solver.quality": "standard"},
     "tables": {"solver.quality": "standard"},
     "montecarlo": {"solver.quality": "standard"},
 }

@@ -12,7 +12,7 @@ Climates are built at the three wavelengths, with their Mie phase matrices and g
 pure-air-climate.csv.  Sun-normalised I, Q, U [sr^-1] with standard errors, per wavelength, sun and direction; observer
 on the ground; the elevation of a direction is the apparent one, and every leg of a path is bent.  The media are read
 back from their tables: two climates without their aerosol, one with a Henyey-Greenstein one; their light is scalar and
-its lines are straight, as in the solver `cells`.
+its lines are straight.
 
 The tables take hours.  `check` computes every third sun and every fourth direction of a table anew, with other random
 numbers and a standard error of 2 %, and writes what it found into the table's second line.  A table

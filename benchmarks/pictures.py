@@ -51,8 +51,12 @@ UP_DEG = 16.0
 """Elevation of their middle [deg]."""
 PHOTOS = (  # file, azimuth of its sun from the picture's middle [deg], what is rendered beside it
     ("pmndrs_sunset.hdr", 36.0, "--sun-elevation 3 --disc --set aerosol.optical_depth_550nm=0.31"),
-    ("rooitou_park_1k.hdr", 36.0, "--sun-elevation 10.4 --disc --set aerosol.optical_depth_550nm=0.065"),
-    ("kiara_1_dawn_1k.hdr", 47.8, "--sun-elevation=-3.9 --set aerosol.optical_depth_550nm=0.084"),
+    (
+        "rooitou_park_1k.hdr",
+        36.0,
+        "--sun-elevation 10.4 --disc --set aerosol.type=desert --set aerosol.optical_depth_550nm=0.051",
+    ),
+    ("kiara_1_dawn_1k.hdr", 47.8, "--sun-elevation=-3.5 --set aerosol.optical_depth_550nm=0.09 --set horizon=typical"),
     ("dikhololo_night_1k.hdr", 0.0, "--sun-elevation=-18 --set night.airglow=1"),
 )
 CLOCK = {"mode": "clock", "zone": 2, "latitude": 47, "longitude": 11}
@@ -101,7 +105,7 @@ def gallery(names: Sequence[str]) -> None:
     for name in names or commands:
         words = shlex.split(commands[name])
         only = [] if "--only" in words else ["--only", "png"]
-        [image] = run([*words, *only], "s*.png")
+        [image] = run([*words, *only, "--quality", "draft"], "s*.png")
         if image.width > GALLERY_WIDTH:
             image = image.resize((GALLERY_WIDTH, round(image.height * GALLERY_WIDTH / image.width)), 1)
         image.save(DOCS / "gallery" / f"{name}.jpg", quality=88)

@@ -80,8 +80,10 @@ CASES["montecarlo urban"] = light("urban", (-4.0,), (450.0,), solver="montecarlo
 CASES["montecarlo volcanic"] = light(
     "volcanic-stratosphere", (2.0,), (650.0,), solver="montecarlo", settings={**FEW, **POLARISED}
 )
-CASES["cells haber2005"] = light("haber2005-air", (4.0, -3.0), (450.0, 650.0), solver="cells", quality="draft")
-CASES["cells urban"] = light("urban", (-3.0,), (450.0, 650.0), solver="cells", quality="draft")
+for air, suns_deg in (("haber2005-air", (4.0, -3.0)), ("urban", (-3.0,))):
+    CASES[f"cells {air}"] = light(
+        air, suns_deg, (450.0, 650.0), solver="cells", quality="haber2005", settings={"solver.azimuth_cells": 24}
+    )
 CASES["tables"] = light("pure-air", (4.0, -3.0), (450.0, 650.0), solver="tables", quality="standard")
 CASES["compact"] = light("continental-average", solver="compact")
 for name in ("preetham", "sunsky"):

@@ -30,11 +30,11 @@ suppress_warnings = ["myst.header"]
 
 def keep_lists(app, what, name, obj, options, lines):
     """Lists that are written as `name: meaning`, with what follows indented, stay lines: elsewhere they are errors."""
-    found: list[list[str]] = [[]]
+    paragraphs: list[list[str]] = [[]]
     for line in lines:
-        found.append([]) if not line.strip() else found[-1].append(line)
+        paragraphs.append([]) if not line.strip() else paragraphs[-1].append(line)
     out = []
-    for paragraph in found:
+    for paragraph in paragraphs:
         if paragraph and not paragraph[0].startswith((" ", ":", "..", "*", "-", ">>>")):
             if any(line.startswith("  ") for line in paragraph):
                 paragraph = [f"| {line}" if not line.startswith("  ") else f"  {line.strip()}" for line in paragraph]

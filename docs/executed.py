@@ -23,7 +23,7 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-PAGES = ("first-sky", "jobs/data-set", "jobs/two-codes")
+PAGES = ("first-sky", "sweeps", "two-codes")
 """Pages whose blocks are run when the site is built, and shown with what they print."""
 FENCE = re.compile(r"^```(sh|yaml|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NOT_RUN = re.compile(r"^```sh no-run\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -43,11 +43,11 @@ class PageError(Exception):
 
 def blocks(text: str) -> list[tuple[str, str]]:
     """(language, code) of every block of a page, in its order; "read" for commands that are shown but not run."""
-    fenced = [(found.start(), found[1], found[2]) for found in FENCE.finditer(text)]
-    shown = [(found.start(), "read", found[1]) for found in NOT_RUN.finditer(text)]
-    rest = re.sub(r"^```.*?^```$", lambda found: " " * len(found[0]), text, flags=re.MULTILINE | re.DOTALL)
-    indented = [(found.start(), "read", found[1]) for found in INDENTED.finditer(rest)]
-    return [block[1:] for block in sorted([*fenced, *shown, *indented])]
+    fenced = [(block.start(), block[1], block[2]) for block in FENCE.finditer(text)]
+    not_run = [(block.start(), "read", block[1]) for block in NOT_RUN.finditer(text)]
+    rest = re.sub(r"^```.*?^```$", lambda block: " " * len(block[0]), text, flags=re.MULTILINE | re.DOTALL)
+    indented = [(block.start(), "read", block[1]) for block in INDENTED.finditer(rest)]
+    return [block[1:] for block in sorted([*fenced, *not_run, *indented])]
 
 
 def commands(code: str) -> list[str]:
@@ -60,24 +60,24 @@ def run_page(text: str) -> str:
     """The page with what its blocks print.  Errors: PageError with the block and what it said."""
     with tempfile.TemporaryDirectory() as folder:
         parts, end = [], 0
-        pieces = [found[2] for found in FENCE.finditer(text) if found[1] == "python"]
+        pieces = [block[2] for block in FENCE.finditer(text) if block[1] == "python"]
         printed: list[str] | None = None
-        for found in FENCE.finditer(text):
-            language, code = found[1], found[2]
-            said = ""
+        for block in FENCE.finditer(text):
+            language, code = block[1], block[2]
+            output = ""
             if language == "yaml":
                 _write(code, Path(folder))
             elif language == "sh":
                 lines = commands(code)
-                said = "".join(_run([sys.executable, "-m", *shlex.split(line)], folder) for line in lines)
+                output = "".join(_run([sys.executable, "-m", *shlex.split(line)], folder) for line in lines)
             else:
                 # all at once where the first of them stands: one process keeps their names
                 printed = _python(pieces, folder) if printed is None else printed
-                said = printed.pop(0)
-            parts.append(text[end : found.end()])
-            if said.strip():
-                parts.append(f"\n\n```text\n{said.strip()}\n```")
-            end = found.end()
+                output = printed.pop(0)
+            parts.append(text[end : block.end()])
+            if output.strip():
+                parts.append(f"\n\n```text\n{output.strip()}\n```")
+            end = block.end()
         return "".join([*parts, text[end:]])
 
 
@@ -154,9 +154,9 @@ def main(words: list[str]) -> int:
     failed = []
     for number, page in enumerate(pages):
         text = Path(page).read_text(encoding="utf-8")
-        here = Path(folder) / f"{number}-{Path(page).stem}"
-        here.mkdir(parents=True)
-        with contextlib.chdir(here), contextlib.redirect_stdout(io.StringIO()):
+        workplace = Path(folder) / f"{number}-{Path(page).stem}"
+        workplace.mkdir(parents=True)
+        with contextlib.chdir(workplace), contextlib.redirect_stdout(io.StringIO()):
             failed += [f"{page}: {what}" for what in check(text, plan=way == "--plan")]
     print("\n".join(failed))
     return 1 if failed else 0

@@ -21,10 +21,8 @@ def write_command_line(path: Path) -> None:
 
 def _commands(command: Any, name: str) -> list[str]:
     if hasattr(command, "commands"):
-        found = []
-        for child in sorted(command.commands):
-            found += _commands(command.commands[child], f"{name} {child}")
-        return found
+        children = sorted(command.commands.items())
+        return [line for child, below in children for line in _commands(below, f"{name} {child}")]
     rows = []
     for parameter in command.params:
         help_text = (getattr(parameter, "help", None) or "").replace("|", "\\|").replace("\n", " ")

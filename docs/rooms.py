@@ -42,41 +42,41 @@ STOREYS = (
 
 def modules() -> dict[str, Path]:
     """All modules of the package by name; a package's is its `__init__`."""
-    found = {}
+    paths = {}
     for path in sorted((ROOT / "twilight").rglob("*.py")):
         parts = path.relative_to(ROOT).with_suffix("").parts
-        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
+        paths[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return paths
 
 
 @functools.cache
 def imports_of(path: Path) -> dict[str, set[str]]:
     """What a module imports from where, in functions and for types alone too."""
-    found: dict[str, set[str]] = {}
+    members: dict[str, set[str]] = {}
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            found |= {alias.name: set() for alias in node.names}
+            members |= {alias.name: set() for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            found.setdefault(node.module or "", set()).update(alias.name for alias in node.names)
-    return found
+            members.setdefault(node.module or "", set()).update(alias.name for alias in node.names)
+    return members
 
 
 def imported(path: Path, names: dict[str, Path]) -> set[str]:
     """The modules of the package that a module imports."""
-    found = set()
+    imports = set()
     for module, members in imports_of(path).items():
-        found |= {f"{module}.{member}" for member in members} & names.keys() or {module}
-    return found & names.keys()
+        imports |= {f"{module}.{member}" for member in members} & names.keys() or {module}
+    return imports & names.keys()
 
 
 def reached(path: Path, names: dict[str, Path]) -> set[str]:
     """The modules that a module imports, and those whose names it takes from a package that hands them on."""
-    found = imported(path, names)
+    imports = imported(path, names)
     for module, members in imports_of(path).items():
         if module in names and names[module].name == "__init__.py":
             within = imports_of(names[module])
-            found |= {source for source, handed in within.items() if handed & members and source in names}
-    return found
+            imports |= {source for source, handed in within.items() if handed & members and source in names}
+    return imports
 
 
 def layers() -> list[str]:
@@ -95,7 +95,7 @@ def takes() -> set[tuple[str, str]]:
 
 
 def drawing() -> str:
-    """A row for each room.  Below its name a line goes down: every dot on it is a room from which it takes."""
+    """A row for each room.  Its line goes left to dots on the lines that go down from the rooms that import it."""
     order, pairs, names = layers(), takes(), modules()
     storeys = {room: n for n, rooms in enumerate(STOREYS, 1) for room in rooms}
     lowest = {room: max([i for i, below in enumerate(order) if (room, below) in pairs], default=-1) for room in order}
@@ -103,34 +103,40 @@ def drawing() -> str:
     for i, room in enumerate(order):
         files = [path for name, path in names.items() if name.split(".")[1:2] == [room]]
         lines = round(sum(len(path.read_text("utf-8").splitlines()) for path in files), -2)
-        marks = ["●" if (above, room) in pairs else "│" if i < lowest[above] else " " for above in order[:i]]
-        head = "┐" if lowest[room] > i else " "
+        importers = [above for above in order[:i] if (above, room) in pairs]
+        line, joined = "", False
+        for above in order[:i]:
+            joined |= above in importers
+            below = i < lowest[above]
+            mark = "●" if above in importers else "│┼"[joined] if below else " ─"[joined]
+            line += mark + " ─"[joined] * 2
+        line += "┐" if lowest[room] > i else "╴"
         up = ", ".join(HANDS_UP.get(room, ()))
         name = f"{storeys[room]} {room:<11}{len(files):4}{lines:8,}"
-        rows.append(f"{name}   {'  '.join([*marks, head]):<{3 * len(order)}}{up}".rstrip())
-    return "\n".join([f"  {'room':<11}files  lines   {'takes from':<{3 * len(order)}}hands up", *rows])
+        rows.append(f"{name}   {line:<{3 * len(order)}}{up}".rstrip())
+    return "\n".join([f"  {'room':<11}files  lines   {'imported by':<{3 * len(order)}}hands up", *rows])
 
 
 def drawn(text: str) -> str:
     """The drawing that a page holds."""
-    found = re.search(rf"{BEGIN}\n\n```text\n(.*?)\n```\n\n{END}", text, re.DOTALL)
-    assert found is not None, f"{BEGIN} is not there"
-    return found[1]
+    block = re.search(rf"{BEGIN}\n\n```text\n(.*?)\n```\n\n{END}", text, re.DOTALL)
+    assert block is not None, f"{BEGIN} is not there"
+    return block[1]
 
 
 def walks(text: str) -> dict[str, list[tuple[str, str]]]:
     """Walk to its steps: a file, and the file that imports it; "by name" for a solver that the registry loads."""
     part = text.partition("## Three walks")[2].partition("\n## ")[0]
-    found = {}
+    steps_of = {}
     for walk in part.split("\n### ")[1:]:
         steps = re.findall(r"^(\d+)\. `([\w/]+\.py)`(?: \((?:from (\d+)|(by name))\))?:", walk, re.MULTILINE)
         assert [int(step[0]) for step in steps] == [*range(1, len(steps) + 1)]
         files = [step[1] for step in steps]
-        found[walk.partition("\n")[0]] = [
+        steps_of[walk.partition("\n")[0]] = [
             (file, named or files[int(source) - 1 if source else i - 1] if i else "")
             for i, (_, file, source, named) in enumerate(steps)
         ]
-    return found
+    return steps_of
 
 
 def broken(steps: list[tuple[str, str]]) -> list[str]:

@@ -8,13 +8,10 @@ import pytest
 from exact_sunbeam import scattered_once
 from layered_sky import layered
 
-from twilight.solvers.cells.exact import make_straight_lines, single_scattering
 from twilight.solvers.zones import prepare
 from twilight.solvers.zones.settings import QUALITIES
-from twilight.transport.beam import prepare_beam
 from twilight.transport.lines import END_DISTANCE, GROUND, new_line, trace_line
 from twilight.transport.profile import prepare_profile
-from twilight.transport.scaling import delta_scaled
 from twilight.transport.steps import chord_depth
 
 SEEN = 1e-11
@@ -65,19 +62,6 @@ def test_many_layers(seed):
     quality = tuple(QUALITIES)[seed % len(QUALITIES)]
     medium = layered(base, thickness, depth, ramp_km)
     assert worst_error(medium, base, thickness, quality) < 1e-2, (base, thickness, depth, ramp_km, quality)
-
-
-def test_cells_see_a_sharp_layer():
-    """A thin layer would be stepped over by single scattering of `cells`."""
-    medium = layered(3.0, 0.01, 2.0)
-    scaled = delta_scaled(medium, 32)
-    beam = prepare_beam(scaled.medium, refraction=False)
-    profile = prepare_profile(scaled.medium)
-    elevations = (0.5, 3.0, 20.0, 90.0)
-    lines = make_straight_lines(profile, scaled, 0.0, elevations, np.full(4, 40.0))
-    found = single_scattering(lines, beam, medium, scaled.forward_fraction, 30.0)[:, 0]
-    exact = [scattered_once(medium, 0.0, e, 40.0, 30.0) for e in elevations]
-    np.testing.assert_allclose(found, exact, rtol=2e-3)
 
 
 @pytest.mark.parametrize("ramp_km", [0.0, 1e-6])

@@ -48,7 +48,7 @@ def quick(name: str):
     from twilight.solvers.montecarlo import MonteCarloSettings
 
     made = {
-        "cells": lambda: CellsSettings(multiple_scattering="isotropic", azimuth_cells=24),
+        "cells": lambda: CellsSettings(azimuth_cells=24),
         "zones": lambda: SCALAR,
         "montecarlo": lambda: MonteCarloSettings(target_stderr=None, samples=64),
     }

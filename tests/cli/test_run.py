@@ -17,7 +17,7 @@ from twilight.scene.plan import GAS_TOLERANCE, facts, horizontal_refraction_arcm
 from twilight.scene.scene import count_suns, resolved_configuration, suns_of
 
 SMALL = {
-    "solver": {"name": "cells", "multiple_scattering": "none"},
+    "solver": {"name": "zones", "quality": "draft", "max_orders": 1},
     "texture": {"azimuth_count": 8, "elevation_count": 6},
     "sun.elevation_deg": -3,
 }
@@ -51,7 +51,7 @@ def test_what_is_left_out_moves_the_sky_by_less_than_stated(climate, settings, l
     assert make_plan(everything).climate == everything.climate
     short, full = (run(resolve(config)).sun_normalised_radiance for config in (planned, everything))
     moved = np.abs(short / full - 1.0).max()
-    assert moved <= tolerance + 1e-12
+    assert moved <= tolerance + 5e-6  # rounding of single precision
     if tolerance:
         assert moved > 0.0
 

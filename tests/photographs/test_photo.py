@@ -14,7 +14,7 @@ from twilight.studies.camera.image import read_image
 from twilight.studies.validate.photographs import mask as masks
 from twilight.studies.validate.photographs import photo as comparing
 from twilight.studies.validate.photographs.panorama import make_panorama, mask_image_on
-from twilight.studies.validate.photographs.photograph import Photograph
+from twilight.studies.validate.photographs.photograph import Photograph, place_sun
 from twilight.studies.validate.photographs.sun_azimuth import find_sun_azimuth
 
 PANORAMAS = Path(__file__).parents[1] / "data" / "photos"
@@ -161,6 +161,15 @@ def test_the_disc_is_taken_where_it_is_seen():
     assert found.method == "disc"
     assert found.azimuth_deg == pytest.approx(222.2, abs=0.5)
     assert found.elevation_deg == pytest.approx(12.0, abs=0.5)
+
+
+def test_a_light_beside_a_sun_that_is_given_is_no_disc():
+    """A glow at 12 deg under a sun said to stand at -4 deg: the sky's symmetry tells where that is, and a sentence."""
+    shot = photograph(latlong(), 147.3, noise=0.01)
+    azimuth, _, note = place_sun(shot, None, None, (-4.0, -4.0))
+    assert "by the symmetry of the sky; the light at 11.9 deg is not taken for its disc" in note
+    assert azimuth == pytest.approx(147.3, abs=3.0)
+    assert "by the sun's disc (" in place_sun(shot, None, None, (12.5, 12.5))[2]
 
 
 def test_a_sky_without_a_meridian_has_no_azimuth():

@@ -15,7 +15,7 @@ from exact_sunbeam import ExactSunbeam
 
 from twilight.base.errors import TwilightError
 from twilight.numerics.phase import PhaseFunction
-from twilight.solvers import cells, montecarlo, tables, zones
+from twilight.solvers import montecarlo, tables, zones
 from twilight.solvers.tables.algorithm import TablesSettings, make_mapping, refuse_unseen_layers
 
 WHITE = ("conservative air over a white ground", "a conservative layer over a white ground")
@@ -96,15 +96,6 @@ def test_montecarlo():
     error = np.sqrt(variance)
     assert error.max() < 0.02
     assert np.all(np.abs(found - 1.0) < 4.0 * error + 5e-4)
-
-
-@pytest.mark.slow
-def test_cells():
-    """Within 0.3 %.  Of a conservative layer, which its shells blur, up to 29 % would be lost."""
-    medium = white_air().select(slice(0, 1))
-    field = cells.prepare(medium, replace(cells.QUALITIES["draft"], max_orders=100))
-    found, _ = from_all_suns(deterministic(field), medium, 0.0, ELEVATION_DEG, points=(2, 3))
-    np.testing.assert_allclose(found, 1.0, atol=5e-3)
 
 
 COARSE_TABLES = replace(

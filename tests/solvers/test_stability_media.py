@@ -28,9 +28,7 @@ from twilight.solvers.cells import CellsSettings
 from twilight.solvers.montecarlo import MonteCarloSettings
 
 ZONES = replace(QUICK, altitude_density=0.3, zenith_density=0.4)
-CELLS = CellsSettings(
-    degree=4, polar_directions=3, azimuth_directions=10, azimuth_nodes=20, node_density=0.4, max_orders=6
-)
+CELLS = CellsSettings(azimuth_cells=16)
 MONTECARLO = MonteCarloSettings(
     target_stderr=None, samples=16, paths_per_sample=1, importance_sweeps=1, pilot_samples=2
 )
@@ -65,13 +63,9 @@ def check_structure(name, what, suns, settings=None):
     check(radiance, [what], [Air()], suns, what, error, name)
 
 
-def brightest(asymmetry: float, name: str = "") -> float:
-    """No sky is brighter than all sunlight scattered straight ahead once, plus that of a white dome many times over.
-
-    `cells` counts the narrowest forward peak twice: once as light that was not scattered, once as light that was.
-    """
-    twice = 1.5 if name == "cells" else 1.0
-    return twice * (1 + asymmetry) / (1 - asymmetry) ** 2 / (4 * np.pi) + 1.0
+def brightest(asymmetry: float) -> float:
+    """No sky is brighter than all sunlight scattered straight ahead once, plus that of a white dome many times over."""
+    return (1 + asymmetry) / (1 - asymmetry) ** 2 / (4 * np.pi) + 1.0
 
 
 DARK: dict[float, dict[str, float]] = {
@@ -116,7 +110,7 @@ def check(radiance: np.ndarray, names, airs, suns, what: str, error: np.ndarray 
         label = f"{solver}: {what}, {air}"
         assert np.all(low[..., w] >= 0.0), f"{label}: negative by more than five standard errors"
         sure = np.maximum(radiance - noise, 0.0) if error is not None else radiance
-        assert_sane(sure[..., w], label, brightest(air.asymmetry, solver))
+        assert_sane(sure[..., w], label, brightest(air.asymmetry))
         for s, sun in enumerate(suns):
             if sun <= -18.0:
                 assert sure[s, :, w].max() <= night(name, sun), f"{label}: bright at {sun} deg"
@@ -153,20 +147,15 @@ def test_extreme_air_is_dark_at_night(what):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["zones", "cells", "montecarlo"])
+@pytest.mark.parametrize("name", ["zones", "montecarlo"])
 def test_a_globe_that_traps_its_light_is_refused(name):
-    """Rays that never leave the air would hang a solver; with refraction off the sky would not be one of straight rays.
-
-    `cells` bends the sunbeam alone: without that its sky is that of air of refractivity 0, to the last digit.
-    """
+    """Rays that never leave the air would hang a solver; with refraction off the sky would not be straight rays'."""
     medium = medium_of(Air(), refractivity=2e-3)
     with pytest.raises(TwilightError, match="bends light around the Earth"):
         radiances(name, medium, SUNS_DEG[:1])
     settings = replace(settings_of(name), refraction=False)
     radiance = radiances(name, medium, [10.0], settings=settings)
-    assert_sane(radiance, f"{name}, straight rays", brightest(0.7, name))
-    if name == "cells":
-        np.testing.assert_array_equal(radiance, radiances(name, medium_of(Air(), refractivity=0.0), [10.0]))
+    assert_sane(radiance, f"{name}, straight rays", brightest(0.7))
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from twilight.atmosphere.medium_table import medium_from_table
 from twilight.base.errors import TwilightError
 from twilight.config.load import load
 from twilight.scene import resolve
-from twilight.solvers import cells, zones
+from twilight.solvers import zones
 from twilight.solvers.zones.angles import cubic_refinement, even_harmonics, make_angles, zenith_nodes
 from twilight.solvers.zones.scattering import normalised
 from twilight.transport.beam import beam_at
@@ -129,24 +129,6 @@ def test_lines_of_sight_are_cached_for_the_next_sun_and_no_longer_than_they_may(
     small.radiance(3.0, 20.0, 10.0)
     assert not cached
     np.testing.assert_array_equal(small.radiance(10.0, *where), first)
-
-
-@pytest.fixture(scope="module")
-def scattered_once():
-    """Fields of `zones` and `cells` without aerosol: with it the forward peak counts as unscattered here."""
-    pure = medium_from_table(REFERENCE / "pure-air.csv")
-    single = replace(cells.QUALITIES["standard"], multiple_scattering="none")
-    return zones.prepare(pure, replace(MIDDLE, max_orders=1)), cells.prepare(pure, single)
-
-
-@pytest.mark.parametrize("sun", [30.0, 5.0, 0.0, -2.0, -4.0])
-def test_light_scattered_once_is_that_of_the_cells_solver(scattered_once, sun):
-    """Sunlight or a line of sight would be wrong in one of them."""
-    ours, theirs = (field.radiance(sun, ELEVATION, AZIMUTH) for field in scattered_once)
-    lit = theirs > 1e-12
-    assert lit.mean() > 0.5
-    np.testing.assert_allclose(ours[lit], theirs[lit], rtol=0.02)  # at the edge of the shadow
-    assert np.median(np.abs(ours[lit] / theirs[lit] - 1.0)) < 1e-3
 
 
 @pytest.mark.parametrize(

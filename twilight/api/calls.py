@@ -5,23 +5,13 @@ import warnings
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from os import PathLike
-from typing import Any, Unpack, overload
+from typing import TYPE_CHECKING, Any, Unpack, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twilight import solvers
-from twilight.api.arguments import (
-    PlaceLike,
-    RenderOptions,
-    SceneLike,
-    TimeLike,
-    TimesLike,
-    config_of,
-    numbers,
-    place_of,
-    times_of,
-)
+from twilight.api import arguments
 from twilight.api.representation import Sky, SkySeries
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
@@ -33,30 +23,41 @@ from twilight.engine import solve as solve_scene
 from twilight.engine.night import check_stars
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
-from twilight.show.page import Page
 from twilight.solvers.base import Solver
 
+if TYPE_CHECKING:
+    from twilight.show.page import Page
+
 
 @overload
-def render(scene: SceneLike, *, sun_elevation_deg: float, **options: Unpack[RenderOptions]) -> Sky: ...
+def render(
+    scene: arguments.SceneLike, *, sun_elevation_deg: float, **options: Unpack[arguments.RenderOptions]
+) -> Sky: ...
 @overload
 def render(
-    scene: SceneLike, *, sun_elevation_deg: Sequence[float] | NDArray[np.float64], **options: Unpack[RenderOptions]
+    scene: arguments.SceneLike,
+    *,
+    sun_elevation_deg: Sequence[float] | NDArray[np.float64],
+    **options: Unpack[arguments.RenderOptions],
 ) -> SkySeries: ...
 @overload
-def render(scene: SceneLike, *, at: str | datetime | np.datetime64, **options: Unpack[RenderOptions]) -> Sky: ...
+def render(
+    scene: arguments.SceneLike, *, at: str | datetime | np.datetime64, **options: Unpack[arguments.RenderOptions]
+) -> Sky: ...
 @overload
-def render(scene: SceneLike, *, at: TimesLike, **options: Unpack[RenderOptions]) -> Sky | SkySeries: ...
+def render(
+    scene: arguments.SceneLike, *, at: arguments.TimesLike, **options: Unpack[arguments.RenderOptions]
+) -> Sky | SkySeries: ...
 @overload
-def render(scene: SceneLike, **options: Unpack[RenderOptions]) -> Sky | SkySeries: ...
+def render(scene: arguments.SceneLike, **options: Unpack[arguments.RenderOptions]) -> Sky | SkySeries: ...
 
 
 def render(
-    scene: SceneLike,
+    scene: arguments.SceneLike,
     *,
     sun_elevation_deg: float | Sequence[float] | NDArray[np.float64] | None = None,
-    at: TimeLike | TimesLike | None = None,
-    place: PlaceLike | None = None,
+    at: arguments.TimeLike | arguments.TimesLike | None = None,
+    place: arguments.PlaceLike | None = None,
     latitude_deg: float | None = None,
     longitude_deg: float | None = None,
     time_zone: str | None = None,
@@ -112,19 +113,19 @@ def render(
     """
     if sun_elevation_deg is not None and at is not None:
         raise TwilightError("render: takes either sun_elevation_deg or at, not both")
-    where = place_of(place, latitude_deg, longitude_deg, time_zone)
+    where = arguments.place_of(place, latitude_deg, longitude_deg, time_zone)
     if at is None and any(value is not None for value in where):
         raise TwilightError("render: a place needs a time: give at")
     chosen: dict[str, object] = {}
     if sun_elevation_deg is not None:
         several = np.ndim(sun_elevation_deg) > 0
-        suns = numbers(sun_elevation_deg, "sun_elevation_deg")
+        suns = arguments.numbers(sun_elevation_deg, "sun_elevation_deg")
         chosen["sun"] = {"elevations_deg": suns} if several else {"elevation_deg": suns[0]}
     elif at is not None:
         altitude_km = where.altitude_km if altitude_km is None else altitude_km
         given = where._replace(altitude_km=None)._asdict()
         chosen["sun"] = {**_times(at), **{key: value for key, value in given.items() if value is not None}}
-    config = config_of(scene, chosen, altitude_km, wavelength_nm, solver, quality, settings)
+    config = arguments.config_of(scene, chosen, altitude_km, wavelength_nm, solver, quality, settings)
     if "sun" not in config.model_fields_set:
         sun = SunElevation().elevation_deg
         warnings.warn(
@@ -143,7 +144,7 @@ def render(
 
 
 def solve(
-    scene: SceneLike,
+    scene: arguments.SceneLike,
     *,
     sun_elevation_deg: float | Sequence[float] | NDArray[np.float64] | None = None,
     altitude_km: float | None = None,
@@ -175,8 +176,8 @@ def solve(
     TwilightError
         For whatever is not allowed or cannot be computed, in one sentence.
     """
-    suns = None if sun_elevation_deg is None else numbers(sun_elevation_deg, "sun_elevation_deg")
-    config = config_of(scene, None, altitude_km, wavelength_nm, solver, quality, settings)
+    suns = None if sun_elevation_deg is None else arguments.numbers(sun_elevation_deg, "sun_elevation_deg")
+    config = arguments.config_of(scene, None, altitude_km, wavelength_nm, solver, quality, settings)
     return solve_scene(resolve(config), suns)
 
 
@@ -206,7 +207,7 @@ def medium(
             raise TwilightError("medium: settings go with the name or the file of a climate")
     else:
         climate = load_climate(str(climate), settings)
-    return climate_medium(climate, np.array(numbers(wavelength_nm, "wavelength_nm")))
+    return climate_medium(climate, np.array(arguments.numbers(wavelength_nm, "wavelength_nm")))
 
 
 def solver(name: str) -> Solver:
@@ -227,13 +228,13 @@ def solver(name: str) -> Solver:
     return solvers.load(name)
 
 
-def view(self: Field, **options: Any) -> Page:
+def view(self: Field, **options: Any) -> "Page":
     """The field in a browser, for any sun and direction; takes a minute or more.
 
     Parameters
     ----------
     **options
-        Of `twilight.show.view_fields`, e.g. altitudes_km.
+        Of `twilight.show.skies.view_fields`, e.g. altitudes_km.
 
     Returns
     -------
@@ -248,9 +249,9 @@ def view(self: Field, **options: Any) -> Page:
 Field.view = view  # type: ignore[method-assign]
 
 
-def _times(at: TimeLike | TimesLike) -> dict[str, object]:
+def _times(at: arguments.TimeLike | arguments.TimesLike) -> dict[str, object]:
     """The keys of a `sun` section for one time or for several."""
-    several, moments = times_of(at)
+    several, moments = arguments.times_of(at)
     if several and len({isinstance(one, datetime) and one.tzinfo is None for one in moments}) > 1:
         raise TwilightError("at: several times must be all with or all without an offset")
     if any(isinstance(a, datetime) and isinstance(b, datetime) and b <= a for a, b in itertools.pairwise(moments)):

@@ -10,20 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, Unpack, o
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twilight.api.arguments import (
-    AnglesLike,
-    AstropyQuantity,
-    LightOptions,
-    PlaceLike,
-    SceneLike,
-    TargetsLike,
-    TimeLike,
-    TimesLike,
-    config_of,
-    numbers,
-    place_of,
-    times_of,
-)
+from twilight.api import arguments
 from twilight.base.errors import TwilightError
 from twilight.base.extras import require
 from twilight.base.progress import Progress, part_of, silent
@@ -39,9 +26,8 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-    from twilight.api.arguments import AstropyQuantity, TimeLike, TimesLike
 
-Astropy: TypeAlias = AstropyQuantity | dict[str, AstropyQuantity]
+Astropy: TypeAlias = arguments.AstropyQuantity | dict[str, arguments.AstropyQuantity]
 """astropy's quantity, or one for each of several quantities by its variable."""
 AT_ONCE = 2_000
 """Directions times moments whose spectra are held at once."""
@@ -50,36 +36,36 @@ _TARGETS = (str, Direction, Surface)
 
 @overload
 def light(
-    place: PlaceLike | Sequence[PlaceLike],
-    time: TimeLike | TimesLike,
-    towards: TargetsLike = "zenith",
+    place: arguments.PlaceLike | Sequence[arguments.PlaceLike],
+    time: arguments.TimeLike | arguments.TimesLike,
+    towards: arguments.TargetsLike = "zenith",
     quantity: str | Quantity | Sequence[str | Quantity] = "V",
-    climate: SceneLike = "continental-average",
+    climate: arguments.SceneLike = "continental-average",
     *,
     returns: Literal["xarray"] = "xarray",
-    **options: Unpack[LightOptions],
+    **options: Unpack[arguments.LightOptions],
 ) -> xarray.DataArray | xarray.Dataset: ...
 
 
 @overload
 def light(
-    place: PlaceLike | Sequence[PlaceLike],
-    time: TimeLike | TimesLike,
-    towards: TargetsLike = "zenith",
+    place: arguments.PlaceLike | Sequence[arguments.PlaceLike],
+    time: arguments.TimeLike | arguments.TimesLike,
+    towards: arguments.TargetsLike = "zenith",
     quantity: str | Quantity | Sequence[str | Quantity] = "V",
-    climate: SceneLike = "continental-average",
+    climate: arguments.SceneLike = "continental-average",
     *,
     returns: Literal["pandas", "astropy"],
-    **options: Unpack[LightOptions],
+    **options: Unpack[arguments.LightOptions],
 ) -> pandas.Series | pandas.DataFrame | Astropy: ...
 
 
 def light(
-    place: PlaceLike | Sequence[PlaceLike],
-    time: TimeLike | TimesLike,
-    towards: TargetsLike = "zenith",
+    place: arguments.PlaceLike | Sequence[arguments.PlaceLike],
+    time: arguments.TimeLike | arguments.TimesLike,
+    towards: arguments.TargetsLike = "zenith",
     quantity: str | Quantity | Sequence[str | Quantity] = "V",
-    climate: SceneLike = "continental-average",
+    climate: arguments.SceneLike = "continental-average",
     *,
     sources: Sequence[str] | None = None,
     time_zone: str | None = None,
@@ -155,7 +141,7 @@ def light(
     if returns not in ("xarray", "pandas", "astropy"):
         raise TwilightError(f"light: returns is '{returns}'; allowed is xarray, pandas, astropy")
     require(f"light: returns {returns}", "astropy" if returns == "astropy" else "xarray")
-    config = config_of(climate, altitude_km=altitude_km, quality=quality, settings=settings)
+    config = arguments.config_of(climate, altitude_km=altitude_km, quality=quality, settings=settings)
     tell = progress or silent
     chosen = field_for(config, quantities, part_of(tell, 0.0, 0.5))
     solved = chosen.field
@@ -207,7 +193,7 @@ class _Aim:
         return {"surface": self.names} if self.surfaces else {"elevation": self.elevation, "azimuth": self.azimuth}
 
     @classmethod
-    def of_targets(cls, target: TargetsLike) -> _Aim:
+    def of_targets(cls, target: arguments.TargetsLike) -> _Aim:
         given: Any = target
         if hasattr(target, "alt") and hasattr(target, "az"):
             given = given.alt, given.az
@@ -337,7 +323,7 @@ def _dataset(
     return dataset
 
 
-def _degrees(values: AnglesLike) -> ArrayLike:
+def _degrees(values: arguments.AnglesLike) -> ArrayLike:
     """Numbers of astropy's angles; others as they are."""
     return np.asarray(values.to_value("deg")) if hasattr(values, "to_value") else values
 
@@ -355,8 +341,8 @@ class _Places(NamedTuple):
     def of(cls, place: Any, time_zone: str | None) -> _Places:
         several = isinstance(place, list) or (isinstance(place, tuple) and not all(map(_is_number, place)))
         if several and isinstance(place, tuple) and len(place) == 2 and all(np.ndim(p) == 1 for p in place):
-            place = list(zip(*(numbers(p, "place") for p in place), strict=True))
-        listed = [place_of(item, time_zone=time_zone) for item in (place if several else [place])]
+            place = list(zip(*(arguments.numbers(p, "place") for p in place), strict=True))
+        listed = [arguments.place_of(item, time_zone=time_zone) for item in (place if several else [place])]
         if not listed or any(item.latitude_deg is None for item in listed):
             raise TwilightError("place: none is given")
         angles = np.array([(item.latitude_deg, item.longitude_deg) for item in listed])
@@ -376,7 +362,9 @@ def _is_number(value: Any) -> bool:
     return np.ndim(value) == 0 and not hasattr(value, "latitude") and not hasattr(value, "to_geodetic")
 
 
-def _times(time: TimeLike | TimesLike, places: _Places, altitude_km: float | None) -> tuple[bool, list[datetime]]:
+def _times(
+    time: arguments.TimeLike | arguments.TimesLike, places: _Places, altitude_km: float | None
+) -> tuple[bool, list[datetime]]:
     zone = places.time_zone
 
     def one(moment: datetime | str) -> datetime:
@@ -384,7 +372,7 @@ def _times(time: TimeLike | TimesLike, places: _Places, altitude_km: float | Non
             return moment_of(moment, places.latitude_deg[0], places.longitude_deg[0], zone, altitude_km or 0.0)
         return parse_time(moment, zone)
 
-    several, moments = times_of(time)
+    several, moments = arguments.times_of(time)
     moments_of = [one(moment) for moment in moments]
     if not moments_of:
         raise TwilightError("time: none is given")
@@ -393,7 +381,7 @@ def _times(time: TimeLike | TimesLike, places: _Places, altitude_km: float | Non
 
 def quantities_of(
     arrays: Mapping[str, np.ndarray], found: Sequence[Quantity], of: Of
-) -> AstropyQuantity | dict[str, AstropyQuantity]:
+) -> arguments.AstropyQuantity | dict[str, arguments.AstropyQuantity]:
     """astropy's Quantity, or a mapping of them by variable where there are several."""
     from astropy import units  # optional
 
@@ -406,7 +394,7 @@ def quantities_of(
 
 
 def frame_of(
-    made: xarray.Dataset, time: TimeLike | TimesLike, variables: Sequence[str], zone: str | None
+    made: xarray.Dataset, time: arguments.TimeLike | arguments.TimesLike, variables: Sequence[str], zone: str | None
 ) -> pandas.Series | pandas.DataFrame:
     """pandas' Series along the time, a DataFrame for several quantities or targets; the index is the one that was
     given."""

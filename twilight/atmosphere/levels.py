@@ -2,13 +2,9 @@
 
     a(f) = a0^(1-f) a1^f,   mean = (a1 - a0) / ln(a1/a0),   f the fraction of the way from the lower level to the upper.
 
-The rule of all coefficients but the scattering and the refractivity of air (:mod:`twilight.atmosphere.steffen`).
-
-Scattering and refractivity of air are Steffen's monotone cubics.
-
-Between two points the curve is a cubic, its slope is continuous at every point, and it stays between the values at its
-ends, so that no inversion and no duct appears which the points do not have; through points of a straight line it is
-that line.
+The rule of all coefficients but the scattering and the refractivity of air, which follow Steffen's monotone cubics: the
+slope is continuous at every point, and the curve stays between the values at the ends of each interval, so that no
+inversion and no duct appears which the points do not have; through points of a straight line it is that line.
 
 References
 ----------

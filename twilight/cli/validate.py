@@ -223,7 +223,7 @@ def photometry(
             found, by_moon, transmission = work.photometry(config, part)
             points += found
             moonlit += by_moon
-            for site in work.KOOMEN_SITES:
+            for site in work.meter.KOOMEN_SITES:
                 low, high = site.transmission
                 air.append(
                     f"{titles[i]}: vertical photopic transmission above {site.name} {transmission[site.name]:.2f}, "

@@ -13,16 +13,9 @@ from twilight import __version__
 from twilight.base.errors import TwilightError
 from twilight.base.progress import PhasedProgress, Progress, silent
 from twilight.config.sun import SunAt
+from twilight.engine import night as nights
 from twilight.engine.field import Field, parts
 from twilight.engine.mapped_ground import land_of
-from twilight.engine.night import (
-    check_stars,
-    moon_light,
-    night_of_view,
-    night_on_grid,
-    warn_of_the_moon,
-    with_moon,
-)
 from twilight.engine.one_sun import SunLight, equal_grid, is_above_air, merged_grids, warn_of_black
 from twilight.engine.problem import check_size, plan
 from twilight.engine.sunbeam import Direct, join_direct, make_disc
@@ -83,14 +76,14 @@ def frames(
     tell, config = progress or silent, scene.configuration
     tell("setting up", 0.0)
     check_size(config)
-    check_stars(config)
+    nights.check_stars(config)
     suns = [sun for sun in scene.suns if wanted is None or sun.name in wanted]
     if not suns:
         return
     # ground far away has another sun than the observer
     moons = [moon_of(config, sun) for sun in suns]
     if len(moons) == 1 and moons[0] is not None:
-        warn_of_the_moon(config, moons[0])
+        nights.warn_of_the_moon(config, moons[0])
     mapped = scene.observer.view is not None and config.climate.ground.albedo_map is not None
     known = None if config.terrain is not None or mapped else tuple(sun.elevation_deg for sun in suns)
     if known is not None:
@@ -201,13 +194,13 @@ def _frame(scene: Scene, sun: SceneSun, result: _SunResult, set_up_s: float) -> 
     moon = None
     if result.moon is not None:
         seen_by_moon = None if by_moon is None else by_moon.direct
-        moon = moon_light(scene, result.moon, seen_by_moon, sun.elevation_deg, sun.distance_au)
+        moon = nights.moon_light(scene, result.moon, seen_by_moon, sun.elevation_deg, sun.distance_au)
     grid = equal_grid(scene)
     if grid is None:
         grid = plain_grid(light.table)
         if by_moon is not None and by_moon.light is not None and result.moon is not None:
             grid = merged_grids(grid, plain_grid(by_moon.light.table), result.moon.azimuth_deg)
-    night = night_on_grid(scene, sun, *grid)
+    night = nights.night_on_grid(scene, sun, *grid)
     if moon is not None and by_moon is not None and by_moon.light is not None and result.moon is not None:
         moonlight = by_moon.light.on(grid, result.moon.azimuth_deg).radiance * moon.irradiance
         night = moonlight if night is None else night + moonlight
@@ -228,7 +221,7 @@ def _frame(scene: Scene, sun: SceneSun, result: _SunResult, set_up_s: float) -> 
         moon=None if moon is None else moon.seen,
         provenance=_provenance(scene, sun, result, set_up_s),
     )
-    night_in_view = night_of_view(scene, sun)
+    night_in_view = nights.night_of_view(scene, sun)
     moonlit = None
     if moon is not None and by_moon is not None and by_moon.view:
         moonlit = (join_views(by_moon.view, None), moon)
@@ -239,7 +232,7 @@ def _frame(scene: Scene, sun: SceneSun, result: _SunResult, set_up_s: float) -> 
         pixels = _whole(result.landscape)
         pixels = pixels if night_in_view is None else with_night(pixels, night_in_view)
         if moon is not None and by_moon is not None and by_moon.landscape:
-            pixels = with_moon(pixels, _whole(by_moon.landscape).radiance, moon)
+            pixels = nights.with_moon(pixels, _whole(by_moon.landscape).radiance, moon)
         view = with_sun(pixels, direct, sun.elevation_deg)
     return Frame(sun.name, sky, view)
 

@@ -9,7 +9,7 @@ for all lines, so that tables over the foot's sun stay smooth where the Earth's 
     limb      place: 90 + (p - p_h) / km, p_h of the ray that grazes the ground (by Bouguer's invariant); from p_h by
               the ray that grazes the top of the haze to r_top
 
-Rows are at the fractions of each part that `tables.PageNodes` has; suns and azimuths are those of the other tables.
+Rows are at the fractions of each part that `page.PageNodes` has; suns and azimuths are those of the other tables.
 
 The air ends at the radius r_top.  With a scale height H a line that passes s below has erf(sqrt(s / H)) of the light
 that it would have were the air to go on, a root of s whose logarithm no table can hold: the limb is stored over

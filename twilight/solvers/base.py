@@ -202,6 +202,12 @@ class Field(Protocol):
         """
 
 
+def check_sun(sun_elevation_deg: float) -> None:
+    """TwilightError for an elevation that no sun has."""
+    if not -90.0 <= sun_elevation_deg <= 90.0:
+        raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
+
+
 class BareField:
     """The base of fields that do not iterate, or have nothing to say about their model."""
 

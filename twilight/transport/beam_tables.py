@@ -3,7 +3,7 @@
 See :mod:`twilight.transport.beam` for what the tables mean and how they are looked up.
 
 Arguments that the kernels share: profile: `RayProfile`; w: index of the wavelength, reference: of the one whose rays
-the coordinates follow; air: `BeamAir`; limb: `beam_nodes.LimbRays`; altitude_km: of the point; u_km, xx [km^2]: n r
+the coordinates follow; air: `BeamAir`; limb: `beam_layout.LimbRays`; altitude_km: of the point; u_km, xx [km^2]: n r
 cos i of the ray and (n r)^2 there; chi, apparent [rad]: true and apparent zenith angle of the sun; widening:
 d(chi)/d(apparent); altitudes (J,) [km]; cosines (C,): apparent; distances (D,) [km]: u of the reference ray; edge_chi
 (J,) [rad], edge_cos (J,): true zenith angle and apparent cosine of the shadow's edge.

@@ -23,15 +23,7 @@ from typing import Any
 import numpy as np
 
 from twilight.atmosphere import measured
-from twilight.atmosphere.measured import (
-    AerosolDepth,
-    AirColumn,
-    CloudWater,
-    OzoneColumn,
-    Part,
-    Reading,
-    WaterColumn,
-)
+from twilight.atmosphere import measured as air
 from twilight.atmosphere.profiles import MOLECULES_PER_CM2_PER_DU
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing, require
@@ -101,7 +93,7 @@ USED = (
 """All variables that are used."""
 
 
-def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
+def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> air.Reading:
     """What a map holds at a place and time.
 
     content: `netcdf`, `netcdf3` or `grib`.  Errors: TwilightError with the file and the variable.
@@ -133,7 +125,7 @@ def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
             columns[key] = np.full_like(pressure_hpa, np.nan)
             columns[key][np.searchsorted(pressure_hpa, levels)] = value
     source = f"{name or 'map'} {path.name}: {', '.join(sorted(said))}"
-    parts: list[Part] = []
+    parts: list[air.Part] = []
     if any(one in columns for one in TEMPERATURE) and pressure_hpa.size:
         parts.append(_air(path, source, pressure_hpa, columns, wanted))
         parts += _clouds(source, pressure_hpa, columns, wanted)
@@ -147,12 +139,12 @@ def read_gridded(path: Path, content: str, wanted: PlaceAndTime) -> Reading:
         )
     left = [one for one in columns if one in CLOUDS or one.startswith(AEROSOL_MASSES)]
     words = []
-    has_clouds = any(isinstance(part, CloudWater) for part in parts)
+    has_clouds = any(isinstance(part, air.CloudWater) for part in parts)
     if clouds := [one for one in left if one in CLOUDS and not has_clouds]:
         words.append(f"clouds ({', '.join(clouds)})")
     if masses := [one for one in left if one not in CLOUDS]:
         words.append(f"mixing ratios of aerosol ({', '.join(masses)})")
-    return Reading("reanalysis", tuple(parts), tuple(f"{source}: {w}" for w in words), tuple(sorted(warned)))
+    return air.Reading("reanalysis", tuple(parts), tuple(f"{source}: {w}" for w in words), tuple(sorted(warned)))
 
 
 def _open(path: Path, content: str) -> list[Any]:
@@ -293,7 +285,9 @@ def _height_m(columns: dict[str, Any]) -> Any:
     return geopotential / measured.STANDARD_GRAVITY if height is None and geopotential is not None else height
 
 
-def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], wanted: PlaceAndTime) -> AirColumn:
+def _air(
+    path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], wanted: PlaceAndTime
+) -> air.AirColumn:
     """Pressure levels as a column of air at geometric altitudes."""
     temperature = np.asarray(_one(columns, TEMPERATURE), dtype=float)
     height_m = _height_m(columns)
@@ -323,7 +317,7 @@ def _air(path: Path, source: str, pressure_hpa: np.ndarray, columns: dict[str, A
         ozone = measured.ozone_from_mass_mixing_ratio(np.maximum(o3, 0.0), 0.0 if water is None else water)
     latitude = 45.0 if wanted.latitude_deg is None else wanted.latitude_deg
     z = measured.geometric_km(1e-3 * height, latitude)
-    return AirColumn(
+    return air.AirColumn(
         source,
         z[order],
         pressure_hpa[order],
@@ -398,7 +392,7 @@ def _from_the_ground(
     return height
 
 
-def _clouds(source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], wanted: PlaceAndTime) -> list[Part]:
+def _clouds(source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], wanted: PlaceAndTime) -> list[air.Part]:
     """Water and ice of the clouds, each pressure level for the air half way to its neighbours."""
     cover, liquid, ice = (_one(columns, names) for names in (COVER, LIQUID, ICE))
     height = _height_m(columns)
@@ -414,27 +408,27 @@ def _clouds(source: str, pressure_hpa: np.ndarray, columns: dict[str, Any], want
     edge_p, edge_z = (np.concatenate([[x[0]], 0.5 * (x[1:] + x[:-1]), [x[-1]]]) for x in (p, z))
     kg_of_air = -100.0 * np.diff(edge_p) / measured.STANDARD_GRAVITY
     water, frozen = (np.maximum(one, 0.0) * kg_of_air for one in (water, frozen))
-    return [CloudWater(source, edge_z[:-1], edge_z[1:], cc, water, frozen)]
+    return [air.CloudWater(source, edge_z[:-1], edge_z[1:], cc, water, frozen)]
 
 
-def _amounts(path: Path, source: str, columns: dict[str, Any]) -> list[Part]:
+def _amounts(path: Path, source: str, columns: dict[str, Any]) -> list[air.Part]:
     """Vertical columns: ozone, water, optical depths."""
-    parts: list[Part] = []
+    parts: list[air.Part] = []
     du, kg = _one(columns, OZONE_DU), _one(columns, OZONE_KG)
     if du is None and kg is not None:
         du = kg / KG_PER_DU
     if du is not None:
         if not (np.ndim(du) == 0 and 50.0 <= du <= 700.0):
             raise TwilightError(f"{path}: the ozone column at the place is {du}, allowed is a number from 50 to 700 DU")
-        parts.append(OzoneColumn(source, float(du)))
+        parts.append(air.OzoneColumn(source, float(du)))
     water = _one(columns, WATER_KG)
     if water is not None and np.isfinite(water) and water > 0.0:
-        parts.append(WaterColumn(source, float(water)))  # 1 kg on a square metre is 1 mm
+        parts.append(air.WaterColumn(source, float(water)))  # 1 kg on a square metre is 1 mm
     depths = {nm: columns[name] for name, nm in DEPTHS.items() if np.isfinite(columns.get(name, np.nan))}
     if MERRA_DEPTH in columns and np.isfinite(columns[MERRA_DEPTH]):
         exponent = columns.get(MERRA_EXPONENT, np.nan)
         nm = MERRA_NM if np.isfinite(exponent) else MERRA_NM[1:2]
         depths = {w: columns[MERRA_DEPTH] * ((w / MERRA_NM[1]) ** -exponent if len(nm) > 1 else 1.0) for w in nm}
     if depths := {nm: depth for nm, depth in sorted(depths.items()) if depth > 0.0}:
-        parts.append(AerosolDepth(source, np.array([*depths]), np.array([*depths.values()])))
+        parts.append(air.AerosolDepth(source, np.array([*depths]), np.array([*depths.values()])))
     return parts

@@ -16,14 +16,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
-from twilight.sky.quantities.responses import (
-    ALPHA_OPIC,
-    SCOTOPIC_EFFICACY_LM_PER_W,
-    Response,
-    correlated_colour_temperature,
-    response,
-    vega,
-)
+from twilight.sky.quantities import responses as respond
 
 Of = Literal["direction", "surface"]
 MESOPIC_RATIO = 683.0 / 1699.0
@@ -66,9 +59,9 @@ class Quantity:
     value: Callable[[Spectra], np.ndarray]
     about: str
 
-    def responses(self) -> list[Response]:
+    def responses(self) -> list[respond.Response]:
         """The responses that wavelengths must cover."""
-        return [response(one) for one in self.needs]
+        return [respond.response(one) for one in self.needs]
 
 
 def _eyes(name: str, variable: str, unit: str, of: Of, needs: tuple[str, ...], method: str, about: str) -> Quantity:
@@ -96,7 +89,7 @@ QUANTITIES = {
               "illuminance, V(lambda) of CIE 1924"),
         _eyes("scotopic_illuminance", "scotopic_illuminance_lux", "lx", "surface", ("scotopic",), "scotopic",
               "scotopic illuminance, V'(lambda) of CIE 1951"),
-        *(_receptor(name) for name in ALPHA_OPIC),
+        *(_receptor(name) for name in respond.ALPHA_OPIC),
         _eyes("ppfd", "ppfd_umol_per_m2_s", "umol m-2 s-1", "surface", ("PAR",), "ppfd",
               "photosynthetic photon flux density, 400 to 700 nm (McCree 1972)"),
         _eyes("uv_index", "uv_index", "1", "surface", ("erythema",), "uv_index",
@@ -127,7 +120,7 @@ def quantity(which: str | Quantity) -> Quantity:
         return _within(kind, rest)
     band, _, system = name.partition(":")
     try:
-        curve = response(band)
+        curve = respond.response(band)
     except TwilightError as error:
         raise TwilightError(f"quantity: {error}; or one of {', '.join(QUANTITIES)}") from None
     if system not in ("", "AB", "Vega"):
@@ -145,7 +138,7 @@ def quantity(which: str | Quantity) -> Quantity:
 
 
 def _within(kind: str, name: str) -> Quantity:
-    curve = response(name)
+    curve = respond.response(name)
     if kind == "photons":
         unit, text = "s-1 m-2", "photons"
         return Quantity(
@@ -193,7 +186,9 @@ _PHOTON_J_NM = 6.62607015e-34 * _LIGHT_NM_PER_S
 """h c [J nm] (SI 2019)."""
 _AVOGADRO = 6.02214076e23
 """Particles in a mole (SI 2019)."""
-ALPHA_OPIC_D65_W_PER_LM = dict(zip(ALPHA_OPIC, (0.8173e-3, 1.4558e-3, 1.6289e-3, 1.4497e-3, 1.3262e-3), strict=True))
+ALPHA_OPIC_D65_W_PER_LM = dict(
+    zip(respond.ALPHA_OPIC, (0.8173e-3, 1.4558e-3, 1.6289e-3, 1.4497e-3, 1.3262e-3), strict=True)
+)
 """Efficacy of luminous radiation of daylight D65 for the five receptors, CIE S 026:2018 table 1 [W lm^-1]."""
 UV_INDEX_M2_PER_W = 40.0
 """UV index of erythemal irradiance (WHO 2002; ISO/CIE 17166:2019)."""
@@ -213,7 +208,7 @@ class Spectra:
     distance_au: float = 1.0
     where: str = "the sky"
 
-    def weighted(self, which: Response, weight: np.ndarray | None = None) -> np.ndarray:
+    def weighted(self, which: respond.Response, weight: np.ndarray | None = None) -> np.ndarray:
         """Integral of light times a response over wavelength, (...): of energy in W m^-2 (sr^-1) where the response is
         to energy, with the wavelength [nm] as a factor where it is to photons; weight (G,): at its `grid_nm`, in place
         of its own.
@@ -228,12 +223,12 @@ class Spectra:
 
     def within(self, which: object) -> np.ndarray:
         """Energy within a response, integral of L R over wavelength [W m^-2 (sr^-1)], (...)."""
-        curve = response(which)
+        curve = respond.response(which)
         return self.weighted(curve, curve.on_grid())
 
     def photons(self, which: object) -> np.ndarray:
         """Photons within a response, integral of L R wavelength / (h c) [s^-1 m^-2 (sr^-1)], (...)."""
-        curve = response(which)
+        curve = respond.response(which)
         return self.weighted(curve, curve.on_grid() * curve.grid_nm) / _PHOTON_J_NM
 
     def magnitude(self, band: object, system: str | None = None) -> np.ndarray:
@@ -241,17 +236,17 @@ class Spectra:
 
         band: as of `responses.response`; system: AB, Vega, or None for what is usual with the band.
         """
-        curve = response(band)
+        curve = respond.response(band)
         with np.errstate(divide="ignore"):
             return -2.5 * np.log10(self.weighted(curve) * ARCSEC2_SR / zero_point(curve, system))
 
     def photopic(self) -> np.ndarray:
         """Luminance [cd m^-2] or illuminance [lx] by V(lambda) of the 2 deg observer, (...)."""
-        return spectrum.LUMINOUS_EFFICACY_LM_PER_W * self.weighted(response("photopic"))
+        return spectrum.LUMINOUS_EFFICACY_LM_PER_W * self.weighted(respond.response("photopic"))
 
     def scotopic(self) -> np.ndarray:
         """Scotopic luminance [cd m^-2] or illuminance [lx] by V'(lambda) of CIE 1951, (...)."""
-        return SCOTOPIC_EFFICACY_LM_PER_W * self.weighted(response("scotopic"))
+        return respond.SCOTOPIC_EFFICACY_LM_PER_W * self.weighted(respond.response("scotopic"))
 
     def mesopic(self) -> np.ndarray:
         """Mesopic luminance [cd m^-2] of an eye adapted to this very light, CIE 191:2010 (MES2), (...)."""
@@ -259,7 +254,7 @@ class Spectra:
 
     def alpha_opic_edi(self, receptor: str) -> np.ndarray:
         """Equivalent daylight (D65) illuminance of a receptor [lx], CIE S 026:2018, (...)."""
-        return self.weighted(response(receptor)) / ALPHA_OPIC_D65_W_PER_LM[receptor]
+        return self.weighted(respond.response(receptor)) / ALPHA_OPIC_D65_W_PER_LM[receptor]
 
     def ppfd(self) -> np.ndarray:
         """Photosynthetic photon flux density, 400 to 700 nm [umol m^-2 s^-1], (...)."""
@@ -267,18 +262,20 @@ class Spectra:
 
     def uv_index(self) -> np.ndarray:
         """UV index of an irradiance, (...): 40 m^2/W times the erythemal irradiance from 300 nm on."""
-        return UV_INDEX_M2_PER_W * self.weighted(response("erythema"))
+        return UV_INDEX_M2_PER_W * self.weighted(respond.response("erythema"))
 
     @cached_property
     def cct_duv(self) -> tuple[np.ndarray, np.ndarray]:
         """Correlated colour temperature [K] and distance from Planck's locus in (u, v) of CIE 1960, (...) each."""
-        check_covered(response("photopic"), self.wavelength_nm, self.where)
+        check_covered(respond.response("photopic"), self.wavelength_nm, self.where)
         functions = spectrum.colour_matching_functions("cie1931_2deg")
         sun = spectrum.solar_at_visible(self.solar_spectrum, self.distance_au)[:, None]
-        return correlated_colour_temperature(spectrum.integrate(self.factor, self.wavelength_nm, functions * sun))
+        return respond.correlated_colour_temperature(
+            spectrum.integrate(self.factor, self.wavelength_nm, functions * sun)
+        )
 
 
-def zero_point(band: Response, system: str | None = None) -> float:
+def zero_point(band: respond.Response, system: str | None = None) -> float:
     """Integral of response times the irradiance of magnitude 0 over wavelength, in the unit of `Spectra.weighted`.
 
     Errors: TwilightError for a system that is neither AB nor Vega.
@@ -290,12 +287,12 @@ def zero_point(band: Response, system: str | None = None) -> float:
 
 
 @lru_cache(maxsize=256)
-def _zero_point(band: Response, system: str) -> float:
+def _zero_point(band: respond.Response, system: str) -> float:
     nm = band.grid_nm
     if system == "AB":
         irradiance = AB_JANSKY * 1e-26 * _LIGHT_NM_PER_S / nm**2
     else:
-        grid, of_vega = vega()
+        grid, of_vega = respond.vega()
         if nm[-1] > grid[-1]:
             raise TwilightError(
                 f"magnitude: Vega is known to {grid[-1]:g} nm, and {band.name} reaches {nm[-1]:g} nm; take AB"
@@ -311,19 +308,19 @@ def _trapezoid(count: int) -> np.ndarray:
     return weight
 
 
-def _sunlit_weight(which: Response) -> np.ndarray:
+def _sunlit_weight(which: respond.Response) -> np.ndarray:
     """A response to energy times the solar spectrum at `grid_nm`, with the weights of the trapezoidal rule, (G,)."""
     return which.energy_weight() * _trapezoid(which.grid_nm.size) * spectrum.solar_at(which.grid_nm)
 
 
-def uncovered(which: Response, wavelength_nm: np.ndarray) -> float:
+def uncovered(which: respond.Response, wavelength_nm: np.ndarray) -> float:
     """Fraction of a response, weighted with sunlight, that is beyond the first and the last wavelength."""
     nm, weight = which.grid_nm, _sunlit_weight(which)
     inside = (nm >= wavelength_nm[0]) & (nm <= wavelength_nm[-1])
     return float(1.0 - weight[inside].sum() / weight.sum())
 
 
-def needed_nm(which: Response, most: float = MAX_UNCOVERED) -> tuple[float, float]:
+def needed_nm(which: respond.Response, most: float = MAX_UNCOVERED) -> tuple[float, float]:
     """The wavelengths [nm] that enclose all of a response but `most`, half of that on either side."""
     nm, weight = which.grid_nm, _sunlit_weight(which)
     below = np.cumsum(weight) / weight.sum()
@@ -331,7 +328,7 @@ def needed_nm(which: Response, most: float = MAX_UNCOVERED) -> tuple[float, floa
     return float(low), float(high)
 
 
-def check_covered(which: Response, wavelength_nm: np.ndarray, where: str = "the sky") -> None:
+def check_covered(which: respond.Response, wavelength_nm: np.ndarray, where: str = "the sky") -> None:
     """Raise TwilightError where wavelengths do not cover a response, and say which would."""
     if uncovered(which, wavelength_nm) <= MAX_UNCOVERED:
         return
@@ -352,7 +349,7 @@ SAMPLES_NM = (
 on both sides of the bands of O4 (477, 577, 630 nm), outside those of water vapour and oxygen."""
 
 
-def samples_for(responses: Sequence[Response]) -> tuple[float, ...]:
+def samples_for(responses: Sequence[respond.Response]) -> tuple[float, ...]:
     """Those of SAMPLES_NM that cover responses, and one more on either side where there is one.
 
     Errors: TwilightError for a response that they do not cover.

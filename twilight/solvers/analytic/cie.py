@@ -17,24 +17,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.base.sections import option, settings
-from twilight.solvers.analytic.coefficients import (
-    angles,
-    cie,
-    load_coefficients,
-    overcast_illuminance_lx,
-    traditional_overcast,
-)
-from twilight.solvers.analytic.daylight import (
-    SpectralBins,
-    check_observer,
-    check_sun,
-    chosen_turbidity,
-    daylight_chromaticity,
-    direct_transmittance,
-    hemisphere,
-    sky_and_ground,
-    table,
-)
+from twilight.solvers.analytic import coefficients, daylight
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
 CAPABILITIES = Capabilities(kind="formula", wavelengths_at_once=ALL_WAVELENGTHS)
@@ -103,16 +86,16 @@ class Field(BareField):
     """
 
     def __init__(self, medium: Medium, settings: CieSettings, altitude_km: float, progress: Progress | None):
-        check_observer(medium, altitude_km, "cie")
+        daylight.check_observer(medium, altitude_km, "cie")
         self.medium, self.settings = medium, settings
         self.clear = settings.sky_type not in WITHOUT_SUN
         self.turbidity: float | None = None
-        self._zenith = load_coefficients("preetham1999")
+        self._zenith = coefficients.load_coefficients("preetham1999")
         if self.clear:
-            self.turbidity, _ = chosen_turbidity(
+            self.turbidity, _ = daylight.chosen_turbidity(
                 settings.turbidity, settings.outside, self._zenith.turbidity, medium, "cie"
             )
-        self._bins = SpectralBins(medium.wavelength_nm, "cie")
+        self._bins = daylight.SpectralBins(medium.wavelength_nm, "cie")
         self._progress = progress or silent
 
     def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
@@ -120,7 +103,7 @@ class Field(BareField):
 
         Errors: TwilightError for a sun below the horizon.
         """
-        check_sun(sun_elevation_deg, "cie")
+        daylight.check_sun(sun_elevation_deg, "cie")
         spectral = self._spectrum(sun_elevation_deg)
 
         def sky(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
@@ -129,10 +112,10 @@ class Field(BareField):
         def sunlight() -> np.ndarray:
             if self.turbidity is None:
                 return np.zeros_like(spectral)
-            return direct_transmittance(self.medium.wavelength_nm, 90.0 - sun_elevation_deg, self.turbidity)
+            return daylight.direct_transmittance(self.medium.wavelength_nm, 90.0 - sun_elevation_deg, self.turbidity)
 
         albedo = self.medium.ground_albedo
-        out = sky_and_ground(sky, sunlight, sun_elevation_deg, albedo, elevation_deg, azimuth_deg)
+        out = daylight.sky_and_ground(sky, sunlight, sun_elevation_deg, albedo, elevation_deg, azimuth_deg)
         self._progress("sky", 1.0)
         return out
 
@@ -143,12 +126,12 @@ class Field(BareField):
 
     def relative_luminance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg) -> np.ndarray:
         """Luminance over that of the zenith."""
-        cosine, gamma = angles(sun_elevation_deg, elevation_deg, azimuth_deg)
+        cosine, gamma = coefficients.angles(sun_elevation_deg, elevation_deg, azimuth_deg)
         if self.settings.sky_type == TRADITIONAL_OVERCAST:
-            return traditional_overcast(cosine)
-        parameters = table("cie_standard_skies")[1][self.settings.sky_type - 1, 1:]
-        zenith = cie(parameters, 1.0, np.radians(90.0 - sun_elevation_deg))
-        return cie(parameters, cosine, gamma) / zenith
+            return coefficients.traditional_overcast(cosine)
+        parameters = daylight.table("cie_standard_skies")[1][self.settings.sky_type - 1, 1:]
+        zenith = coefficients.cie(parameters, 1.0, np.radians(90.0 - sun_elevation_deg))
+        return coefficients.cie(parameters, cosine, gamma) / zenith
 
     def zenith_luminance(self, sun_elevation_deg: float) -> float:
         """Luminance of the zenith [cd m^-2]."""
@@ -157,9 +140,9 @@ class Field(BareField):
         if self.clear:
             assert self.turbidity is not None
             return float(self._zenith.zenith_luminance_cd_per_m2(90.0 - sun_elevation_deg, self.turbidity))
-        e, a, solid = hemisphere(24, 24)
+        e, a, solid = daylight.hemisphere(24, 24)
         relative = self.relative_luminance(sun_elevation_deg, e, a)
-        illuminance = overcast_illuminance_lx(sun_elevation_deg)
+        illuminance = coefficients.overcast_illuminance_lx(sun_elevation_deg)
         return float(illuminance / np.sum(solid * np.sin(np.radians(e)) * relative))
 
     def _spectrum(self, sun_elevation_deg: float) -> np.ndarray:
@@ -168,5 +151,5 @@ class Field(BareField):
             assert self.turbidity is not None
             x, y = map(float, self._zenith.zenith_chromaticity(90.0 - sun_elevation_deg, self.turbidity))
         else:
-            x, y = daylight_chromaticity(OVERCAST_TEMPERATURE_K)
+            x, y = daylight.daylight_chromaticity(OVERCAST_TEMPERATURE_K)
         return self._bins.from_chromaticity(1.0, x, y)

@@ -2,7 +2,7 @@
 horizon.  From the coefficients' highest turbidity (6) to OVERCAST_TURBIDITY it goes linearly over to the CIE's overcast
 sky of flat spectrum without direct sun, as the paper asks for (sec. 5, Fig. 10).
 
-The turbidity is that of the medium (`limits.turbidity_of`) unless it is set; everything else about the air, and
+The turbidity is that of the medium (`daylight.turbidity_of`) unless it is set; everything else about the air, and
 the ground's albedo, does not change the sky.  Directions below the horizon see the ground, a Lambertian reflector of
 the medium's albedo under this sky and this sun.
 """
@@ -20,16 +20,9 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.base.sections import option, settings
+from twilight.solvers.analytic import daylight
 from twilight.solvers.analytic.aerial import aerial_perspective
 from twilight.solvers.analytic.coefficients import file_sha256, load_coefficients, overcast_luminance
-from twilight.solvers.analytic.daylight import (
-    SpectralBins,
-    check_observer,
-    check_sun,
-    chosen_turbidity,
-    direct_transmittance,
-    sky_and_ground,
-)
 from twilight.solvers.base import ALL_WAVELENGTHS, BareField, Capabilities
 
 CAPABILITIES = Capabilities(kind="formula", finite_segments=True, wavelengths_at_once=ALL_WAVELENGTHS)
@@ -105,7 +98,7 @@ class Field(BareField):
     """
 
     def __init__(self, medium: Medium, settings: PreethamSettings, altitude_km: float, progress: Progress | None):
-        check_observer(medium, altitude_km, "preetham")
+        daylight.check_observer(medium, altitude_km, "preetham")
         self.medium, self.settings = medium, settings
         self.height_km = altitude_km - medium.bottom_km
         self.coefficients = load_coefficients(settings.coefficients)
@@ -115,13 +108,13 @@ class Field(BareField):
             )
         low, high = self.coefficients.turbidity
         allowed = (low, HIGHEST_TURBIDITY)
-        self.turbidity, self.medium_turbidity = chosen_turbidity(
+        self.turbidity, self.medium_turbidity = daylight.chosen_turbidity(
             settings.turbidity, settings.outside, allowed, medium, "preetham"
         )
         self.clear_turbidity = min(self.turbidity, high)
         span = max(OVERCAST_TURBIDITY - high, 1e-9)  # coefficients of one sky cover any turbidity: never overcast
         self.overcast = float(np.clip((self.turbidity - high) / span, 0.0, 1.0))
-        self._bins = SpectralBins(medium.wavelength_nm, "preetham")
+        self._bins = daylight.SpectralBins(medium.wavelength_nm, "preetham")
         of_medium = {} if self.medium_turbidity is None else {"medium_turbidity": self.medium_turbidity}
         self.facts = {"turbidity": self.turbidity} | of_medium
         self._progress = progress or silent
@@ -136,14 +129,14 @@ class Field(BareField):
         self._check(sun_elevation_deg)
         sky, sunlight = (partial(light, sun_elevation_deg) for light in (self._sky, self.sunlight))
         albedo = self.medium.ground_albedo
-        out = sky_and_ground(sky, sunlight, sun_elevation_deg, albedo, elevation_deg, azimuth_deg)
+        out = daylight.sky_and_ground(sky, sunlight, sun_elevation_deg, albedo, elevation_deg, azimuth_deg)
         self._progress("sky", 1.0)
         return out
 
     def sunlight(self, sun_elevation_deg: float) -> np.ndarray:
         """The model's own direct sunlight at the ground at normal incidence over F0, (W,)."""
         self._check(sun_elevation_deg)
-        return (1.0 - self.overcast) * direct_transmittance(
+        return (1.0 - self.overcast) * daylight.direct_transmittance(
             self.medium.wavelength_nm,
             90.0 - sun_elevation_deg,
             self.turbidity,
@@ -174,7 +167,7 @@ class Field(BareField):
 
     def _check(self, sun_elevation_deg: float) -> None:
         lowest, highest = (90.0 - z for z in reversed(self.coefficients.sun_zenith_deg))
-        check_sun(sun_elevation_deg, "preetham", lowest, highest)
+        daylight.check_sun(sun_elevation_deg, "preetham", lowest, highest)
 
     def _sky(self, sun_elevation_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         luminance, x, y = self.coefficients.sky(self.clear_turbidity, sun_elevation_deg, elevation_deg, azimuth_deg)

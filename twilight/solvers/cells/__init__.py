@@ -1,12 +1,11 @@
-"""Haber, Magnor & Seidel 2005: cells around the observer that exchange scattered light, and an exact mode beyond it.
+"""Haber, Magnor & Seidel 2005: cells around the observer that exchange scattered light.
 
 In the order of the paper: `haber` (section 3), `grid` (4.1.2, 4.1.3), `ground` (4.1.4), `direct_light` (4.4, 4.6.2),
-`exchange` (4.5.3 to 4.6.2, and 5), `sky_texture` (4.7).  The exact mode: `exact`, made of `stencils` and `ordinates`.
+`exchange` (4.5.3 to 4.6.2, and 5), `sky_texture` (4.7).
 """
 
 from twilight.solvers.base import Capabilities
-from twilight.solvers.cells.settings import QUALITIES, CellsSettings
-from twilight.solvers.cells.solver import Field, cost, prepare
+from twilight.solvers.cells.haber import QUALITIES, CellsSettings, Field, cost, prepare
 
 CAPABILITIES = Capabilities(cost=cost)
 

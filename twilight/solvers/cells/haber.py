@@ -11,25 +11,70 @@ scattering coefficient, eq. (2).
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
-from twilight.solvers.base import BareField, Convergence
+from twilight.base.sections import option, settings
+from twilight.solvers.base import BareField, Convergence, Cost, check_sun
 from twilight.solvers.cells.direct_light import sunlit
 from twilight.solvers.cells.exchange import energy_ratio, exchange, full_turn, make_active_shells, make_rings
 from twilight.solvers.cells.grid import make_grid, make_layers
 from twilight.solvers.cells.ground import Patches, exchange_with_ground, make_patches, sunlit_ground
-from twilight.solvers.cells.settings import CellsSettings, check_sun
 from twilight.solvers.cells.sky_texture import SkyTexture
+
+
+@settings
+class CellsSettings:
+    """What a user can set of Haber's cells."""
+
+    max_orders: int = option("scattering events that are followed", default=5, ge=1, le=100)
+    refraction: bool = option("bend the sunbeam", default=True)
+    azimuth_cells: int = option(
+        "S, the number of cells around a ring; their angular size is 360/S deg in azimuth and elevation",
+        default=60,
+        ge=8,
+        le=360,
+    )
+    active_shell_step: int = option("every n-th shell takes part in multiple scattering", default=4, ge=1, le=16)
+    inner_radius_km: float = option("R_min, radius of the innermost shell", default=0.1, ge=0.001, le=10.0, expert=True)
+    sun_tolerance_deg: float = option(
+        "of the binary search for the refracted path to the sun", default=0.1, ge=1e-4, le=0.5, expert=True
+    )
+    reduce_extinction: bool = option(
+        "in light scattered twice or more take g of the aerosol's scattering from its extinction too, so that none "
+        "is lost; Haber takes it from scattering alone",
+        default=False,
+        expert=True,
+    )
+    tolerance: float = option(
+        "stop earlier when an event adds less than this fraction of the light of every cell; 0 follows max_orders",
+        default=0.0,
+        ge=0.0,
+        le=0.5,
+        expert=True,
+    )
+
+    def __post_init__(self):
+        if self.azimuth_cells % 2:
+            raise TwilightError(f"solver.azimuth_cells is {self.azimuth_cells}; it must be even")
+
+
+QUALITIES: dict[str, CellsSettings] = {
+    "draft": CellsSettings(azimuth_cells=36),
+    "standard": CellsSettings(),
+    "haber2005": CellsSettings(azimuth_cells=120),
+}
 
 RINGS_AT_ONCE = 256
 """Rings whose light of an event is there at the same time, beside the sum of all events."""
 
 
-class HaberField(BareField):
+class Field(BareField):
     """Haber's sky of one medium around one observer; the latest sun's is kept."""
 
     def __init__(
@@ -129,3 +174,76 @@ class HaberField(BareField):
         all_sent = sent if forward is None else sent + forward
         exchange_with_ground(self.layers, self.active_rings, self.patches, all_sent, reflected, received, light)
         return light * (ratio * self.medium.ground_albedo)[:, None]
+
+
+PAIR_S = 5.5e-7
+"""Processor seconds of a pair of cells in a pass, there and back, whatever its wavelengths (S = 48 to 120)."""
+PAIR_WAVELENGTH_S = 1.15e-7
+"""The same of each wavelength of the pair."""
+FORWARD_S = 2.7e-7
+"""The same of each wavelength more in the pass whose light goes out by Henyey and Greenstein's function."""
+SUNLIT_S = 2.5e-6
+"""Processor seconds of a cell and wavelength in direct light: the search for the sun."""
+POWERS_AT_ONCE = 2, 5
+"""Numbers of a cell and wavelength that are there at the same time: of every cell, and more of an active one."""
+WAVELENGTHS_OF_A_PASS = 32
+"""Most wavelengths that share the geometry of a pass: those of a block."""
+
+
+def cost(
+    medium: Medium, settings: CellsSettings, sun_elevations_deg: Sequence[float] | None, observer_altitude_km: float
+) -> Cost | None:
+    """Cost of a field: all of it is for each sun."""
+    air = medium.bottom_km, medium.top_km, medium.earth_radius_km
+    grid = make_grid(settings.azimuth_cells, settings.inner_radius_km, observer_altitude_km, *air)
+    active = make_active_shells(grid, settings.active_shell_step).ring.size
+    half, sharing = settings.azimuth_cells // 2 + 1, min(medium.n_wavelengths, WAVELENGTHS_OF_A_PASS)
+    pairs = half * active * (active + 1) / 2
+    passes = settings.max_orders - 1
+    seconds = SUNLIT_S * grid.n_rings * half + passes * pairs * (PAIR_S / sharing + PAIR_WAVELENGTH_S)
+    every, of_active = POWERS_AT_ONCE
+    return Cost(
+        fixed_bytes=0.0,
+        bytes_per_wavelength=8.0 * half * (every * grid.n_rings + of_active * active),
+        cpu_s_per_wavelength=0.0,
+        cpu_s_per_direction=0.0,
+        cpu_s_per_sun=seconds + min(passes, 1) * pairs * FORWARD_S,
+    )
+
+
+def prepare(
+    medium: Medium,
+    settings: CellsSettings | None = None,
+    *,
+    observer_altitude_km: float = 0.0,
+    progress: Progress | None = None,
+) -> Field:
+    """Make everything that does not depend on the sun.
+
+    Parameters
+    ----------
+    medium
+        Coefficients of air, aerosol and gases at W wavelengths, and the ground.
+    settings
+        One of QUALITIES, perhaps with options replaced; None: `standard`.
+    observer_altitude_km
+        Altitude of the observer [km], inside the air.
+    progress
+        Called as progress(doing, fraction) now and then.
+
+    Raises
+    ------
+    TwilightError
+        For an observer below the ground or above the air.
+
+    References
+    ----------
+    Haber, Magnor & Seidel 2005, Physically-based simulation of twilight phenomena.
+    """
+    settings = settings or QUALITIES["standard"]
+    if not medium.bottom_km <= observer_altitude_km < medium.top_km:
+        raise TwilightError(
+            "the cells solver needs an observer inside the air: observer.altitude_km is "
+            f"{observer_altitude_km:g}, allowed is {medium.bottom_km:g} to below {medium.top_km:g}"
+        )
+    return Field(medium, settings, float(observer_altitude_km), progress)

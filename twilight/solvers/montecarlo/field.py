@@ -19,19 +19,9 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
 from twilight.base.threads import in_slices
 from twilight.solvers.base import BareField, observer_at
+from twilight.solvers.montecarlo import chunks
 from twilight.solvers.montecarlo.air import MonteCarloAir, prepare_air
 from twilight.solvers.montecarlo.checkpoint import Checkpoint, RunState, fingerprint
-from twilight.solvers.montecarlo.chunks import (
-    N_ARMS,
-    ChunkJobs,
-    ChunkSums,
-    MonteCarloResult,
-    Pixels,
-    StokesResult,
-    Tally,
-    line_of_sight_transmittance,
-    run_chunks,
-)
 from twilight.solvers.montecarlo.importance import ImportanceTables
 from twilight.solvers.montecarlo.importance_solution import solve_importance
 from twilight.solvers.montecarlo.kernel import GOLDEN, N_STOKES, mix
@@ -68,7 +58,7 @@ def stop_after(seconds: float | None) -> Iterator[np.ndarray]:
         timer.cancel()
 
 
-def pixels_of(sun_deg, elevation_deg, azimuth_deg, far_km, altitude_km: float, wavelength_nm) -> Pixels:
+def pixels_of(sun_deg, elevation_deg, azimuth_deg, far_km, altitude_km: float, wavelength_nm) -> chunks.Pixels:
     """`Pixels`, whose key is a hash of the geometry: a pixel's answer does not depend on its neighbours in the call."""
     key = np.zeros(sun_deg.size, dtype=np.uint64)
     parts = [sun_deg, elevation_deg, azimuth_deg, np.full(sun_deg.size, altitude_km)]
@@ -79,20 +69,22 @@ def pixels_of(sun_deg, elevation_deg, azimuth_deg, far_km, altitude_km: float, w
         key = mix.py_func((key ^ bits) + GOLDEN)
     wavelength_key = np.round(1000.0 * wavelength_nm).astype(np.uint64)
     angles = (np.radians(sun_deg), np.radians(elevation_deg), np.radians(azimuth_deg))
-    return Pixels(key, *angles, float(altitude_km), wavelength_key, np.asarray(far_km, dtype=float))
+    return chunks.Pixels(key, *angles, float(altitude_km), wavelength_key, np.asarray(far_km, dtype=float))
 
 
 class Run:
     """Samples of one question: `all_rounds` takes them, `tally` holds their sums."""
 
-    def __init__(self, field: Field, pixels: Pixels, checkpoint: str | Path | None, batch_order: Callable | None):
+    def __init__(
+        self, field: Field, pixels: chunks.Pixels, checkpoint: str | Path | None, batch_order: Callable | None
+    ):
         self.field = field
         self.pixels = pixels
         self.settings = field.settings
         self.batch_order = batch_order
         self.started = time.monotonic()
         self.n_stokes = N_STOKES if self.settings.polarised else 1
-        self.tally = Tally(pixels.key.size, field.medium.n_wavelengths, self.n_stokes)
+        self.tally = chunks.Tally(pixels.key.size, field.medium.n_wavelengths, self.n_stokes)
         self.chunks_used = np.zeros_like(self.tally.count)
         self.checkpoint = None
         self.skip_rounds, self.skip_batches = 0, 0
@@ -136,7 +128,7 @@ class Run:
     def _extra(self, purpose: str) -> np.ndarray:
         """Samples (P, W, 2) that a round adds."""
         settings, count = self.settings, self.tally.count
-        fixed = {"first": FIRST_SAMPLES, "all": -(-settings.samples // N_ARMS), "pilot": settings.pilot_samples}
+        fixed = {"first": FIRST_SAMPLES, "all": -(-settings.samples // chunks.N_ARMS), "pilot": settings.pilot_samples}
         if purpose in fixed:
             return np.maximum(fixed[purpose] - count, 0)
         assert settings.target_stderr is not None
@@ -152,11 +144,11 @@ class Run:
         todo = list(range(first_batch, edges.size - 1))
         if self.batch_order is not None:
             todo = [first_batch + int(b) for b in self.batch_order(len(todo))]
-        waiting: dict[int, tuple[ChunkJobs, ChunkSums]] = {}
+        waiting: dict[int, tuple[chunks.ChunkJobs, chunks.ChunkSums]] = {}
         next_batch = first_batch
         try:
             for number, b in enumerate(todo):
-                part = ChunkJobs(*(a[edges[b] : edges[b + 1]] for a in jobs))
+                part = chunks.ChunkJobs(*(a[edges[b] : edges[b + 1]] for a in jobs))
                 sums = self._walk(part, stop)
                 waiting[b] = (part, sums)
                 if np.any(sums.samples < part.samples):
@@ -179,7 +171,7 @@ class Run:
         self.chunks_used += -(-extra // self.settings.chunk_samples)
         return True
 
-    def _jobs(self, extra: np.ndarray) -> ChunkJobs:
+    def _jobs(self, extra: np.ndarray) -> chunks.ChunkJobs:
         """The chunks of `extra` samples (P, W, 2); all first chunks come before all second ones."""
         parts = []
         left = extra.copy()
@@ -187,26 +179,26 @@ class Run:
         while np.any(left > 0):
             pixel, wavelength, arm = np.nonzero(left > 0)
             samples = np.minimum(left[pixel, wavelength, arm], self.settings.chunk_samples)
-            chunk = (self.chunks_used[pixel, wavelength, arm] + step) * N_ARMS + arm
-            parts.append(ChunkJobs(pixel, wavelength, arm, chunk, samples))
+            chunk = (self.chunks_used[pixel, wavelength, arm] + step) * chunks.N_ARMS + arm
+            parts.append(chunks.ChunkJobs(pixel, wavelength, arm, chunk, samples))
             left[pixel, wavelength, arm] -= samples
             step += 1
         if not parts:
-            return ChunkJobs(*(np.zeros(0, dtype=np.int64) for _ in ChunkJobs._fields))
-        return ChunkJobs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+            return chunks.ChunkJobs(*(np.zeros(0, dtype=np.int64) for _ in chunks.ChunkJobs._fields))
+        return chunks.ChunkJobs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
-    def _walk(self, jobs: ChunkJobs, stop: np.ndarray) -> ChunkSums:
+    def _walk(self, jobs: chunks.ChunkJobs, stop: np.ndarray) -> chunks.ChunkSums:
         field = self.field
         size = jobs.samples.size
         sums = np.zeros((size, self.n_stokes, N_ORDERS + 1))
         counts = np.zeros((2, size), dtype=np.int64)
-        chunk_sums = ChunkSums(sums, np.zeros_like(sums), np.zeros((size, 2)), *counts)
+        chunk_sums = chunks.ChunkSums(sums, np.zeros_like(sums), np.zeros((size, 2)), *counts)
         walk = self.settings.walk(field.medium.has_refraction)
         seed = np.uint64(self.settings.seed)
 
         def work(begin: int, end: int) -> None:
             air, sight_air = field.air, field.line_of_sight_air
-            run_chunks(
+            chunks.run_chunks(
                 air, sight_air, field.sun, field.importance, walk, seed, self.pixels, jobs, begin, end, chunk_sums, stop
             )
 
@@ -317,7 +309,7 @@ class Field(BareField):
 
     def stokes_with_error(
         self, sun_elevation_deg, elevation_deg, azimuth_deg, *, checkpoint: str | Path | None = None, batch_order=None
-    ) -> StokesResult:
+    ) -> chunks.StokesResult:
         """:meth:`stokes` with standard errors; arguments as in :meth:`radiance_with_error`."""
         if not self.settings.polarised:
             raise TwilightError("montecarlo was prepared without polarisation: it knows I alone, not Q and U")
@@ -326,7 +318,7 @@ class Field(BareField):
 
     def radiance_with_error(
         self, sun_elevation_deg, elevation_deg, azimuth_deg, *, checkpoint: str | Path | None = None, batch_order=None
-    ) -> MonteCarloResult:
+    ) -> chunks.MonteCarloResult:
         """Radiance with standard errors, in all and by order of scattering.
 
         Parameters
@@ -360,7 +352,7 @@ class Field(BareField):
 
     def inscatter_with_error(
         self, sun_elevation_deg, elevation_deg, azimuth_deg, distance_km
-    ) -> tuple[MonteCarloResult, np.ndarray]:
+    ) -> tuple[chunks.MonteCarloResult, np.ndarray]:
         """Radiance that the air up to a distance scatters in, and the transmittance of that air.
 
         Parameters
@@ -385,7 +377,7 @@ class Field(BareField):
         passed = np.empty((run.pixels.key.size, self.medium.n_wavelengths))
         walk = self.settings.walk(self.medium.has_refraction)
         in_slices(
-            lambda begin, end: line_of_sight_transmittance(
+            lambda begin, end: chunks.line_of_sight_transmittance(
                 self.air, self.sun, self.importance, walk, run.pixels, begin, end, passed
             ),
             run.pixels.key.size,
@@ -399,7 +391,7 @@ class Field(BareField):
 
     def question(
         self, sun_elevation_deg, elevation_deg, azimuth_deg, distance_km=np.inf
-    ) -> tuple[Pixels, tuple[int, ...]]:
+    ) -> tuple[chunks.Pixels, tuple[int, ...]]:
         """The pixels of a question, and the shape of its directions."""
         sun, elevation, azimuth, far = np.broadcast_arrays(
             *(np.asarray(a, dtype=float) for a in (sun_elevation_deg, elevation_deg, azimuth_deg, distance_km))

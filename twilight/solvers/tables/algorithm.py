@@ -26,6 +26,7 @@ from twilight.base.progress import Progress
 from twilight.base.sections import option, settings
 from twilight.base.threads import in_slices
 from twilight.solvers.base import Cost
+from twilight.solvers.tables import passes
 from twilight.solvers.tables.mapping import (
     IRRADIANCE_TEXELS,
     LEAST_LIGHT,
@@ -34,18 +35,6 @@ from twilight.solvers.tables.mapping import (
     Mapping,
     grid,
     texel_height_km,
-)
-from twilight.solvers.tables.passes import (
-    Incoming,
-    LitGround,
-    Scatterers,
-    SphereQuadrature,
-    Texels,
-    fill_depth,
-    fill_irradiance,
-    fill_scattering,
-    fill_single,
-    fill_source,
 )
 from twilight.transport.profile import Profile, prepare_profile
 from twilight.transport.ray_profile import ray_profile, screen_table
@@ -234,16 +223,16 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
     mapping = make_mapping(settings, medium.earth_radius_km + medium.bottom_km, medium.top_km - medium.bottom_km)
     refuse_unseen_layers(medium, mapping)
     n_w = medium.n_wavelengths
-    texels = Texels(*grid(mapping))
+    texels = passes.Texels(*grid(mapping))
     screen = screen_table(medium.screen, ray_profile(medium, refraction=False), 0, medium.wavelength_nm)
     depth = np.zeros((mapping.n_t_r, mapping.n_t_mu, n_w))
     progress("transmittance", 0.0)
-    in_slices(partial(fill_depth, profile, mapping, depth), mapping.n_t_r)
+    in_slices(partial(passes.fill_depth, profile, mapping, depth), mapping.n_t_r)
     shape = (mapping.n_r, mapping.n_mu_s, mapping.n_nu, mapping.n_mu, n_w)
     single = np.zeros((scaled.moments.shape[0], *shape), np.float32)
     progress("single scattering", 0.05)
     fineness = settings.step_density
-    in_slices(partial(fill_single, profile, mapping, depth, screen, texels, fineness, single), mapping.n_r)
+    in_slices(partial(passes.fill_single, profile, mapping, depth, screen, texels, fineness, single), mapping.n_r)
     logarithmic = settings.interpolation == "logarithmic"
     directions, up_mu, up_weight = _quadrature(mapping, texels, settings)
     coefficients = medium.at(medium.bottom_km + texels.heights)
@@ -252,34 +241,46 @@ def solve(scaled: ScaledMedium, settings: TablesSettings, progress: Progress) ->
     multiple = np.zeros(shape, np.float32)
     by_order = []
     # zero in the shadow, where logarithms would spoil what is next to it
-    scatterers = Scatterers(np.ascontiguousarray(scaled.moments), sigma)
-    delta_s = Incoming(single, False, scatterers.moments)
+    scatterers = passes.Scatterers(np.ascontiguousarray(scaled.moments), sigma)
+    delta_s = passes.Incoming(single, False, scatterers.moments)
     radiance = np.zeros((1, 0, n_w))
     delta_e = np.zeros((mapping.n_e_r, mapping.n_e_mu_s, n_w))
     for number in range(1, settings.max_orders + 1):
         progress(f"order of scattering {number}", 0.1 + 0.9 * (number - 1) / settings.max_orders)
         from_sky = np.zeros_like(delta_e)
         in_slices(
-            partial(fill_irradiance, mapping, delta_s, up_mu, up_weight, directions.azimuth, from_sky), mapping.n_e_r
+            partial(passes.fill_irradiance, mapping, delta_s, up_mu, up_weight, directions.azimuth, from_sky),
+            mapping.n_e_r,
         )
         by_order.append(from_sky)
         if number == settings.max_orders:
             break
         delta_j = np.zeros(shape, np.float32)
-        ground = LitGround(medium.ground_albedo, delta_e, number == 1)
+        ground = passes.LitGround(medium.ground_albedo, delta_e, number == 1)
         in_slices(
             partial(
-                fill_source, profile, mapping, depth, screen, delta_s, scatterers, ground, texels, directions, delta_j
+                passes.fill_source,
+                profile,
+                mapping,
+                depth,
+                screen,
+                delta_s,
+                scatterers,
+                ground,
+                texels,
+                directions,
+                delta_j,
             ),
             mapping.n_r,
         )
         delta_j = stored(delta_j, logarithmic)
         scattered = np.zeros(shape, np.float32)
         in_slices(
-            partial(fill_scattering, profile, mapping, delta_j, logarithmic, texels, fineness, scattered), mapping.n_r
+            partial(passes.fill_scattering, profile, mapping, delta_j, logarithmic, texels, fineness, scattered),
+            mapping.n_r,
         )
         multiple += scattered
-        delta_s, delta_e = Incoming(stored(scattered, logarithmic)[None], logarithmic, radiance), from_sky
+        delta_s, delta_e = passes.Incoming(stored(scattered, logarithmic)[None], logarithmic, radiance), from_sky
     orders = np.stack(by_order)
     return ScatteringTables(mapping, profile, depth, orders.sum(axis=0), single, multiple, orders)
 
@@ -295,8 +296,8 @@ def rayleigh_at(nus: np.ndarray, depolarisation: np.ndarray) -> np.ndarray:
 
 
 def _quadrature(
-    mapping: Mapping, texels: Texels, settings: TablesSettings
-) -> tuple[SphereQuadrature, np.ndarray, np.ndarray]:
+    mapping: Mapping, texels: passes.Texels, settings: TablesSettings
+) -> tuple[passes.SphereQuadrature, np.ndarray, np.ndarray]:
     """Gauss-Legendre below and above the horizon of every height; and mu and weights over the upper hemisphere."""
     x, w = np.polynomial.legendre.leggauss(settings.polar_directions)
     heights = texels.heights
@@ -305,7 +306,7 @@ def _quadrature(
     below, above = 0.5 * (horizon + 1.0), 0.5 * (1.0 - horizon)
     mu = np.concatenate([-1.0 + below * (1.0 + x), horizon + above * (1.0 + x)], axis=1)
     degree = settings.degree
-    directions = SphereQuadrature(
+    directions = passes.SphereQuadrature(
         mu,
         np.concatenate([below * w, above * w], axis=1),
         (np.arange(settings.azimuth_directions) + 0.5) * np.pi / settings.azimuth_directions,

@@ -16,7 +16,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.base.threads import in_slices
-from twilight.solvers.base import BareField, Convergence, observer_at
+from twilight.solvers.base import BareField, Convergence, check_sun, observer_at
 from twilight.solvers.tables.algorithm import QUALITIES, TablesSettings, rayleigh_at, solve, stored
 from twilight.solvers.tables.mapping import Mapping, grid
 from twilight.solvers.tables.passes import depths, read
@@ -174,8 +174,7 @@ class Field(BareField):
         return np.where(rays.hits[:, None], out[back.ravel()], 0.0)
 
     def _rays(self, sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km) -> ViewRays:
-        if not -90.0 <= sun_elevation_deg <= 90.0:
-            raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
+        check_sun(sun_elevation_deg)
         altitude = observer_at(self.medium, observer_altitude_km, self.observer_altitude_km)
         elevation, azimuth = np.broadcast_arrays(
             np.asarray(elevation_deg, dtype=float), np.asarray(azimuth_deg, dtype=float)

@@ -9,19 +9,12 @@ import numpy as np
 
 from twilight.base.errors import TwilightError
 from twilight.base.threads import in_slices
-from twilight.solvers.base import BareField, Convergence, observer_at
+from twilight.solvers.base import BareField, Convergence, check_sun, observer_at
 from twilight.solvers.zones import constants as tuned
+from twilight.solvers.zones import lines_of_sight
 from twilight.solvers.zones.angles import scattering_geometry
 from twilight.solvers.zones.aureole import forward_peak, widen_peaks
 from twilight.solvers.zones.grids import FieldGrids, visible_arc_deg
-from twilight.solvers.zones.lines_of_sight import (
-    LineCache,
-    LinesOfSight,
-    lift_and_lowering,
-    sun_lift,
-    trace_lines_of_sight,
-    view_multiple,
-)
 from twilight.solvers.zones.ray_points import LANES, block_values, make_ray_points
 from twilight.solvers.zones.scattering import Solution
 from twilight.solvers.zones.storage import Stored, save
@@ -55,7 +48,7 @@ class Field(BareField):
         self.observer_altitude_km = observer_at(grids.medium, observer_altitude_km)
         several = grids.settings.max_orders > 1
         self.peak = forward_peak(grids.medium, grids.scaled, grids.profile) if several else None
-        self._cached_lines = LineCache()
+        self._cached_lines = lines_of_sight.LineCache()
 
     def save(self, path: str | Path) -> None:
         """Write the field to an HDF5 file; `twilight.solvers.zones.load` reads it.
@@ -84,8 +77,7 @@ class Field(BareField):
         return lowest, 90.0 if first <= 0.0 else 90.0 - around - first
 
     def _check_sun(self, sun_elevation_deg: float, observer_altitude_km: float) -> None:
-        if not -90.0 <= sun_elevation_deg <= 90.0:
-            raise TwilightError(f"sun.elevation_deg is {sun_elevation_deg:g}; allowed is -90 to 90")
+        check_sun(sun_elevation_deg)
         lowest, highest = self._suns_seen_from(observer_altitude_km)
         if self.solutions and not lowest - 1e-9 <= sun_elevation_deg <= highest + 1e-9:
             solved_for = f"{lowest:g} to {highest:g} deg" if lowest <= highest + 1e-9 else "lower observers"
@@ -235,11 +227,11 @@ class Field(BareField):
         grids = self.grids
         lines = self._cached_lines.get(
             (altitude, with_ground, rows.tobytes()),
-            lambda: trace_lines_of_sight(
+            lambda: lines_of_sight.trace_lines_of_sight(
                 grids.line_profile, grids.scaled.medium, altitude, rows, density, with_ground, grids.layout.thin_layer
             ),
         )
-        lift = sun_lift(self.beam, altitude, directions.zenith_rad)
+        lift = lines_of_sight.sun_lift(self.beam, altitude, directions.zenith_rad)
         out = np.zeros((place.size, n_stokes, self.medium.n_wavelengths))
         for block, solution in enumerate(self.solutions):
             part = slice(block * LANES, min((block + 1) * LANES, out.shape[2]))
@@ -254,7 +246,13 @@ class Field(BareField):
         return result.reshape(*elevation.shape, *out.shape[1:])
 
     def _add_single(
-        self, lines: LinesOfSight, directions: RayDirections, row_elevation, elevation, lift: float, out: np.ndarray
+        self,
+        lines: lines_of_sight.LinesOfSight,
+        directions: RayDirections,
+        row_elevation,
+        elevation,
+        lift: float,
+        out: np.ndarray,
     ) -> None:
         """Add light scattered once to out (D, Stokes, W), which holds the rest; directions sorted by ray, elevation
         (D,) and lift of the sun [rad]."""
@@ -263,7 +261,7 @@ class Field(BareField):
         rays, fraction = lines.pairs, lines.pairs_fraction
         cos_azimuth = directions.cos_azimuth
         sin_azimuth = np.sqrt(np.maximum(0.0, 1.0 - cos_azimuth**2))
-        lift_rad, ray_lowering = lift_and_lowering(rays, row_elevation, lift)
+        lift_rad, ray_lowering = lines_of_sight.lift_and_lowering(rays, row_elevation, lift)
         lowering_rad = np.repeat(ray_lowering, np.diff(directions.first))
         # the sun and the ray as they are, the sun lifted, the ray lowered
         suns = [directions.zenith_rad - lifted for lifted in (0.0, lift_rad, 0.0)]
@@ -298,7 +296,12 @@ class Field(BareField):
         )
 
     def _multiple(
-        self, lines: LinesOfSight, directions: RayDirections, block: int, solution: Solution, n_stokes: int
+        self,
+        lines: lines_of_sight.LinesOfSight,
+        directions: RayDirections,
+        block: int,
+        solution: Solution,
+        n_stokes: int,
     ) -> np.ndarray:
         """Light scattered at least twice, (D, Stokes, LANES)."""
         nodes, series = self.grids.nodes, self.grids.line_series
@@ -312,7 +315,7 @@ class Field(BareField):
         def along(where: RayDirections) -> np.ndarray:
             out = np.zeros((where.cos_azimuth.size, n_stokes, LANES))
             in_slices(
-                partial(view_multiple, rays, points, where, solution.light, nodes.zenith, series, out),
+                partial(lines_of_sight.view_multiple, rays, points, where, solution.light, nodes.zenith, series, out),
                 where.first.size - 1,
             )
             return out

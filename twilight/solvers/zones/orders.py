@@ -30,18 +30,11 @@ from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
 from twilight.solvers.base import Convergence
 from twilight.solvers.zones import constants as tuned
+from twilight.solvers.zones import scattering
 from twilight.solvers.zones.first_order import Sunlight, make_sunlight
 from twilight.solvers.zones.grids import FieldGrids
 from twilight.solvers.zones.next_order import RadianceField
 from twilight.solvers.zones.ray_points import LANES, block_values
-from twilight.solvers.zones.scattering import (
-    TINY,
-    ScatteringOperator,
-    Solution,
-    early_operators,
-    late_operators,
-    normalised,
-)
 from twilight.transport.beam import Beam
 from twilight.transport.profile import Profile
 from twilight.transport.scaling import ScaledMedium
@@ -126,7 +119,7 @@ def _solve(factors, swaps, right_sides, begin, end):
 class ColumnOperator:
     """(1 - C)^-1 at some wavelengths (L,) of one block, with C the column operator of a `ScatteringOperator`."""
 
-    def __init__(self, operator: ScatteringOperator, wavelengths: np.ndarray) -> None:
+    def __init__(self, operator: scattering.ScatteringOperator, wavelengths: np.ndarray) -> None:
         a, nodes = operator.angles, operator.nodes
         self.n = nodes.altitude_km.size
         n, n_fine = self.n, nodes.fine_altitude_km.size
@@ -186,7 +179,7 @@ class _Step(NamedTuple):
 
 
 def all_orders_from(
-    operator: ScatteringOperator,
+    operator: scattering.ScatteringOperator,
     wavelengths: np.ndarray,
     order: tuple[np.ndarray, np.ndarray],
     mean_before: np.ndarray,
@@ -270,16 +263,16 @@ def _mixture(steps: list[np.ndarray], change: np.ndarray) -> np.ndarray:
 
 
 def solve_orders(
-    early: ScatteringOperator,
-    late: Callable[[], ScatteringOperator],
-    thick: Callable[[], ScatteringOperator],
+    early: scattering.ScatteringOperator,
+    late: Callable[[], scattering.ScatteringOperator],
+    thick: Callable[[], scattering.ScatteringOperator],
     slow: np.ndarray,
     early_orders: int,
     sunlight: Sunlight,
     max_orders: int,
     tolerance: float,
     progress: Callable[[int, float], None],
-) -> Solution:
+) -> scattering.Solution:
     """Follow orders until the missing rest is known to `tolerance`, and add it as a geometric series.
 
     Every wavelength stops by itself.  Where the light decays slowly, or the air is thick, all orders are solved at
@@ -329,7 +322,7 @@ def solve_orders(
         total_ground += ground * counts
         orders += 1
         # written so that nothing overflows where there was no light before
-        ratio = np.clip(mean, 0.0, 0.97 * np.maximum(before, 0.0)) / np.maximum(before, TINY)
+        ratio = np.clip(mean, 0.0, 0.97 * np.maximum(before, 0.0)) / np.maximum(before, scattering.TINY)
         # what is left behaves like a geometric series at every node; two such guesses in a row show how well
         guess = total[:, :, 0] + mean * (ratio / (1.0 - ratio))
         if previous is not None:
@@ -357,12 +350,12 @@ def solve_orders(
 
 
 def _solution(
-    early: ScatteringOperator, total: np.ndarray, ground: np.ndarray, orders: int, residual: np.ndarray
-) -> Solution:
+    early: scattering.ScatteringOperator, total: np.ndarray, ground: np.ndarray, orders: int, residual: np.ndarray
+) -> scattering.Solution:
     """The solution from the moments (Z, T, C, LANES) of all light and the radiance of the ground (T, LANES)."""
-    log_mean, relative = early.nodes.refine_altitude(*normalised(total[:, :, 0], total))
+    log_mean, relative = early.nodes.refine_altitude(*scattering.normalised(total[:, :, 0], total))
     light = RadianceField(log_mean, relative, early.log_ground(ground))
-    return Solution(light, orders, float(residual.max()))
+    return scattering.Solution(light, orders, float(residual.max()))
 
 
 def _stiff_wavelengths(early, late, early_orders, wavelengths, sunlight, max_orders, tolerance, progress):
@@ -403,23 +396,23 @@ def reduced_depth(scaled: ScaledMedium, profile: Profile) -> np.ndarray:
     return np.trapezoid(reduced.sum(axis=0), profile.altitude_km, axis=0)
 
 
-def solve(grids: FieldGrids, beam: Beam, progress: Progress) -> tuple[list[Solution], Convergence]:
+def solve(grids: FieldGrids, beam: Beam, progress: Progress) -> tuple[list[scattering.Solution], Convergence]:
     """Solutions for each block of LANES wavelengths, and how well the worst of them converged."""
     s = grids.directions
     progress("rays", 0.05)
-    early = early_operators(grids)
+    early = scattering.early_operators(grids)
     thick_polar = max(s.late_polar_directions, tuned.POLAR_PER_DEGREE * s.late_degree)
 
     # made where they are needed: with thick_polar in thick air of conservative scattering alone
-    of_polar = cache(partial(late_operators, grids))
+    of_polar = cache(partial(scattering.late_operators, grids))
 
-    def late_operator(polar: int, block: int) -> ScatteringOperator:
+    def late_operator(polar: int, block: int) -> scattering.ScatteringOperator:
         return of_polar(polar)(block)
 
     sunlight = make_sunlight(beam, grids.nodes.altitude_km, grids.profile.break_km)
     n_blocks = -(-grids.medium.n_wavelengths // LANES)
     slow = reduced_depth(grids.scaled, grids.profile) > tuned.SLOW_DEPTH
-    solutions: list[Solution] = []
+    solutions: list[scattering.Solution] = []
     for block in range(n_blocks):
 
         def report(order: int, residual: float, block: int = block) -> None:

@@ -13,23 +13,12 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.threads import in_slices
 from twilight.solvers.zones import constants as tuned
+from twilight.solvers.zones import ray_points
 from twilight.solvers.zones.air_needs import taper
 from twilight.solvers.zones.angles import Angles, conserving_angles, make_angles, scattering_geometry
 from twilight.solvers.zones.first_order import BeamAtPoints, PhaseTables, Sunlight, scatter_sunlight
 from twilight.solvers.zones.grids import FieldGrids, FieldNodes
 from twilight.solvers.zones.next_order import RadianceField, moments_of, scatter
-from twilight.solvers.zones.ray_points import (
-    LANES,
-    NodeRays,
-    RayGeometry,
-    RayPoints,
-    SpeciesMoments,
-    SunlitRayPoints,
-    block_values,
-    make_ray_geometry,
-    make_ray_points,
-    make_sunlit_points,
-)
 from twilight.transport.lines import ALTITUDE, ANGLE, RayBundle, horizon_cosine, trace_rays
 from twilight.transport.profile import Profile, at_wavelengths
 from twilight.transport.scaling import species_polarising_phase
@@ -64,10 +53,10 @@ class ScatteringOperator:
     nodes: FieldNodes
     angles: Angles
     rays: RayBundle
-    points: RayPoints
-    geometry: RayGeometry
+    points: ray_points.RayPoints
+    geometry: ray_points.RayGeometry
     medium: Medium
-    scattering: SpeciesMoments
+    scattering: ray_points.SpeciesMoments
     forward_fraction: np.ndarray
     block: int
     profile: Profile
@@ -77,25 +66,33 @@ class ScatteringOperator:
     def polarised(self) -> bool:
         return self.angles.spin2_degree.size > 0
 
-    def node_rays(self) -> NodeRays:
+    def node_rays(self) -> ray_points.NodeRays:
         """The rays, for kernels."""
         ground_place = (self.rays.ground_angle_rad / self.geometry.step_rad).astype(np.float32)
-        return NodeRays(
-            self.rays.first, self.geometry.place, block_values(self.rays.ground_weight, self.block), ground_place
+        return ray_points.NodeRays(
+            self.rays.first,
+            self.geometry.place,
+            ray_points.block_values(self.rays.ground_weight, self.block),
+            ground_place,
         )
 
     def no_light(self) -> np.ndarray:
         """Stokes parameters (Z, M, T, F, Stokes, LANES) of zero."""
         n_altitudes, n_polar = self.angles.cosine.shape
         n_zenith, n_azimuth = self.nodes.zenith.nodes_rad.size, self.angles.azimuth.size
-        return np.zeros((n_altitudes, n_polar, n_zenith, n_azimuth, 3 if self.polarised else 1, LANES), np.float32)
+        return np.zeros(
+            (n_altitudes, n_polar, n_zenith, n_azimuth, 3 if self.polarised else 1, ray_points.LANES), np.float32
+        )
 
     def first_order(self, sunlight: Sunlight) -> np.ndarray:
         """Stokes parameters of sunlight scattered once."""
         out = self.no_light()
-        light, ground_light = block_values(sunlight.log_light, self.block), block_values(sunlight.ground, self.block)
+        light, ground_light = (
+            ray_points.block_values(sunlight.log_light, self.block),
+            ray_points.block_values(sunlight.ground, self.block),
+        )
         phases = self._phase_tables()
-        factor = (block_values(self.medium.ground_albedo, self.block) / np.pi).astype(np.float32)
+        factor = (ray_points.block_values(self.medium.ground_albedo, self.block) / np.pi).astype(np.float32)
         all_rays = self.node_rays()
         n_polar = self.angles.cosine.shape[1]
         for start in range(0, out.shape[0], SUNLIT_AT_ONCE):
@@ -111,7 +108,7 @@ class ScatteringOperator:
             if self.polarised:
                 some = some._replace(rotation=phases.rotation[nodes])
             of_nodes = slice(start * n_polar, (start + SUNLIT_AT_ONCE) * n_polar)
-            some_rays = NodeRays(
+            some_rays = ray_points.NodeRays(
                 rays.first, all_rays.geometry, all_rays.ground_weight[of_nodes], all_rays.ground_place[of_nodes]
             )
             in_slices(
@@ -119,13 +116,15 @@ class ScatteringOperator:
             )
         return out
 
-    def _sunlit(self, nodes: slice) -> tuple[RayBundle, SunlitRayPoints]:
+    def _sunlit(self, nodes: slice) -> tuple[RayBundle, ray_points.SunlitRayPoints]:
         """Rays from some of the nodes for sunlight, two points a step, through the wavelengths of the block."""
         cosine = self.angles.cosine[nodes]
-        profile = at_wavelengths(self.profile, slice(self.block * LANES, (self.block + 1) * LANES))
+        profile = at_wavelengths(
+            self.profile, slice(self.block * ray_points.LANES, (self.block + 1) * ray_points.LANES)
+        )
         start = np.repeat(self.nodes.altitude_km[nodes], cosine.shape[1])
         rays = trace_rays(profile, start, cosine.ravel(), self.first_order_step_density, pairs=True)
-        return rays, make_sunlit_points(rays, self.scattering, self.geometry.step_rad, self.block)
+        return rays, ray_points.make_sunlit_points(rays, self.scattering, self.geometry.step_rad, self.block)
 
     def _phase_tables(self) -> PhaseTables:
         a = self.angles
@@ -133,8 +132,8 @@ class ScatteringOperator:
         degree = np.arange(chi.shape[1])
         nodes = np.linspace(-1.0, 1.0, tuned.PHASE_NODES)
         legendre = np.polynomial.legendre.legvander(nodes, degree.size - 1) * ((2 * degree + 1) / (4 * np.pi))
-        p11 = block_values(np.einsum("nl,slw->nsw", legendre, chi), self.block)
-        p12 = np.zeros((1, 1, LANES), np.float32)
+        p11 = ray_points.block_values(np.einsum("nl,slw->nsw", legendre, chi), self.block)
+        p12 = np.zeros((1, 1, ray_points.LANES), np.float32)
         rotation = np.zeros((1, 1, 1, 1, 2), np.float32)
         azimuth = a.azimuth[None, None, None, :]
         cosine, twice_cos, twice_sin = scattering_geometry(
@@ -144,7 +143,9 @@ class ScatteringOperator:
             self.nodes.zenith.nodes_rad[None, None, :, None],
         )
         if self.polarised:
-            p12 = block_values(species_polarising_phase(self.medium, self.forward_fraction, nodes), self.block)
+            p12 = ray_points.block_values(
+                species_polarising_phase(self.medium, self.forward_fraction, nodes), self.block
+            )
             rotation = np.stack([twice_cos, twice_sin], axis=-1).astype(np.float32)
         return PhaseTables(p11, p12, ((cosine + 1.0) * (0.5 * (tuned.PHASE_NODES - 1))).astype(np.float32), rotation)
 
@@ -161,13 +162,13 @@ class ScatteringOperator:
         """(mean (Z, T, LANES), moments (Z, T, C + 2 C', LANES), radiance of the lit ground (T, LANES)) of light at the
         nodes."""
         a = self.angles
-        moments = np.zeros((radiance.shape[0], radiance.shape[2], a.n_moments, LANES), np.float32)
+        moments = np.zeros((radiance.shape[0], radiance.shape[2], a.n_moments, ray_points.LANES), np.float32)
         analysis = (a.analysis * a.taper[:, None, None]).astype(np.float32)
         of_spin2 = a.spin2_analysis.astype(np.float32)
         in_slices(partial(moments_of, radiance, analysis, of_spin2, moments), radiance.shape[0])
         mean = moments[:, :, 0]
         lit = np.einsum("m,mtfw->tw", self.ground_fraction() / a.azimuth.size, radiance[0, :, :, :, 0])
-        return mean, moments, lit * block_values(self.medium.ground_albedo, self.block)
+        return mean, moments, lit * ray_points.block_values(self.medium.ground_albedo, self.block)
 
     def log_ground(self, ground: np.ndarray) -> np.ndarray:
         """`RadianceField.log_ground` from the ground of `analyse`."""
@@ -218,11 +219,13 @@ def scattering_operators(
     rays = trace_rays(grids.path_profile, start, angles.cosine.ravel(), settings.step_density)
     # air with nothing in it has no points along its rays
     longest = float(max(rays.place[:, ANGLE].max(initial=1e-6), rays.ground_angle_rad.max(initial=0.0)))
-    geometry = make_ray_geometry(n.zenith.nodes_rad, angles.azimuth, n.zenith.fine_rad, longest)
+    geometry = ray_points.make_ray_geometry(n.zenith.nodes_rad, angles.azimuth, n.zenith.fine_rad, longest)
     scattering = grids.scattering._replace(chi=grids.scattering.chi[:, : highest + 1])
 
     def of(block: int) -> ScatteringOperator:
-        points = make_ray_points(rays, scattering, n.fine_altitude_km, geometry.step_rad, angles.series, block)
+        points = ray_points.make_ray_points(
+            rays, scattering, n.fine_altitude_km, geometry.step_rad, angles.series, block
+        )
         return ScatteringOperator(
             n, angles, rays, points, geometry, medium, scattering, grids.scaled.forward_fraction, block,
             grids.path_profile, settings.first_order_step_density,

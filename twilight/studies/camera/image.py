@@ -20,15 +20,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
 from twilight.base.reading import MEMORY_FRACTION, first_line, memory_bytes
 from twilight.io.exr import OPAQUE, exr_size, laid_out, read_latlong_exr, write_channels
-from twilight.studies.camera.stated import (
-    STATES_NOTHING,
-    Colours,
-    colours_of,
-    of_profile,
-    place_of,
-    radiance_head,
-    upright,
-)
+from twilight.studies.camera import stated
 
 MAX_PIXELS = 400_000_000
 """Larger pictures are refused before memory is taken for them: 400 megapixels are 5 GB of linear RGB."""
@@ -73,7 +65,7 @@ class StoredImage:
     linear: bool
     grey: bool = False
     exposure_time_s: float | None = None
-    colours: Colours = STATES_NOTHING
+    colours: stated.Colours = stated.STATES_NOTHING
 
     def light(self, response: ResponseFunction | None) -> np.ndarray:
         """Linear Rec. 709 (H, W, 3), float32, of samples whose curve is undone by `response`; None: they are linear.
@@ -161,7 +153,7 @@ def _openimageio(path: Path) -> StoredImage:
     OpenImageIO.attribute("limits:imagesize_MB", 0)  # our own limit, with our own sentence
     wanted = OpenImageIO.ImageSpec()
     wanted.attribute("oiio:UnassociatedAlpha", 1)  # samples as stored, not times the opacity
-    head = radiance_head(path) if path.suffix.lower() in RADIANCE_SUFFIXES else None
+    head = stated.radiance_head(path) if path.suffix.lower() in RADIANCE_SUFFIXES else None
     with _readable(path, head is not None and head.xyz) as readable, _without_native_messages():
         file = OpenImageIO.ImageInput.open(str(readable), wanted)
         if file is None:
@@ -177,7 +169,7 @@ def _openimageio(path: Path) -> StoredImage:
         raise TwilightError(f"{path}: has {spec.nchannels} channels; 1 to 4 are read")
     grey = spec.nchannels <= 2
     samples = np.repeat(stored[..., :1], 3, axis=-1) if grey else stored[..., :3]
-    colours, place = colours_of(path, spec), place_of(path, spec)
+    colours, place = stated.colours_of(path, spec), stated.place_of(path, spec)
     orientation = spec.get_int_attribute("Orientation", 1)
     if place is not None:
         _check_size(path, place.width, place.height)
@@ -185,7 +177,7 @@ def _openimageio(path: Path) -> StoredImage:
         light = samples.astype(np.float32)
         if head is not None:
             light = np.asarray(_radiance(light) / head.divisor, dtype=np.float32)
-            colours = Colours(head.to_rec709)
+            colours = stated.Colours(head.to_rec709)
         elif (
             colours.curves is not None and np.abs(colours.curves.light - np.linspace(0, 1, 1024)[:, None]).max() > 1e-3
         ):
@@ -194,7 +186,7 @@ def _openimageio(path: Path) -> StoredImage:
             )
         light = light if colours.to_rec709 is None else light @ colours.to_rec709.T.astype(np.float32)
         light = light if place is None else laid_out(light, place, np.nan)
-        return _floating(path, upright(light, orientation), grey)
+        return _floating(path, stated.upright(light, orientation), grey)
     if stored.dtype not in (np.uint8, np.uint16):
         raise TwilightError(f"{path}: holds {stored.dtype}; integers of 8 or 16 bits without sign and floats are read")
     bits = 8 * stored.dtype.itemsize
@@ -204,7 +196,7 @@ def _openimageio(path: Path) -> StoredImage:
         saturated |= stored[..., spec.alpha_channel] < OPAQUE * (2**bits - 1)
     if place is not None:
         samples, saturated = laid_out(samples, place, 0.0), laid_out(saturated, place, True)
-    samples, saturated = upright(samples, orientation), upright(saturated, orientation)
+    samples, saturated = stated.upright(samples, orientation), stated.upright(saturated, orientation)
     seconds = spec.get_float_attribute("ExposureTime")
     return StoredImage(samples, saturated, bits, False, grey, seconds if 0.0 < seconds < np.inf else None, colours)
 
@@ -283,7 +275,7 @@ def _heif(path: Path) -> StoredImage:
             profile = image.info.get("icc_profile")
     except (OSError, ValueError, SyntaxError, EOFError, RuntimeError) as error:
         raise TwilightError(f"{path}: is not a complete picture ({first_line(error)})") from None
-    colours = STATES_NOTHING if not profile else of_profile(path, profile, grey=False)
+    colours = stated.STATES_NOTHING if not profile else stated.of_profile(path, profile, grey=False)
     return StoredImage(samples, np.any(samples > SATURATED_FRACTION, axis=-1), 8, False, colours=colours)
 
 

@@ -21,14 +21,7 @@ DIRECTIONS = 240
 """Directions of the texture that are compared, about one in eight of its half."""
 
 ZONES = {"solver.name": "zones"}
-CELLS = {"solver.name": "cells"}
-HABER = {
-    **CELLS,
-    "solver.quality": "haber2005",
-    "solver.azimuth_cells": 60,
-    "solver.max_orders": 20,
-    "solver.expert.tolerance": 1e-3,
-}
+HABER = {"solver.name": "cells", "solver.max_orders": 20, "solver.expert.tolerance": 1e-3}
 LOW_TOP = {"atmosphere.top_km": 35.0}
 FEW_NM = {"wavelengths": {"list_nm": [440.0, 550.0, 680.0]}}
 """For what costs much and hardly depends on how many wavelengths there are."""
@@ -89,11 +82,7 @@ ABLATIONS: tuple[Ablation, ...] = (
         for n in (10, 20, 30, 50, 70, 100)
     ),
     _zones("N = 100 layers of equal mass to 100 km", atmosphere__layers={"equal_air_mass": 100}),
-    Ablation(
-        "isotropic scattering on Haber's cells (cells)",
-        {**HABER, **FEW_NM, "solver.azimuth_cells": 120},
-        {**CELLS, **FEW_NM, "solver.quality": "standard"},
-    ),
+    Ablation("Haber's cells (cells)", {**HABER, **FEW_NM}, {**ZONES, **FEW_NM}),
     *(
         _haber(f"every {n}th shell active against all (cells)", {"solver.active_shell_step": 1}, active_shell_step=n)
         for n in (2, 4, 8)

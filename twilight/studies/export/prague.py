@@ -27,14 +27,8 @@ from twilight.base.whole_files import whole_folder
 from twilight.engine.sun_tables import AUREOLE_SUN_DEG, COLUMN_COUNT, ROW_COUNT
 from twilight.engine.table import first_columns, first_rows, row_breaks
 from twilight.sky.table import DARKEST, SkyTable, stack
+from twilight.studies.export import prague_file
 from twilight.studies.export.prague_air import ChannelNodes, transmittance_of, transmittance_roots
-from twilight.studies.export.prague_file import (
-    PragueAxes,
-    PragueFile,
-    PragueTerms,
-    polarisation_record,
-    radiance_record,
-)
 from twilight.studies.export.prague_sky import SAFETY_M, PragueAngles, angles_of, elevation_of, index_and_fraction
 from twilight.transport.rays import horizon_dip_deg
 
@@ -103,16 +97,16 @@ ZENITH_SIZE = 1000.0
 class PragueMaker:
     """axes: of the file; nodes: wavelengths of its channels; rank: products of each sky; polarised: with Q and U."""
 
-    axes: PragueAxes
+    axes: prague_file.PragueAxes
     nodes: ChannelNodes
     rank: int
     polarised: bool
 
-    def make(self, field_of: Callable[[int, int, Progress], Any], progress: Progress) -> PragueFile:
+    def make(self, field_of: Callable[[int, int, Progress], Any], progress: Progress) -> prague_file.PragueFile:
         """The file; field_of(visibility, albedo, progress): a `Field` by the indices of its air and its ground."""
         axes, terms = self.axes, (len(GAMMA_DEG), len(ALPHA_DEG))
-        sky = np.zeros(axes.shape, radiance_record(self.rank, *terms, len(EMPHASIS_DEG)))
-        pol = np.zeros(axes.shape, polarisation_record(self.rank, *terms)) if self.polarised else None
+        sky = np.zeros(axes.shape, prague_file.radiance_record(self.rank, *terms, len(EMPHASIS_DEG)))
+        pol = np.zeros(axes.shape, prague_file.polarisation_record(self.rank, *terms)) if self.polarised else None
         roots: list[np.ndarray] = []
         count = axes.shape[0] * axes.shape[1]
         for done in range(count):
@@ -126,11 +120,11 @@ class PragueMaker:
                 self._altitude(field, altitude, sky[v, b, h], None if pol is None else pol[v, b, h])
             del field
         breaks = np.radians(GAMMA_DEG), np.radians(ALPHA_DEG)
-        return PragueFile(
+        return prague_file.PragueFile(
             axes,
-            PragueTerms(*breaks, np.radians(EMPHASIS_DEG), sky),
+            prague_file.PragueTerms(*breaks, np.radians(EMPHASIS_DEG), sky),
             transmittance_of(roots, axes.altitude_m, axes.visibility_km),
-            None if pol is None else PragueTerms(*breaks, np.empty(0), pol),
+            None if pol is None else prague_file.PragueTerms(*breaks, np.empty(0), pol),
         )
 
     def _altitude(self, field: Any, altitude_m: float, sky: np.ndarray, pol: np.ndarray | None) -> None:

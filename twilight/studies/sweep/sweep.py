@@ -23,14 +23,7 @@ from twilight.numerics.directions import half_of, texture_centres
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium, name_by_content, wavelengths_of
 from twilight.scene.scene import SceneSun, suns_of
-from twilight.studies.sweep.dimensions import (
-    Dimension,
-    check_keys,
-    dimensions_of,
-    serves_every_observer,
-    shares_field_along,
-    solver_of,
-)
+from twilight.studies.sweep import dimensions
 from twilight.studies.sweep.work import STANDARD_ERROR, STOKES, STOKES_ERROR, Chunk, Task, code_of
 
 MAX_SCENES = 10_000_000
@@ -64,14 +57,14 @@ class Sweep:
     def __init__(self, series: Series, progress: Progress | None = None):
         self.series, where = series, series.where
         _refuse_too_many(where, math.prod(len(axis.points) for axis in series.axes), "scenes", MAX_SCENES)
-        check_keys(series.axes, where)
+        dimensions.check_keys(series.axes, where)
         self.first = series.config({k: v for axis in series.axes for k, v in axis.points[0].items()})
         check_size(self.first)
         for key, value in (("sun.disc", self.first.sun.disc), ("night", self.first.night), ("moon", self.first.moon)):
             if value not in (None, False):
                 raise TwilightError(f"{where}: {key}: a sweep holds the sun's light in the air alone; leave {key} out")
-        self.dimensions = dimensions_of(series.axes, self.first, where)
-        self.every_observer = serves_every_observer(series.axes, self.first)
+        self.dimensions = dimensions.dimensions_of(series.axes, self.first, where)
+        self.every_observer = dimensions.serves_every_observer(series.axes, self.first)
         self.outer = tuple(d for d in self.dimensions if not d.shares_field)
         self.inner = tuple(d for d in self.dimensions if d.shares_field)
         self.shape = tuple(d.size for d in self.dimensions)
@@ -95,7 +88,7 @@ class Sweep:
         self.hash = configuration_hash([self.document, [task.key for task in self.tasks]])
 
     @property
-    def drawn(self) -> Dimension | None:
+    def drawn(self) -> dimensions.Dimension | None:
         """The dimension of the draws."""
         return next((d for d in self.dimensions if d.name == "draw"), None)
 
@@ -119,7 +112,7 @@ class Sweep:
         suns = [self.sun(scene) for scene in task.scenes()]
         return {
             "field_key": task.field_key,
-            "code": code_of(solver_of(field_config)),
+            "code": code_of(dimensions.solver_of(field_config)),
             "config": config,
             "wavelength_nm": self.wavelength_nm,
             "elevation_deg": self.elevation_deg,
@@ -185,7 +178,9 @@ class Sweep:
 
     def _shared_keys(self, index: Sequence[Any]) -> dict[str, Any]:
         """Those of them that a field answers for: the sun's and, where it serves all observers, the observer's."""
-        return {k: v for k, v in self._outer_point(index).items() if shares_field_along(k, self.every_observer)}
+        return {
+            k: v for k, v in self._outer_point(index).items() if dimensions.shares_field_along(k, self.every_observer)
+        }
 
     def _suns_at(self, shared: str, along: Index) -> tuple[tuple[SceneSun, ...], float]:
         """The suns of a configuration with these keys and these indices along the inner dimensions."""
@@ -208,7 +203,7 @@ class Sweep:
                 mode="json", exclude={"sun", "output", "name", "description", "vary", "solar_spectrum", "version"}
             )
             name_by_content(described["climate"])
-            if hasattr(solvers.load(solver_of(config)), "recorded"):
+            if hasattr(solvers.load(dimensions.solver_of(config)), "recorded"):
                 described["solver"] = complete_solver(config.solver)  # with the content of files that it names
             if self.every_observer:
                 described.pop("observer")
@@ -222,7 +217,7 @@ class Sweep:
                         f"wavelengths for all"
                     )
             self.layers |= dict.fromkeys(_layers(config))
-            code = self.code[solver_of(config)] = code_of(solver_of(config))
+            code = self.code[dimensions.solver_of(config)] = code_of(dimensions.solver_of(config))
             keys[index] = configuration_hash([described, self.wavelength_nm, code])[:24]
         return keys
 

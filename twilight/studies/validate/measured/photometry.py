@@ -24,14 +24,6 @@ from twilight.scene import resolve
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.night import Place, night_radiance
 from twilight.studies.validate.measured import meter
-from twilight.studies.validate.measured.meter import (
-    KOOMEN_SITES,
-    METER_SITE,
-    MoonlitPoint,
-    Site,
-    SkyQualityMeter,
-    site_of,
-)
 
 WAVELENGTHS_NM = (400.0, 424.0, 460.0, 490.0, 520.0, 545.0, 560.0, 590.0, 603.0, 620.0, 650.0, 720.0)
 """Where the radiance is computed: dense where V(lambda) is large, on both sides of the O4 bands (477, 577, 630 nm)."""
@@ -162,7 +154,7 @@ class Photometer:
         blue, green, red = at * spectrum.solar_irradiance(nm, self.config.solar_spectrum)
         return np.array([blue / green, red / green])
 
-    def zenith_luminance(self, sun_elevation_deg: float, site: Site) -> tuple[float, float]:
+    def zenith_luminance(self, sun_elevation_deg: float, site: meter.Site) -> tuple[float, float]:
         """(sky and night together; night alone): luminance of the zenith at a site [cd m^-2]."""
         altitude_km = max(site.altitude_km, self.medium.bottom_km)
         factor = self.solved.radiance(sun_elevation_deg, [90.0], [0.0], observer_altitude_km=altitude_km)
@@ -175,7 +167,9 @@ class Photometer:
         out = self.beam.at(90.0, max(altitude_km, self.medium.bottom_km)).irradiance
         return float(self.luminous(out) / self.luminous(np.ones_like(out)))
 
-    def _night(self, elevation_rad: np.ndarray, columns: int, sun_deg: float, site: Site | None) -> np.ndarray | None:
+    def _night(
+        self, elevation_rad: np.ndarray, columns: int, sun_deg: float, site: meter.Site | None
+    ) -> np.ndarray | None:
         """Luminance of the night sky (E, A) [cd m^-2], None where the configuration has none."""
         if self.config.night is None:
             return None
@@ -207,7 +201,7 @@ def meter_magnitude(luminance_cd_m2: float) -> float:
     return float(-2.5 * np.log10(luminance_cd_m2 / METER_CD_M2))
 
 
-def evening(site: Site, sun_elevation_deg: float) -> tuple[Any, float]:
+def evening(site: meter.Site, sun_elevation_deg: float) -> tuple[Any, float]:
     """The moment of the site's evening when the sun stands at an elevation [deg], and the sun's azimuth [deg]."""
     low, high = site.evening, site.evening + timedelta(hours=12)
     for _ in range(24):
@@ -219,7 +213,7 @@ def evening(site: Site, sun_elevation_deg: float) -> tuple[Any, float]:
 
 def photometry(
     config: Config, progress: Progress = silent
-) -> tuple[list[PhotometricPoint], list[MoonlitPoint], dict[str, float]]:
+) -> tuple[list[PhotometricPoint], list[meter.MoonlitPoint], dict[str, float]]:
     """All points of one climate, those under the moon, and the vertical photopic transmission above Koomen's sites.
 
     Raises TwilightError for a configuration with a solver other than zones.
@@ -230,7 +224,7 @@ def photometry(
         progress("illuminance", 0.4 + 0.2 * i / len(SUNS_DEG))
         light = (sun, *photometer.illuminance_lux(sun), float(meter.horizontal_illuminance_lux(sun)))
         points.append(PhotometricPoint(name, "illuminance", meter.ILLUMINANCE_SOURCE, "ground", 0.0, *light))
-    for site in KOOMEN_SITES:
+    for site in meter.KOOMEN_SITES:
         there = photometer
         if site.altitude_km - photometer.medium.bottom_km > HIGH_SITE_KM:
             there = Photometer(config, part_of(progress, 0.6, 0.35), site.altitude_km)
@@ -245,7 +239,7 @@ def photometry(
     points += _colour_points(photometer, name)
     progress("zenith, meter", 0.98)
     floor = None if config.night is None else meter.METER_FLOOR_MAG
-    zenith_meter = SkyQualityMeter(Photometer(site_of(config), None, METER_SITE.altitude_km), floor)
+    zenith_meter = meter.SkyQualityMeter(Photometer(meter.site_of(config), None, meter.METER_SITE.altitude_km), floor)
     points += _meter_points(zenith_meter, name, floor)
     moonlit = list(zenith_meter.moonlit(name))
     progress("done", 1.0)
@@ -273,10 +267,10 @@ def _colour_points(photometer: Photometer, climate: str) -> list[PhotometricPoin
     return points
 
 
-def _meter_points(zenith_meter: SkyQualityMeter, climate: str, floor_mag: float | None) -> list[PhotometricPoint]:
+def _meter_points(zenith_meter: meter.SkyQualityMeter, climate: str, floor_mag: float | None) -> list[PhotometricPoint]:
     """The zenith through twilight, as luminances that the meter prints."""
     night = 0.0 if floor_mag is None else meter_luminance(floor_mag)
-    where = (climate, METER_QUANTITY, meter.METER_SOURCE, METER_SITE.name, METER_SITE.altitude_km)
+    where = (climate, METER_QUANTITY, meter.METER_SOURCE, meter.METER_SITE.name, meter.METER_SITE.altitude_km)
     return [
         PhotometricPoint(*where, sun, meter_luminance(zenith_meter.twilight_mag(sun)), night, meter_luminance(mag))
         for sun, mag in zip(*(values.tolist() for values in meter.meter_zenith()), strict=True)

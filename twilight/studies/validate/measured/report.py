@@ -10,22 +10,7 @@ import numpy as np
 
 from twilight.base.whole_files import whole_file, write_csv
 from twilight.config.climate import Climate
-from twilight.studies.validate.measured.meter import (
-    KOOMEN_SITES,
-    METER_SITE,
-    SESSIONS,
-    MoonlitPoint,
-    horizontal_illuminance_lux,
-    meter_zenith,
-    zenith_luminance_cd_m2,
-)
-from twilight.studies.validate.measured.photometry import (
-    COLOURS,
-    METER_QUANTITY,
-    Level,
-    PhotometricPoint,
-    meter_magnitude,
-)
+from twilight.studies.validate.measured import meter, photometry
 from twilight.studies.validate.measured.spectra import HEIGHTS_KM, REFERENCE_NM, ZENITH_BELOW_DEG, Fit, Recorded
 
 POINT_COLUMNS = (
@@ -42,7 +27,7 @@ LEVEL_COLUMNS = (
 )
 
 
-def write_points(points: Sequence[PhotometricPoint], path: Path) -> None:
+def write_points(points: Sequence[photometry.PhotometricPoint], path: Path) -> None:
     """CSV of all points; illuminance in lx, luminance in cd m^-2; empty where nothing was measured."""
     rows = []
     for p in points:
@@ -55,7 +40,7 @@ def write_points(points: Sequence[PhotometricPoint], path: Path) -> None:
     write_csv(path, POINT_COLUMNS, rows)
 
 
-def level_rows(levels: Sequence[Level]) -> list[list[str]]:
+def level_rows(levels: Sequence[photometry.Level]) -> list[list[str]]:
     """Rows of LEVEL_COLUMNS."""
     return [
         [v.climate, v.quantity, v.site, f"{v.low_deg:g}", f"{v.high_deg:g}", str(v.count), f"{v.factor:.2f}"]
@@ -65,12 +50,12 @@ def level_rows(levels: Sequence[Level]) -> list[list[str]]:
     ]
 
 
-def write_levels(levels: Sequence[Level], path: Path) -> None:
+def write_levels(levels: Sequence[photometry.Level], path: Path) -> None:
     """CSV of levels and slopes."""
     write_csv(path, LEVEL_COLUMNS, level_rows(levels))
 
 
-def write_moonlit(points: Sequence[MoonlitPoint], path: Path) -> None:
+def write_moonlit(points: Sequence[meter.MoonlitPoint], path: Path) -> None:
     """CSV of the zenith under the moon."""
     rows = []
     for p in points:
@@ -80,7 +65,7 @@ def write_moonlit(points: Sequence[MoonlitPoint], path: Path) -> None:
     write_csv(path, MOONLIT_COLUMNS, rows)
 
 
-def draw(points: Sequence[PhotometricPoint], moonlit: Sequence[MoonlitPoint], path: Path) -> None:
+def draw(points: Sequence[photometry.PhotometricPoint], moonlit: Sequence[meter.MoonlitPoint], path: Path) -> None:
     """PNG: illuminance and zenith luminance over sun elevation, log10 ratio to the measurements below them; the zenith
     in the meter's band, under the moon, and the colour of level ground."""
     from matplotlib.figure import Figure  # optional
@@ -88,7 +73,7 @@ def draw(points: Sequence[PhotometricPoint], moonlit: Sequence[MoonlitPoint], pa
     figure = Figure(figsize=(15, 15), layout="constrained")
     axes = figure.subplots(4, 3, gridspec_kw={"height_ratios": [2.2, 1, 2.2, 1]})
     panels = [("illuminance", "ground", "illuminance of level ground [lx]")]
-    for site in KOOMEN_SITES:
+    for site in meter.KOOMEN_SITES:
         label = f"zenith luminance, {site.name}, {1000 * site.altitude_km:.0f} m [cd m$^{{-2}}$]"
         panels.append(("zenith luminance", site.name, label))
     climates = list(dict.fromkeys(p.climate for p in points))
@@ -108,16 +93,16 @@ def draw(points: Sequence[PhotometricPoint], moonlit: Sequence[MoonlitPoint], pa
             )
         if quantity == "illuminance":
             fine = np.linspace(-18, 60, 400)
-            top.plot(fine, horizontal_illuminance_lux(fine), "k--", lw=1.2, label="Janiczek and DeYoung 1987")
+            top.plot(fine, meter.horizontal_illuminance_lux(fine), "k--", lw=1.2, label="Janiczek and DeYoung 1987")
         else:
-            top.plot(*zenith_luminance_cd_m2(name), "ks", label="Koomen et al. 1952")
+            top.plot(*meter.zenith_luminance_cd_m2(name), "ks", label="Koomen et al. 1952")
         top.set(yscale="log", ylabel=label)
         bottom.set(xlabel="true elevation of the sun [deg]", ylabel="log$_{10}$ computed / measured")
         _ruled(top, bottom, 0.3, 0.6)
         top.legend(fontsize=8)
     _draw_meter(points, climates, axes[2, 0], axes[3, 0])
     _draw_moonlit(moonlit, climates, axes[2, 1], axes[3, 1])
-    for axis, quantity in zip(axes[2:, 2], COLOURS, strict=True):
+    for axis, quantity in zip(axes[2:, 2], photometry.COLOURS, strict=True):
         _draw_colour(points, climates, quantity, axis)
     axes[1, 0].text(0.02, 0.03, "grey: a factor 2", transform=axes[1, 0].transAxes, fontsize=8)
     with whole_file(path) as temporary:
@@ -133,18 +118,20 @@ def _ruled(top: Any, bottom: Any, good: float, most: float) -> None:
         axis.grid(alpha=0.3)
 
 
-def _draw_meter(points: Sequence[PhotometricPoint], climates: list[str], top: Any, bottom: Any) -> None:
+def _draw_meter(points: Sequence[photometry.PhotometricPoint], climates: list[str], top: Any, bottom: Any) -> None:
     """Magnitudes of the zenith in the meter's band, and computed less measured."""
     for i, climate in enumerate(climates):
-        line = [p for p in points if p.quantity == METER_QUANTITY and p.climate == climate]
+        line = [p for p in points if p.quantity == photometry.METER_QUANTITY and p.climate == climate]
         sun = [p.sun_elevation_deg for p in line]
-        top.plot(sun, [meter_magnitude(p.computed) for p in line], color=f"C{i}", label=climate, lw=1.4)
-        off = [meter_magnitude(p.computed) - meter_magnitude(p.measured) for p in line]
+        top.plot(sun, [photometry.meter_magnitude(p.computed) for p in line], color=f"C{i}", label=climate, lw=1.4)
+        off = [photometry.meter_magnitude(p.computed) - photometry.meter_magnitude(p.measured) for p in line]
         bottom.plot(sun, off, color=f"C{i}", marker="o", ms=3, lw=1.2)
-    suns, clear = meter_zenith()
+    suns, clear = meter.meter_zenith()
     top.plot(suns, clear, "ks", ms=4, label="563 clear twilights")
-    top.fill_between(suns, meter_zenith("all_p25")[1], meter_zenith("all_p75")[1], color="0.85", label="all, quartiles")
-    where = f"zenith, {METER_SITE.name}, {1000 * METER_SITE.altitude_km:.0f} m"
+    top.fill_between(
+        suns, meter.meter_zenith("all_p25")[1], meter.meter_zenith("all_p75")[1], color="0.85", label="all, quartiles"
+    )
+    where = f"zenith, {meter.METER_SITE.name}, {1000 * meter.METER_SITE.altitude_km:.0f} m"
     top.set(ylabel=f"{where}\n[mag arcsec$^{{-2}}$ in the meter's band]")
     top.invert_yaxis()
     top.legend(fontsize=8)
@@ -154,7 +141,7 @@ def _draw_meter(points: Sequence[PhotometricPoint], climates: list[str], top: An
     bottom.text(0.02, 0.05, note, transform=bottom.transAxes, fontsize=8)
 
 
-def _draw_moonlit(moonlit: Sequence[MoonlitPoint], climates: list[str], top: Any, bottom: Any) -> None:
+def _draw_moonlit(moonlit: Sequence[meter.MoonlitPoint], climates: list[str], top: Any, bottom: Any) -> None:
     """The zenith by the moon's elevation, a line for every phase angle, and computed less measured."""
     first = [p for p in moonlit if p.climate == climates[0]]
     phases = sorted({p.phase_angle_deg for p in first})
@@ -175,16 +162,16 @@ def _draw_moonlit(moonlit: Sequence[MoonlitPoint], climates: list[str], top: Any
     _ruled(top, bottom, 0.2, 0.8)
 
 
-def _draw_colour(points: Sequence[PhotometricPoint], climates: list[str], quantity: str, axis: Any) -> None:
+def _draw_colour(points: Sequence[photometry.PhotometricPoint], climates: list[str], quantity: str, axis: Any) -> None:
     """A ratio of irradiances of level ground: computed, and measured in each session."""
     of_quantity = [p for p in points if p.quantity == quantity]
     for i, climate in enumerate(climates):
         line = {p.sun_elevation_deg: p.computed for p in of_quantity if p.climate == climate}
         axis.plot(sorted(line), [line[sun] for sun in sorted(line)], color=f"C{i}", lw=1.4)
-    for session, marker in zip(SESSIONS, "v^s", strict=True):
+    for session, marker in zip(meter.SESSIONS, "v^s", strict=True):
         line = {p.sun_elevation_deg: p.measured for p in of_quantity if p.site == f"session {session}"}
         axis.plot(list(line), list(line.values()), "k" + marker, ms=4, label=f"session {session}")
-    nm = "450" if quantity == COLOURS[0] else "650"
+    nm = "450" if quantity == photometry.COLOURS[0] else "650"
     axis.set(xlabel="true elevation of the sun [deg]", ylabel=f"level ground, {nm}/550 nm")
     axis.grid(alpha=0.3)
     axis.legend(fontsize=8, title="Spitschan et al. 2016", title_fontsize=8)

@@ -40,9 +40,11 @@ SKY_LN = (0.02, 0.01, 0.01)
 """Those of the sky itself, times an amplitude."""
 SKY_DEG = 10.0
 """Angle over which they are correlated [deg]."""
-CAMERA_LN = (0.03, 0.016, 0.016)
-"""Standard errors of what a camera leaves that is smooth over its picture: flat field, colour matrix, cells that are
-not points."""
+CAMERA_LN = (0.02, 0.03, 0.03)
+"""Standard errors of what a camera leaves that is smooth over its picture: flat field, colour matrix.  Three panoramas
+(`benchmarks/photos.py`): with 0.016 for colours these outweigh brightness, and a sky a third too bright is taken."""
+EIGHT_BITS_LN = (0.03, 0.016, 0.016)
+"""The same of pictures in 8 bits, whose gains, curve and `INFLATED` stand for the rest."""
 CAMERA_DEG = 45.0
 """Angle over which they are correlated [deg]."""
 YCBCR = np.array([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])
@@ -176,10 +178,13 @@ class Errors:
         sun = np.asarray(suns_deg, float)[self.frame]
         wide = wide * np.exp(-0.5 * ((sun[:, None] - sun) / SOLVER_SUN_DEG) ** 2)
         solver = 0.5 * solver_error * np.array([1.0, SOLVER_COLOUR, SOLVER_COLOUR])
+        eight_bits = any(frame.eight_bits for frame in frames)
+        camera = EIGHT_BITS_LN if eight_bits else CAMERA_LN
+        self.inflation = INFLATED if eight_bits else 1.0
         self._fixed, self._sky = np.zeros((3 * n, 3 * n)), np.zeros((3 * n, 3 * n))
         for k in range(3):
             block = slice(k * n, (k + 1) * n)
-            smooth_k = solver[k] ** 2 * wide + CAMERA_LN[k] ** 2 * smooth
+            smooth_k = solver[k] ** 2 * wide + camera[k] ** 2 * smooth
             self._fixed[block, block] = smooth_k + NOISE_LN[k] ** 2 * np.eye(n)
             self._sky[block, block] = SKY_LN[k] ** 2 * near
         for at, frame in enumerate(frames):
@@ -189,7 +194,6 @@ class Errors:
                 alike = error**2 * (STEP_COMMON + (1.0 - STEP_COMMON) * alike)
                 self._fixed[np.ix_(here, here)] += np.outer(step, step) * np.tile(alike, (3, 3))
         self._modes(frames, freedom, n)
-        self.inflation = INFLATED if any(frame.eight_bits for frame in frames) else 1.0
         self.amplitude = 0.0
         self.take(1.0)
 

@@ -44,6 +44,8 @@ FINE_CELL_DEG = 0.5
 """Aimed size of the fine cells on which masks are made."""
 WIDE_VIEW = 0.45
 """Part of the horizon from which the symmetry of the sky tells the sun's azimuth by itself."""
+NO_DISC_DEG = 2.0
+"""Distance from a sun that is given, which may be a whole degree, from which a light is not its disc [deg]."""
 NARROW_ERROR_DEG = 8.0
 """Standard error of what symmetry tells of a smaller part [deg]."""
 UNKNOWN_PITCH_DEG, UNKNOWN_ROLL_DEG = 12.0, 3.0
@@ -124,12 +126,15 @@ class Photograph:
     def sun(self) -> SunAzimuth:
         """Where the sun is, from the photograph alone: in a view of less than half the horizon by its burnt disc first,
         for such a piece may look symmetrical about anything.  Errors: TwilightError as ``find_sun_azimuth``."""
+        return self._sun(True)
+
+    def _sun(self, by_disc: bool) -> SunAzimuth:
         panorama, mask = self._masked(0.0, None)
         wide = float(panorama.covered.any(axis=0).mean()) > WIDE_VIEW
-        disc = None if wide else burnt_disc(panorama)
+        disc = burnt_disc(panorama) if by_disc and not wide else None
         if disc is not None:
             return disc
-        found = find_sun_azimuth(panorama, mask.valid)
+        found = find_sun_azimuth(panorama, mask.valid, by_disc)
         if wide or found.method == "disc":
             return found
         return replace(found, uncertainty_deg=max(found.uncertainty_deg, NARROW_ERROR_DEG))
@@ -202,11 +207,17 @@ def spectra_of(xyz: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
     return np.maximum(xyz @ np.linalg.inv(of_lines) @ (0.1 * lines), 0.0)
 
 
-def place_sun(photograph: Photograph, known_deg: float | None, given_deg: float | None) -> tuple[float, float, str]:
+def place_sun(
+    photograph: Photograph,
+    known_deg: float | None,
+    given_deg: float | None,
+    between_deg: tuple[float, float] = (-np.inf, np.inf),
+) -> tuple[float, float, str]:
     """The sun's azimuth in the camera's azimuths, its standard error, and a sentence on where it is from.
 
     known_deg: from north, by place and time, which counts where the camera's azimuth is known, or by a compass where
-    the sky says nothing; given_deg: what a caller says, which comes first.
+    the sky says nothing; given_deg: what a caller says, which comes first.  between_deg: true elevations of the sun; a
+    light more than `NO_DISC_DEG`, and three standard errors of the camera's elevation, beyond them is no disc of it.
     Errors: TwilightError as `find_sun_azimuth`.
     """
     if given_deg is not None:
@@ -215,19 +226,28 @@ def place_sun(photograph: Photograph, known_deg: float | None, given_deg: float 
     north = known_deg is not None and photograph.camera.orientation.azimuth_deg is not None
     if north and compass == 0.0:
         return known_deg or 0.0, 0.0, f"sun azimuth {known_deg:.2f} deg, by place and time"
+    far, other = NO_DISC_DEG + 3.0 * photograph.errors_deg[1], ""
     try:
         sun = photograph.sun
+        at = sun.true_elevation_deg
+        if at is not None and not between_deg[0] - far <= at <= between_deg[1] + far:
+            other = f"; the light at {at:.1f} deg is not taken for its disc, since the sun is said to stand elsewhere"
+            sun = photograph._sun(False)
     except TwilightError:
         sun = None
         if not north:
             raise
     if sun is None or (north and sun.method != "disc" and sun.uncertainty_deg >= NARROW_ERROR_DEG):
-        return known_deg or 0.0, compass, f"sun azimuth {known_deg:.1f} +- {compass:.0f} deg, by time and compass"
+        return (
+            known_deg or 0.0,
+            compass,
+            f"sun azimuth {known_deg:.1f} +- {compass:.0f} deg, by time and compass{other}",
+        )
     by = "the sun's disc" if sun.method == "disc" else "the symmetry of the sky"
     note = f"sun azimuth {sun.azimuth_deg:.2f} +- {sun.uncertainty_deg:.2f} deg by {by}"
     if sun.elevation_deg is not None:
         note += f" (disc at elevation {sun.elevation_deg:.1f} deg)"
-    return sun.azimuth_deg, sun.uncertainty_deg, note
+    return sun.azimuth_deg, sun.uncertainty_deg, note + other
 
 
 def read_photograph(

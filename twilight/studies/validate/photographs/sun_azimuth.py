@@ -52,8 +52,9 @@ class SunAzimuth:
         return self.elevation_deg - 1.0 / np.tan(np.radians(h + 7.31 / (h + 4.4))) / 60.0
 
 
-def find_sun_azimuth(panorama: Panorama, valid: np.ndarray) -> SunAzimuth:
+def find_sun_azimuth(panorama: Panorama, valid: np.ndarray, by_disc: bool = True) -> SunAzimuth:
     """The sun's azimuth in a photograph; valid (E, A): cells of clear sky (``mask.make_mask`` without a sun).
+    by_disc: False where what shines is known not to be the sun.
 
     The uncertainty of the symmetry is the scatter of what bands of elevation say one by one, at least a quarter of a
     cell.  Errors: TwilightError where too little of the sky has a mirror image, or the sky has no meridian of symmetry
@@ -76,7 +77,7 @@ def find_sun_azimuth(panorama: Panorama, valid: np.ndarray) -> SunAzimuth:
     scatter = _scatter(costs, overlaps, best, above, rows)
     uncertainty = float(np.hypot(scatter, 0.25 * panorama.step_deg))
     contrast = np.nanmedian(total) / total[best % n]
-    disc = _find_disc(panorama, symmetry)
+    disc = _find_disc(panorama, symmetry) if by_disc else None
     if disc is not None:
         return SunAzimuth(disc[0], disc[2], "disc", symmetry, disc[1])
     if contrast < 1.5 or uncertainty > LARGEST_UNCERTAINTY_DEG or n < 8:
