@@ -38,23 +38,15 @@ def average():
 
 
 def test_column_optical_depth_of_the_ten_types():
-    """A type's aerosol column would not be the one that OPAC publishes."""
+    """A type would not have the column, albedo or asymmetry that OPAC publishes, or one spelling alone."""
     assert opac_types() == tuple(HESS_1998_COLUMN)
     for name, expected in HESS_1998_COLUMN.items():
         medium = build_medium([550.0], aerosol=opac_type(name), refraction="none")
         assert medium.optical_depth("aerosol")[0] == pytest.approx(expected, abs=1e-3), name
-
-
-def test_albedo_and_asymmetry_of_the_ten_types():
-    """A type's albedo or asymmetry would not be the one that OPAC publishes."""
     for name, (albedo, asymmetry) in zip(opac_types(), HESS_1998_ALBEDO_ASYMMETRY, strict=True):
         got = mixture_optics(opac_type(name).number_density_per_cm3, 80.0, [550.0])
         assert got.single_scattering_albedo[0] == pytest.approx(albedo, abs=1e-3), name
         assert got.phase.asymmetry[0] == pytest.approx(asymmetry, abs=1.1e-3), name
-
-
-def test_spellings_of_a_type():
-    """One type would be known by one spelling alone."""
     assert opac_type("Maritime Clean") == opac_type("maritime-clean") == opac_type("maritime_clean")
 
 
@@ -143,17 +135,13 @@ def test_jumps_are_doubled_levels(average):
 
 
 def test_aerosol_falls_with_its_scale_height():
-    """Aerosol would not fall by e over its scale height, or not stay constant where OPAC says so."""
+    """Aerosol would not fall by e over its scale height, stay constant below, or keep the depth of 10 m."""
     medium = build_medium([550.0], aerosol=opac_type("desert"), refraction="none")
     at = medium.at([0.0, 1.0, 3.7]).aerosol_extinction[:, 0]
     np.testing.assert_allclose(at / at[0], np.exp(-np.array([0.0, 1.0, 3.7]) / 2.0), rtol=1e-10)
     arctic = build_medium([550.0], aerosol=opac_type("arctic"), refraction="none")
     at = arctic.at([0.0, 1.9]).aerosol_extinction[:, 0]
     assert at[0] == at[1]
-
-
-def test_thin_haze_keeps_its_optical_depth():
-    """A layer of 10 m is resolved by its own two levels."""
     spec = AerosolSpec({"soot": 1e6}, boundary_layer_top_km=0.01, free_troposphere=False, stratosphere=False)
     medium = build_medium([550.0], aerosol=spec, refraction="none")
     one = mixture_optics({"soot": 1e6}, 80.0, [550.0]).extinction_per_km[0]

@@ -69,19 +69,17 @@ def test_order_of_rows_columns_and_comments_does_not_matter(tmp_path):
 
 
 def test_coefficient_that_ends_is_linear_and_outside_is_vacuum(tmp_path):
-    """A coefficient that ends at a level would be lost, or go on outside the table."""
+    """An end or a jump would be smeared, or a table without aerosol need a phase function."""
     rows = [row(0.0, 550.0), row(2.0, 550.0, ext=0.0), row(10.0, 550.0, ext=0.0)]
     medium = medium_from_table(table(tmp_path, rows))
     assert medium.at([1.0]).aerosol_extinction[0, 0] == pytest.approx(0.05)
     assert medium.at([10.1]).extinction[0, 0] == 0 and medium.at([-0.1]).extinction[0, 0] == 0
-
-
-def test_altitude_given_twice_is_a_jump(tmp_path):
-    """A jump in a table would be smeared."""
     rows = [row(0.0, 550.0), row(2.0, 550.0), row(2.0, 550.0, ext=0.001), row(10.0, 550.0, ext=0.0)]
     medium = medium_from_table(table(tmp_path, rows))
     below, above = medium.at([2.0 - 1e-12, 2.0]).aerosol_extinction[:, 0]
     assert below == pytest.approx(100 * above, rel=1e-9)
+    medium = medium_from_table(table(tmp_path, [row(z, 550.0, ext=0.0) for z in (0.0, 50.0)]))
+    assert medium.phase_functions == () and not medium.has_aerosol
 
 
 def test_asymmetry_by_level_is_exact_at_the_levels(tmp_path):
@@ -108,12 +106,6 @@ def test_many_asymmetries_share_a_grid(tmp_path):
     assert len(medium.phase_functions) == MAX_PHASE_FUNCTIONS
     node = np.array([p.asymmetry[0] for p in medium.phase_functions])
     np.testing.assert_allclose(node @ medium.aerosol_phase_fraction[:, :, 0], g, rtol=1e-12)
-
-
-def test_no_aerosol_needs_no_phase_function(tmp_path):
-    """Air without aerosol would carry a phase function."""
-    medium = medium_from_table(table(tmp_path, [row(z, 550.0, ext=0.0) for z in (0.0, 50.0)]))
-    assert medium.phase_functions == () and not medium.has_aerosol
 
 
 def test_other_wavelengths(tmp_path):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hazy_zones import QUICK
+from hazy_zones import SCALAR
 
 from twilight import solvers
 from twilight.atmosphere import bands
@@ -46,7 +46,7 @@ def scene(nm, climate="pure-air", **settings):
 
 
 def zones_draft(config, suns):
-    return solve(resolve(config, solver=(solvers.load("zones"), QUICK)), suns, cached=False)
+    return solve(resolve(config, solver=(solvers.load("zones"), replace(SCALAR, max_orders=3))), suns, cached=False)
 
 
 NO_BANDS = {"gases.oxygen": False, "gases.water_vapour.column_mm": 0.0}

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hazy_zones import SCALAR
 from stability_media import Air, medium_of
 
 from twilight import solvers
@@ -48,6 +49,7 @@ def quick(name: str):
 
     made = {
         "cells": lambda: CellsSettings(azimuth_cells=24),
+        "zones": lambda: SCALAR,
         "montecarlo": lambda: MonteCarloSettings(target_stderr=None, samples=64),
     }
     return made[name]() if name in made else solvers.load(name).QUALITIES[next(iter(solvers.load(name).QUALITIES))]

@@ -39,7 +39,7 @@ def test_lowtran_stratosphere(kind, season):
 
 
 def test_lowtran_options():
-    """Age and upper atmosphere of LOWTRAN's aerosol would do nothing."""
+    """Options of LOWTRAN's aerosol would do nothing, or it bring aerosol into the troposphere."""
 
     def depth(**options):
         spec = StratosphereSpec("high_volcanic", **options)
@@ -53,6 +53,9 @@ def test_lowtran_options():
     assert albedo == pytest.approx(1 - 0.05272, abs=1e-9)
     extreme = depth(upper_atmosphere="extreme").notes["optical_depth"]["upper atmosphere"][1]
     assert extreme > 3 * fresh.notes["optical_depth"]["upper atmosphere"][1]
+    medium = build_medium([550.0], stratosphere=StratosphereSpec("background"))
+    assert medium.at([5.0]).aerosol_extinction[0, 0] == 0
+    assert medium.at([15.0]).aerosol_extinction[0, 0] > 0
 
 
 def test_measured_stratosphere():
@@ -80,10 +83,3 @@ def test_measured_spectrum_interpolation():
     holes[[0, 3]] = np.nan, -1e-5
     got = sage_extinction_per_km(holes[None, :], wavelength)[0]
     np.testing.assert_allclose(got, (wavelength / 550.0) ** -1.7, rtol=1e-9)
-
-
-def test_stratosphere_without_troposphere():
-    """A stratosphere alone would bring aerosol into the troposphere."""
-    medium = build_medium([550.0], stratosphere=StratosphereSpec("background"))
-    assert medium.at([5.0]).aerosol_extinction[0, 0] == 0
-    assert medium.at([15.0]).aerosol_extinction[0, 0] > 0

@@ -28,14 +28,10 @@ def sky():
 
 
 def test_representations_are_five_lines(sky):
-    """`repr` would flood a console, or tell other figures than the sky has."""
+    """`repr` would flood a console or tell other figures, or a notebook show no picture."""
     assert len(repr(sky).splitlines()) == 5 and max(map(len, repr(sky).splitlines())) <= 110
     assert "sun at +5.00 deg, by toy (draft)" in repr(sky) and "9 elevations 5 to 85 deg" in repr(sky)
     assert f"{sky.illuminance_lux():.4g} lx" in repr(sky) and f"{sky.magnitude():.2f} V mag" in repr(sky)
-
-
-def test_a_notebook_sees_a_picture_and_figures(sky):
-    """A notebook would show no picture."""
     from PIL import Image
 
     text = sky._repr_html_()

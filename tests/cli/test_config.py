@@ -66,9 +66,18 @@ def test_a_table_lies_beside_the_climate_also_when_a_configuration_elsewhere_nam
 
 
 def test_a_name_is_a_climate_or_a_configuration_and_not_both():
-    """`twilight render NAME` would mean one of two things, and take the first in silence."""
+    """A name would mean two things, `no` be false, 16:00 the number 960, or `--set` read otherwise."""
     assert not shipped("climates").keys() & shipped("configs").keys()
     assert load("haber2005").solver == {"name": "cells", "quality": "haber2005"}
+    text = "a: 1e-3\nb: 16:00\nc: 2003-12-08\nd: no\ne: -4\nf: .5\ng: ~\nh: true\n"
+    assert parse_yaml(text, "x") == {
+        "a": 1e-3, "b": "16:00", "c": "2003-12-08", "d": "no", "e": -4, "f": 0.5, "g": None, "h": True,
+    }  # fmt: skip
+    assert parse_setting("sun={elevation_deg: -4}") == ("sun", {"elevation_deg": -4})
+    assert parse_setting("a.b=c=d") == ("a.b", "c=d")
+    for text in ("albedo", "=3", "a=[1"):
+        with pytest.raises(TwilightError, match="--set"):
+            parse_setting(text)
 
 
 def test_all_shipped_documents_load_and_are_named_like_their_files():
@@ -148,14 +157,6 @@ def test_the_json_schema_has_the_options_of_every_solver():
     assert orders["type"] == "integer" and orders["default"] == solvers.load("zones").QUALITIES["standard"].max_orders
 
 
-def test_scalars_are_those_of_yaml_1_2():
-    """`no` would be false and 16:00 the number 960."""
-    text = "a: 1e-3\nb: 16:00\nc: 2003-12-08\nd: no\ne: -4\nf: .5\ng: ~\nh: true\n"
-    assert parse_yaml(text, "x") == {
-        "a": 1e-3, "b": "16:00", "c": "2003-12-08", "d": "no", "e": -4, "f": 0.5, "g": None, "h": True,
-    }  # fmt: skip
-
-
 def test_settings_reach_climate_and_configuration_and_are_named_in_errors(tmp_path):
     """A setting would not arrive, or a refusal not name it."""
     config = load(
@@ -168,15 +169,6 @@ def test_settings_reach_climate_and_configuration_and_are_named_in_errors(tmp_pa
     sentence = refused(tmp_path, CLIMATE, settings={"ground.albedo": 7})
     assert "setting ground.albedo: ground.albedo must be" in sentence
     assert refused(tmp_path, CLIMATE, settings={"grund.albedo": 0.7}).endswith("wavelengths")
-
-
-def test_a_setting_of_the_command_line_is_yaml():
-    """`--set` would read its value otherwise than a file does."""
-    assert parse_setting("sun={elevation_deg: -4}") == ("sun", {"elevation_deg": -4})
-    assert parse_setting("a.b=c=d") == ("a.b", "c=d")
-    for text in ("albedo", "=3", "a=[1"):
-        with pytest.raises(TwilightError, match="--set"):
-            parse_setting(text)
 
 
 def test_series_are_products_and_each_member_has_its_own_name(tmp_path):

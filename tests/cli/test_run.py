@@ -57,7 +57,7 @@ def test_what_is_left_out_moves_the_sky_by_less_than_stated(climate, settings, l
 
 
 def test_a_gas_that_matters_stays():
-    """A gas would be left out that is seen."""
+    """A gas or refraction would be left out that is seen."""
     eight = {"wavelengths.count": 8}
     plan = make_plan(load("pure-air", eight))
     gases = load_climate("pure-air").gases
@@ -66,16 +66,12 @@ def test_a_gas_that_matters_stays():
     assert [item.part for item in make_plan(load("urban", eight)).omissions] == ["bands of oxygen"]
     strong = {"gases.ozone.column_du": 3.0, "wavelengths": {"list_nm": [450]}}
     assert "ozone" not in [item.part for item in make_plan(load("pure-air", strong)).omissions]
-
-
-def test_a_straight_beam_is_left_out_only_without_refraction():
-    """Refraction would be left out where it was asked for."""
     plan = make_plan(load("urban", {"refraction.model": "none", "wavelengths.count": 8}))
     assert [item.part for item in plan.omissions] == ["bands of oxygen", "refraction"]
     assert not climate_medium(plan.climate, np.array([550.0])).has_refraction
 
 
-def test_eight_placed_wavelengths_give_the_luminance_that_eight_equidistant_ones_miss():
+def test_eight_placed_wavelengths_give_the_luminance_that_eight_equidistant_ones_miss(coarse_draft):
     """The default wavelengths would miss luminance by 1 %."""
     once = {"solver.max_orders": 1, "solver.quality": "draft", "texture.resolution_deg": 15.0, "sun.elevation_deg": -4}
     once |= {"gases.oxygen": False, "gases.water_vapour.column_mm": 0}
@@ -199,7 +195,7 @@ def test_air_by_turbidity_and_by_visibility(name):
 
 
 def test_keys_of_gases_layers_and_refraction_reach_the_medium():
-    """A key of the air would do nothing."""
+    """A key of the air would do nothing, or the ground have another colour than given."""
     at = np.array([600.0])
     medium = climate_medium(load_climate("haber2005-air"), at)
     assert medium.top_km == 35 and np.unique(medium.altitude_km).size == 51
@@ -216,16 +212,12 @@ def test_keys_of_gases_layers_and_refraction_reach_the_medium():
     assert not straight.has_refraction
     boundaries = {"atmosphere.layers.boundaries_km": [0, 1, 10, 100]}
     assert np.unique(climate_medium(load("pure-air", boundaries).climate, at).altitude_km).tolist() == [0, 1, 10, 100]
-
-
-def test_a_spectral_albedo_is_linear_between_its_wavelengths_and_constant_outside():
-    """The ground would have another colour than given."""
     ground = load("urban", {"ground.albedo": {"wavelength_nm": [400, 600], "albedo": [0.1, 0.5]}}).climate.ground
     assert ground_albedo(ground, np.array([350.0, 400.0, 500.0, 700.0])) == pytest.approx([0.1, 0.1, 0.3, 0.5])
 
 
 def test_described_ozone_says_where_and_when_it_is_from():
-    """`show` would state another ozone than the air has."""
+    """`show` would state another ozone than the air has, or impossible refraction and scale height."""
 
     def ozone(**settings):
         medium = climate_medium(load("pure-air", settings).climate, np.array([550.0]))
@@ -236,10 +228,6 @@ def test_described_ozone_says_where_and_when_it_is_from():
     assert ozone(**{"gases.ozone.column_du": 300}) == "300 DU (as asked for)"
     assert ozone(**{"gases.ozone.day_of_year": 95}) == "370 DU (day 95 of the year, northern midlatitudes)"
     assert ozone(**{"gases.ozone.treatment": "none"}) == "0 DU"
-
-
-def test_described_figures_are_in_their_known_ranges():
-    """`show` would print an impossible refraction or scale height."""
     medium = climate_medium(load_climate("pure-air"), np.array([550.0]))
     assert 29 <= horizontal_refraction_arcmin(medium)[0] <= 35
     assert 8.0 < scale_height_km(medium, "air") < 9.0

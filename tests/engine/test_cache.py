@@ -42,8 +42,8 @@ def files():
     return [file.path for file in cache.cached_files() if file.kind is cache.FIELDS]
 
 
-def test_the_second_render_reads_what_the_first_has_solved(solved):
-    """The cache would solve again, or give another sky."""
+def test_the_second_render_reads_what_the_first_has_solved(solved, monkeypatch):
+    """The cache would solve again, give another sky, or take a limit of 0 for none."""
     first = twilight.render("pure-air", **SCENE)
     again = twilight.render("pure-air", **SCENE)
     assert len(solved) == 1 and len(files()) == 1
@@ -51,6 +51,10 @@ def test_the_second_render_reads_what_the_first_has_solved(solved):
     np.testing.assert_array_equal(again.direct_irradiance, first.direct_irradiance)
     assert again.provenance["field_from_disk"] and "field_from_disk" not in first.provenance
     assert again.provenance["convergence"] == first.provenance["convergence"]
+    before = files()
+    monkeypatch.setenv("TWILIGHT_CACHE_GB", "0")
+    twilight.render("pure-air", **(SCENE | {"sun_elevation_deg": -2.0}))
+    assert files() == before and len(solved) == 2
 
 
 def test_whatever_enters_makes_another_field(solved):
@@ -117,13 +121,6 @@ def test_a_full_cache_folder_is_one_warning(solved):
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert np.all(sky.sun_normalised_radiance > 0.0) and not files()
     assert not list(cache.cache_folder().rglob("*.part*"))
-
-
-def test_none_are_cached_where_the_limit_is_0(solved, monkeypatch):
-    """A limit of 0 would be none."""
-    monkeypatch.setenv("TWILIGHT_CACHE_GB", "0")
-    twilight.render("pure-air", **SCENE)
-    assert not files()
 
 
 @pytest.mark.parametrize("text", ["much", "-1", "inf", "nan"])

@@ -124,15 +124,11 @@ def test_half_a_texture_is_asked_for_and_mirrored():
 
 
 def test_radiance_that_cannot_be_is_an_error_for_every_caller(monkeypatch):
-    """A wrong solver would make black or shining pixels."""
+    """A wrong solver would make black or shining pixels; a field file would hold the last block alone."""
     solved = solved_toy(toy_solver())
     monkeypatch.setattr(type(solved.blocks[0].field), "radiance", lambda *_, **__: np.full((1, 3), -1.0))
     with pytest.raises(TwilightError, match="negative or not a number"):
         solved.radiance(-2.0, [0.0], [90.0])
-
-
-def test_a_field_file_holds_one_block():
-    """A field file would hold the last block alone."""
     with pytest.raises(TwilightError, match=r"field_file: holds the field of up to 2 wavelengths, and air has 3"):
         scene = toy_scene(toy_solver(wavelengths_at_once=2))
         solver = toy_solver(wavelengths_at_once=2)

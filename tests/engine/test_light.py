@@ -177,16 +177,6 @@ def test_without_a_solver_it_is_compact_where_that_serves_and_says_so():
     assert twilight.light(PLACE, DUSK, "zenith", ["V"], AIR).attrs["solver"] == "zones"
 
 
-@pytest.mark.slow
-def test_the_zenith_is_that_of_a_rendered_sky():
-    """`light` and `render` would differ."""
-    made = twilight.light(PLACE, DUSK, "zenith", ["V", "luminance"], AIR)
-    sky = twilight.render({**AIR, "night": {}}, at=DUSK, place=PLACE)
-    assert float(made.luminance_cd_per_m2) == pytest.approx(sky.luminance_at(), rel=0.01)
-    assert float(made.magnitude_V_per_arcsec2) == pytest.approx(sky.magnitude(), abs=0.01)
-    assert float(made.solar_elevation_angle) == pytest.approx(sky.sun_elevation_deg, abs=1e-6)
-
-
 def test_terms_add_up_and_the_ground_is_lit_by_them():
     """A source would count twice, or not light the ground."""
     names = ("sky", "moon", "airglow", "stars", "zodiacal_light")

@@ -213,15 +213,11 @@ def test_provenance_fields_come_back_and_default_to_the_configuration_hash():
 
 
 def test_outputs_are_written_together(tmp_path):
-    """A file would be missing, or one there that nobody asked for."""
+    """A file would be missing, or one there that nobody asked for; Radiance reads its own format."""
     sky = full_sky()
     paths = write_outputs(sky, tmp_path / "new" / "folder", width=64, spectral_width=32, views=("panorama", "fisheye"))
     names = [p.name for p in paths]
     assert names == ["sky.png", "sky.fisheye.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5", "sun.json"]
     assert sorted(names) == sorted(p.name for p in (tmp_path / "new" / "folder").iterdir())
-
-
-def test_the_radiance_target_adds_a_picture_that_radiance_reads(tmp_path):
-    """Radiance would find no picture in its format."""
     paths = write_outputs(glow_sky(), tmp_path, files=("rgb",), renderer="radiance", width=16)
     assert [p.name for p in paths] == ["sky.rgb.exr", "sky.rgb.hdr"]

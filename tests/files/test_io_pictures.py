@@ -171,15 +171,11 @@ def test_ground_is_lambertian_and_black_without_albedo(tmp_path):
 
 
 def test_an_observer_high_up_sees_sky_below_the_horizon(tmp_path):
-    """The sky below the horizontal would be cut off."""
+    """Sky below the horizontal would be cut off; a sky without azimuth be turned by chance."""
     elevation, azimuth = np.linspace(-10.0, 88.0, 50), np.arange(40) * 9.0
     sky = Sky([450.0, 550.0, 650.0], elevation, azimuth, np.full((50, 40, 3), 0.01), 5.0)
     rows = read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", width=360)).rgb[:, 0, 1]
     assert (rows[:101] > 0).all() and (rows[101:] == 0).all()  # the lowest row reaches down to -11 deg
-
-
-def test_unknown_sun_azimuth_puts_the_sun_in_the_north(tmp_path):
-    """A sky without azimuth would be turned by chance."""
     sky = replace(spot(), sun_azimuth_deg=None)
     found = read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", width=128))
     assert brightest_uv(found.rgb)[0] == pytest.approx(0.5, abs=0.01)

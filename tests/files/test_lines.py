@@ -69,7 +69,7 @@ def test_a_straight_line_is_a_chord(air):
 
 
 def test_lines_that_meet_the_ground_or_miss_the_air(air):
-    """A line would end on the wrong side of the horizon."""
+    """A line would end on the wrong side of the horizon, or very thin air scatter no light."""
     _, status, line = follow(air, 10.0, -30.0, bent=False)
     assert status == GROUND
     radius = air[0].earth_radius_km
@@ -79,6 +79,11 @@ def test_lines_that_meet_the_ground_or_miss_the_air(air):
     assert follow(air, 400.0, 10.0)[:2] == (0, OUT)
     assert follow(air, 400.0, -15.0)[:2] == (0, OUT)
     assert follow(air, 400.0, -90.0)[1] == GROUND
+    counts = []
+    for depth in (1e-3, 1e-13):
+        profile = prepare_profile(medium_of(Air(air=depth, aerosol=0.0)))
+        counts.append(trace_line(profile, 0.0, 0.5, 1.0, False, new_line(profile))[0])
+    assert counts[0] == counts[1] > 0
 
 
 @pytest.mark.parametrize("elevation_deg", [0.0, 10.0, 90.0])
@@ -117,12 +122,3 @@ def test_light_from_behind_black_air_does_not_depend_on_clearer_air_beside_it():
         near = distance < 60.0
         seen.append(float(line.weight[:n, 0][near] @ np.exp(distance[near] / 1.7)))
     assert seen[0] == pytest.approx(seen[1], rel=2e-3)
-
-
-def test_no_step_is_left_out_because_all_of_the_air_is_thin():
-    """Very thin air would scatter no light."""
-    counts = []
-    for depth in (1e-3, 1e-13):
-        profile = prepare_profile(medium_of(Air(air=depth, aerosol=0.0)))
-        counts.append(trace_line(profile, 0.0, 0.5, 1.0, False, new_line(profile))[0])
-    assert counts[0] == counts[1] > 0

@@ -38,7 +38,7 @@ def content(root):
 
 
 def test_what_is_finished_is_not_made_again(tmp_path):
-    """A finished sky would be made again, or a damaged one kept."""
+    """A finished sky would be made again, or a damaged one kept; a begun one leaves no folder."""
     root, series = tmp_path / "out", {f"sun{i}": RequestedSky(f"{i}", {"sun": i}) for i in range(5)}
     with pytest.raises(KeyboardInterrupt):
         render(root, series, stop_after=2)
@@ -50,6 +50,10 @@ def test_what_is_finished_is_not_made_again(tmp_path):
     assert render(root, series | {"sun5": RequestedSky("5", {})}) == ["sun5"]  # a longer series keeps what is there
     assert render(root, series | {"sun5": RequestedSky("5", {})}, code="2") == [*series, "sun5"]  # of another program
     assert render(root, series | {"sun5": RequestedSky("5", {})}, code="2", overwrite=True) == [*series, "sun5"]
+    begun = tmp_path / "begun"
+    with open_folder(begun, {"": A}, "1", overwrite=False) as folder:
+        folder.begin("", A)
+    assert not begun.exists()
 
 
 def test_another_sky_is_refused_and_says_which_key_differs(tmp_path):
@@ -92,21 +96,17 @@ def test_files_that_no_journal_knows_are_not_overwritten(tmp_path):
     assert render(tmp_path, {"": A}) == [""]
 
 
-def test_two_renders_do_not_write_one_folder(tmp_path):
-    """Two renders would mix their files."""
-    with open_folder(tmp_path, {"": A}, "1", overwrite=False):
-        with pytest.raises(TwilightError, match="another render is writing it"):
-            render(tmp_path, {"": A})
-
-
 def test_a_sky_that_was_moved_away_is_no_obstacle(tmp_path):
-    """A folder would be blocked by a sky that is gone."""
+    """A folder would be blocked by a sky that is gone, or taken by two renders."""
     render(tmp_path, {"": A})
     (tmp_path / "kept").mkdir()
     for file in tmp_path.glob("sky.*"):
         file.rename(tmp_path / "kept" / file.name)
     assert render(tmp_path, {"": B}) == [""]
     assert np.array_equal(sorted(content(tmp_path)), ["kept/sky.h5", "kept/sky.png", "sky.h5", "sky.png"])
+    with open_folder(tmp_path / "two", {"": A}, "1", overwrite=False):
+        with pytest.raises(TwilightError, match="another render is writing it"):
+            render(tmp_path / "two", {"": A})
 
 
 def test_a_sky_whose_files_were_begun_is_made_again(tmp_path):
@@ -124,14 +124,6 @@ def test_a_sky_whose_files_were_begun_is_made_again(tmp_path):
         assert content(root) == {"sun1/sky.png"}
     assert render(root, {"sun1": A}) == ["sun1"]
     assert render(root, {"sun1": A}) == []
-
-
-def test_a_sky_that_was_begun_and_not_written_leaves_no_folder(tmp_path):
-    """An empty folder would be left."""
-    root = tmp_path / "out"
-    with open_folder(root, {"": A}, "1", overwrite=False) as folder:
-        folder.begin("", A)
-    assert not root.exists()
 
 
 def test_what_a_killed_render_has_not_written_is_not_deleted(tmp_path):

@@ -52,6 +52,7 @@ def imports() -> dict[str, set[str]]:
 
 
 def test_what_the_program_imports_is_installed_with_it_or_asked_for():
+    """A fresh installation would end in a ModuleNotFoundError."""
     here = {distribution(text) for text in PROJECT["dependencies"]}
     distributions = packages_distributions()
     for module, files in imports().items():
@@ -61,6 +62,7 @@ def test_what_the_program_imports_is_installed_with_it_or_asked_for():
 
 
 def test_the_requirements_that_sentences_name_are_those_of_the_extras():
+    """A sentence would ask for another version than the extra has."""
     extras = {r for name, list_ in PROJECT["optional-dependencies"].items() if name != "test" for r in list_}
     assert set(REQUIREMENTS.values()) <= extras
     assert not is_installed("no_such_module") and is_installed("numpy")
@@ -69,11 +71,13 @@ def test_the_requirements_that_sentences_name_are_those_of_the_extras():
 
 
 def test_no_sentence_asks_for_a_package_that_no_index_has():
+    """A sentence's command would fail."""
     for path in [*(ROOT / "twilight").rglob("*.py"), ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
         assert "pip install 'twilight" not in path.read_text(encoding="utf-8"), path
 
 
 def test_what_is_not_there_is_one_sentence_with_the_command(tmp_path, monkeypatch):
+    """A package that is missing would be a traceback."""
     from PIL import Image
 
     from twilight.base.errors import TwilightError
@@ -101,13 +105,14 @@ def test_what_is_not_there_is_one_sentence_with_the_command(tmp_path, monkeypatc
 
 
 def test_a_batch_system_is_asked_for(monkeypatch):
+    """A cluster's package that is missing would be a traceback."""
     monkeypatch.setitem(sys.modules, "dask_jobqueue", None)
     result = CliRunner().invoke(app, ["sweep", "humidity", "--batch-system", "slurm"])
     assert result.exit_code == 2 and "install 'dask-jobqueue>=" in result.output
 
 
 def test_a_sky_is_rendered_and_read_without_any_extra(tmp_path):
-    """README's first command installs none."""
+    """README's first command, which installs none, would fail."""
     script = f"""import sys
 for name in {sorted([*REQUIREMENTS, *BROUGHT_BY])}: sys.modules[name] = None
 from twilight import read_sky

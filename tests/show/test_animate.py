@@ -168,17 +168,13 @@ def interrupted(monkeypatch, path, **options):
 
 
 def test_tables_that_are_damaged_are_made_again(tmp_path, monkeypatch):
-    """A damaged table would be drawn."""
+    """A damaged table would be drawn, or pictures of another exposure put into the film."""
     path = tmp_path / "film.webp"
     interrupted(monkeypatch, path)
     [stored] = (tmp_path / "film.webp.frames").glob("tables-*.npz")
     stored.write_bytes(stored.read_bytes()[:-2000])
     assert film(path).make().drawn == 0 and path.is_file()
-
-
-def test_other_pictures_are_not_taken_for_these(tmp_path, monkeypatch):
-    """Pictures of another exposure would be put into the film."""
-    path = tmp_path / "film.webp"
+    path = tmp_path / "other.webp"
     interrupted(monkeypatch, path, exposure=3.0)
     assert film(path, exposure=4.0).make().drawn == 5
 
@@ -283,16 +279,8 @@ def test_a_place_gives_the_suns_of_its_evening(tmp_path):
         film(tmp_path / "a.webp", config)
 
 
-def test_a_sequence_is_a_path(tmp_path):
-    """A film along elevations would jump."""
-    config = scene(**{"sun.elevations_deg": [0.0, 5.0, -5.0]})
-    line = film(tmp_path / "a.webp", config, from_deg=None, to_deg=None, speed=300.0).line
-    assert line.elevation_deg[:5] == pytest.approx([0.0, 1.25, 2.5, 3.75, 5.0])
-    assert line.elevation_deg[-1] == pytest.approx(-5.0) and len(line) == 13
-
-
-def test_as_many_pictures_as_asked_for():
-    """--frames: the whole way, from the first sun to the last, in that many."""
+def test_as_many_pictures_as_asked_for(tmp_path):
+    """--frames: the whole way, from the first sun to the last, in that many; a sequence is a path."""
     from twilight.config import load
     from twilight.show.timeline import timeline
 
@@ -301,6 +289,10 @@ def test_as_many_pictures_as_asked_for():
     place = {"latitude_deg": 48.0, "longitude_deg": 11.0, "start": "2026-06-21T20:00Z", "stop": "2026-06-21T21:00Z"}
     line = timeline(load("pure-air", {"sun": place}), speed=300.0, frames_per_second=25.0, frames=10)
     assert len(line) == 10 and line.time_s[-1] == pytest.approx(3600.0)
+    config = scene(**{"sun.elevations_deg": [0.0, 5.0, -5.0]})
+    line = film(tmp_path / "a.webp", config, from_deg=None, to_deg=None, speed=300.0).line
+    assert line.elevation_deg[:5] == pytest.approx([0.0, 1.25, 2.5, 3.75, 5.0])
+    assert line.elevation_deg[-1] == pytest.approx(-5.0) and len(line) == 13
 
 
 @pytest.mark.slow

@@ -69,6 +69,7 @@ def test_every_solver_of_several_orders_has_one(solver):
 
 
 def test_a_preview_is_written_said_and_taken_away(tmp_path, monkeypatch, capsys):
+    """A preview would stay beside the sky, or not be told."""
     monkeypatch.setattr(terminal, "compiling", True)
     config = scene("pure-air")
     (sun,) = resolve(config).suns

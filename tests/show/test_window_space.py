@@ -178,17 +178,13 @@ def test_whoever_rises_keeps_the_horizon_in_the_picture(page_file):
         assert errors == []
 
 
-def test_altitudes_of_a_page():
-    """A page would have no table between ground and orbit."""
+def test_altitudes_of_a_page(planet):
+    """A page would have no table between ground and orbit, or show one altitude's sky at another."""
     assert within_air(MEDIUM, (0.0, 10.0)) == ((0.0, 10.0), 0.0)
     assert within_air(MEDIUM, (0.0, 10.0, 400.0)) == ((0.0, 10.0, MEDIUM.top_km), 400.0)
     altitudes = ground_to_orbit(MEDIUM)
     assert altitudes[0] == MEDIUM.bottom_km and altitudes[-2:] == (MEDIUM.top_km, 1000.0)
     assert list(altitudes) == sorted(altitudes)
-
-
-def test_a_solver_of_one_altitude_does_not_rise(planet):
-    """Another altitude would show the first one's sky."""
     one = solve(scene_of_field(Planet(MEDIUM), every_observer=False), cached=False)
     with pytest.raises(TwilightError, match="in the air; zones serves all"):
         view_fields([one], altitudes_km=[400.0])

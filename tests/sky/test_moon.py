@@ -33,7 +33,7 @@ from twilight.sky.moon import (
     surface,
 )
 
-pytestmark = pytest.mark.usefixtures("coarse_draft")
+coarse = pytest.mark.usefixtures("coarse_draft")
 
 SMALL = {
     "wavelengths.list_nm": [430.0, 490.0, 550.0, 610.0, 670.0],
@@ -68,12 +68,19 @@ def test_illuminance_above_the_air(phase, lux):
 
 
 def test_opposition_surge_and_waxing():
-    """The full moon is a third brighter at 1.55 than at 7 deg (Allen's curve without the surge: 15 %), and
-    the first quarter brighter than the last (Russell 1916)."""
+    """Full moons would lack the surge (Allen: 15 %), quarters differ (Russell 1916), or bands move by 10 %."""
     surge = moon_illuminance_lux(Moon(40, 0, 1.55)) / moon_illuminance_lux(Moon(40, 0, 7.0))
     assert 1.25 < surge < 1.45 and 10.0 ** (0.4 * (allen_mag(7.0) - allen_mag(1.55))) < 1.16
     half = [moon_illuminance_lux(Moon(40, 0, 90.0, waxing=w)) for w in (True, False)]
     assert 1.05 < half[0] / half[1] < 1.25
+    nm = np.linspace(380.0, 720.0, 20)
+    near, far = Moon(40, 0, 30.0, 384400.0, 1.0), Moon(40, 0, 30.0, 384400.0 * 1.1, 0.98)
+    assert_allclose(far.irradiance_factor(nm), near.irradiance_factor(nm) / 1.1**2 / 0.98**2)
+    for phase in (2.0, 30.0, 90.0):
+        nm, bands = band_reflectance(phase)
+        ratio = disc_reflectance(nm, phase) / bands
+        assert np.std(np.log(ratio)) < 0.045 and np.abs(ratio - 1.0).max() < 0.10
+        assert (np.diff(disc_reflectance(np.arange(300.0, 1001.0, 10.0), phase)) > 0.0).all()  # the moon is reddish
 
 
 def test_phase_is_continued_without_a_jump():
@@ -85,22 +92,6 @@ def test_phase_is_continued_without_a_jump():
     assert_allclose(disc_reflectance(nm, 0.0), disc_reflectance(nm, 1.55))
     with pytest.raises(TwilightError, match="from 0 to 180 deg"):
         disc_reflectance(nm, 181.0)
-
-
-def test_smooth_spectrum_keeps_the_bands():
-    """The polynomial over wavelength follows the bands: 4 % in the mean square, and no band by 10 %."""
-    for phase in (2.0, 30.0, 90.0):
-        nm, bands = band_reflectance(phase)
-        ratio = disc_reflectance(nm, phase) / bands
-        assert np.std(np.log(ratio)) < 0.045 and np.abs(ratio - 1.0).max() < 0.10
-        assert (np.diff(disc_reflectance(np.arange(300.0, 1001.0, 10.0), phase)) > 0.0).all()  # the moon is reddish
-
-
-def test_light_falls_with_the_squares_of_both_distances():
-    """Of the moon from the observer, and of the sun from the moon."""
-    nm = np.linspace(380.0, 720.0, 20)
-    near, far = Moon(40, 0, 30.0, 384400.0, 1.0), Moon(40, 0, 30.0, 384400.0 * 1.1, 0.98)
-    assert_allclose(far.irradiance_factor(nm), near.irradiance_factor(nm) / 1.1**2 / 0.98**2)
 
 
 def test_meeus_example():
@@ -198,6 +189,7 @@ def test_moonlit_sky_is_the_suns_looked_up_again():
     assert 17.5 < sky.magnitude() < 20.5
 
 
+@coarse
 def test_moon_of_a_view_stands_where_it_is():
     """In a picture the moon's disc is at its azimuth from the sun, right of it for a larger one, with its own light."""
     view = {"kind": "perspective", "width": 60, "height": 40, "field_of_view_deg": 12.0, "azimuth_deg": 100.0,
@@ -214,6 +206,7 @@ def test_moon_of_a_view_stands_where_it_is():
     assert_allclose(disc, beam, rtol=0.12)  # pixels' solid angles differ by some per cent over the picture
 
 
+@coarse
 def test_moon_below_the_horizon(tmp_path):
     """It lights nothing, the render says so, and moon.json too."""
     made = scene({"elevation_deg": -30.0}, {"elevation_deg": -25.0}, **{"night": {}})
@@ -235,6 +228,7 @@ def test_eclipses_are_not_computed():
         warn_of_the_moon(made.configuration, moon)
 
 
+@coarse
 def test_zenith_of_moonlit_nights():
     """A dark site's zenith under the moon within 0.2 mag.
 
@@ -256,6 +250,7 @@ def test_zenith_of_moonlit_nights():
         assert zenith == pytest.approx(measured, abs=0.2), (phase, altitude)
 
 
+@pytest.mark.slow
 def test_moonlit_terrain_is_sunlit_terrain_in_its_place():
     """Mountains under the moon: the picture with the sun in its place, seen and laid from there, times its light."""
     view = {"kind": "perspective", "width": 36, "height": 24, "field_of_view_deg": 60.0, "elevation_deg": 4.0}
@@ -317,6 +312,7 @@ def test_what_is_seen_of_a_low_disc(low_moon):
     assert (light < 0.5 * whole * low_moon.moon.moon.irradiance_factor(low_moon.wavelength_nm)).all()
 
 
+@coarse
 def test_the_moon_lights_the_ground_of_a_map():
     """A white plain in an environment map is lit by the moon's beam and by the moonlit sky."""
     made = scene({"elevation_deg": -30.0}, {"elevation_deg": 50.0}, **{"ground.albedo": 0.5})

@@ -72,14 +72,6 @@ def test_direct_beam_is_added_with_the_cosine_of_the_apparent_sun():
         replace(sky, direct_irradiance=None).irradiance_factor(direct=True)
 
 
-def test_radiance_is_factor_times_bin_mean_of_the_sun():
-    """Radiances would be of another distance or bin."""
-    sky = make_sky(lambda e, a: 0.01, distance_au=2.0)
-    expected = 0.01 * spectrum.solar_irradiance(WAVELENGTHS) / 4
-    np.testing.assert_allclose(sky.radiance[3, 5], expected, rtol=1e-14)
-    np.testing.assert_allclose(sky.irradiance(), np.pi * expected, rtol=1e-12)
-
-
 def test_samples_at_grid_points_are_the_grid():
     """Sampling would move what is computed."""
     rng = np.random.default_rng(1)
@@ -102,11 +94,15 @@ def test_sampling_is_exact_for_an_exponential_in_elevation_down_to_the_horizon()
 
 
 def test_azimuth_wraps_and_any_multiple_of_a_turn_is_the_same():
-    """There would be a seam at azimuth 0."""
+    """There would be a seam at azimuth 0, or radiances of another distance or bin."""
     sky = make_sky(lambda e, a: 2 + np.cos(a))
     np.testing.assert_allclose(sky.sample(20.0, 359.0), sky.sample(20.0, -1.0), rtol=1e-12)
     np.testing.assert_allclose(sky.sample(20.0, 359.0), sky.sample(20.0, 719.0), rtol=1e-12)
     np.testing.assert_allclose(sky.sample(20.0, 359.0), 2 + np.cos(np.radians(1.0)), rtol=1e-5)
+    sky = make_sky(lambda e, a: 0.01, distance_au=2.0)
+    expected = 0.01 * spectrum.solar_irradiance(WAVELENGTHS) / 4
+    np.testing.assert_allclose(sky.radiance[3, 5], expected, rtol=1e-14)
+    np.testing.assert_allclose(sky.irradiance(), np.pi * expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("step", [3.0, 10.0], ids=["even columns", "36 columns"])
@@ -153,12 +149,17 @@ def test_zeros_are_interpolated_linearly_and_never_give_nan():
 
 
 def test_resample_keeps_everything_else_and_interpolates_the_standard_error():
-    """Another grid would lose the record or the noise."""
+    """Another grid would lose the record or the noise, or a small file have other values."""
     sky = make_sky(lambda e, a: 1 + np.sin(e), standard_error=np.full((30, 120, 4), 0.1), provenance={"solver": "x"})
     finer = sky.resample(np.array([10.0, 20.0]), np.array([0.0, 90.0, 180.0, 270.0]))
     assert finer.provenance == {"solver": "x"} and finer.sun_elevation_deg == sky.sun_elevation_deg
     np.testing.assert_allclose(finer.standard_error, 0.1)
     np.testing.assert_allclose(finer.sun_normalised_radiance[1, 2], sky.sample(20.0, 180.0))
+    sky = make_sky(lambda e, a: 1e-9 * np.exp(-e))
+    single = replace(sky, sun_normalised_radiance=sky.sun_normalised_radiance.astype(np.float32))
+    assert single.sample(12.3, 45.6).dtype == np.float32
+    np.testing.assert_allclose(single.sample(12.3, 45.6), sky.sample(12.3, 45.6), rtol=1e-5)
+    np.testing.assert_allclose(single.luminance(), sky.luminance(), rtol=1e-5)
 
 
 def test_luminance_and_illuminance_of_a_uniform_sky_follow_the_sum_rule():
@@ -171,15 +172,6 @@ def test_luminance_and_illuminance_of_a_uniform_sky_follow_the_sum_rule():
     assert outside == pytest.approx(133.1e3, rel=1e-3)
     np.testing.assert_allclose(sky.luminance(), outside, rtol=1e-12)
     assert sky.illuminance_lux() == pytest.approx(np.pi * outside, rel=1e-12)
-
-
-def test_float32_stays_float32_and_agrees_with_float64():
-    """A small file would have other values."""
-    sky = make_sky(lambda e, a: 1e-9 * np.exp(-e))
-    single = replace(sky, sun_normalised_radiance=sky.sun_normalised_radiance.astype(np.float32))
-    assert single.sample(12.3, 45.6).dtype == np.float32
-    np.testing.assert_allclose(single.sample(12.3, 45.6), sky.sample(12.3, 45.6), rtol=1e-5)
-    np.testing.assert_allclose(single.luminance(), sky.luminance(), rtol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -19,12 +19,17 @@ def test_solar_irradiance_over_coarse_bins_keeps_the_total():
 
 
 def test_solar_irradiance_at_one_nm_is_the_table_and_goes_with_the_square_of_distance():
-    """The solar table would be interpolated, or the distance of the Earth ignored."""
+    """The solar table would be interpolated, end too soon, or the Earth's distance be ignored."""
     grid, sun = spectrum.solar_spectrum()
     np.testing.assert_allclose(spectrum.solar_irradiance(grid[50:90]), sun[50:90], rtol=1e-11)
     np.testing.assert_allclose(spectrum.solar_irradiance(np.array([500.0])), sun[grid == 500], rtol=1e-11)
     ratio = spectrum.solar_irradiance(grid[:3], distance_au=0.983) / sun[:3]
     np.testing.assert_allclose(ratio, 0.983**-2, rtol=1e-11)
+    assert np.isfinite(spectrum.solar_irradiance(np.linspace(300, 1000, 8))).all()
+    with pytest.raises(TwilightError, match="outside the solar spectrum"):
+        spectrum.solar_irradiance(np.array([250.0]))
+    with pytest.raises(TwilightError, match="choose one of"):
+        spectrum.solar_spectrum("nothing")
 
 
 @pytest.mark.parametrize("name", spectrum.solar_spectra())
@@ -36,15 +41,6 @@ def test_every_solar_spectrum_is_positive_and_near_the_others(name):
     visible = (grid >= 380) & (grid <= 780)
     reference = spectrum.solar_irradiance(np.arange(380.0, 781.0)).sum()
     assert sun[visible].sum() == pytest.approx(reference, rel=0.04)
-
-
-def test_default_solar_spectrum_reaches_from_300_to_1000_nm():
-    """A wavelength with optical data would have no sunlight."""
-    assert np.isfinite(spectrum.solar_irradiance(np.linspace(300, 1000, 8))).all()
-    with pytest.raises(TwilightError, match="outside the solar spectrum"):
-        spectrum.solar_irradiance(np.array([250.0]))
-    with pytest.raises(TwilightError, match="choose one of"):
-        spectrum.solar_spectrum("nothing")
 
 
 def test_hermite_reproduces_nodes_lines_and_parabolas():

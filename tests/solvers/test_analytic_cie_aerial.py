@@ -55,7 +55,7 @@ def test_every_type_is_finite_and_positive(sky_type):
 
 
 def test_zenith_luminance_can_be_set():
-    """It would do nothing."""
+    """It would do nothing, or what is drawn and what is written be of two brightnesses."""
     settings = CieSettings(sky_type=14, zenith_luminance_cd_per_m2=1234.0)
     field = cie.prepare(turbid(), settings)
     sky = as_sky(field, 50.0)
@@ -65,10 +65,6 @@ def test_zenith_luminance_can_be_set():
     clear = cie.prepare(turbid(3.0))
     expected = preetham.prepare(turbid(3.0)).coefficients.zenith_luminance_cd_per_m2(40.0, 3.0)
     assert clear.zenith_luminance(50.0) == pytest.approx(expected, rel=2e-3)
-
-
-def test_a_spectrum_has_the_luminance_of_its_sky():
-    """What is drawn and what is written would be of two brightnesses."""
     sky = as_sky(cie.prepare(turbid(), CieSettings(sky_type=16)), 50.0)
     daylight = cie.prepare(turbid(), CieSettings(sky_type=16)).luminance(50.0, sky.elevation_deg[3], 40.0)
     assert sky.luminance()[3, 4] == pytest.approx(daylight, rel=0.01)
@@ -110,17 +106,8 @@ def test_closed_form_against_quadrature(turbidity, height, cosine, distance):
             assert value[j] == pytest.approx(exact, rel=4e-3)
 
 
-def test_scattering_coefficients_keep_the_definition_of_turbidity():
-    """Optical depths of haze over air at 550 nm: T - 1, within what the paper's rounded index makes of it (16 %)."""
-    for turbidity in (2.0, 4.0, 6.0):
-        haze = aerial.haze_scattering_per_km(550.0, turbidity) / aerial.HAZE_DECAY_PER_KM
-        clean = aerial.air_scattering_per_km(550.0) / aerial.AIR_DECAY_PER_KM
-        assert haze / clean == pytest.approx(turbidity - 1.0, rel=0.22)
-        assert clean == pytest.approx(0.098 * (3.0 / 2.78) ** 2, rel=0.06)
-
-
 def test_phase_functions_integrate_to_one():
-    """Scattering in the aerial perspective would not conserve energy."""
+    """Phase functions would not conserve energy, depths not be T - 1 (16 %), or irradiances be off."""
     mu, weight = np.polynomial.legendre.leggauss(400)
     haze = aerial.haze_phase(np.arccos(mu), THREE_NM)
     assert 2 * np.pi * weight @ haze == pytest.approx(1.0, abs=2e-3)
@@ -128,6 +115,16 @@ def test_phase_functions_integrate_to_one():
     # the table itself, at one of its nodes: eta / (2 pi K)
     node = aerial.haze_phase(np.radians(90.0), np.array([550.0]))
     assert node == pytest.approx(0.1320 / (2 * np.pi * 0.677739), rel=3e-3)
+    for turbidity in (2.0, 4.0, 6.0):
+        haze = aerial.haze_scattering_per_km(550.0, turbidity) / aerial.HAZE_DECAY_PER_KM
+        clean = aerial.air_scattering_per_km(550.0) / aerial.AIR_DECAY_PER_KM
+        assert haze / clean == pytest.approx(turbidity - 1.0, rel=0.22)
+        assert clean == pytest.approx(0.098 * (3.0 / 2.78) ** 2, rel=0.06)
+    elevation, _, solid = hemisphere()
+    sine = np.sin(np.radians(elevation))
+    assert solid.sum() == pytest.approx(2 * np.pi)
+    assert solid @ sine == pytest.approx(np.pi)
+    assert solid @ sine**4 == pytest.approx(2 * np.pi / 5)
 
 
 def test_a_uniform_sky_over_level_ground_fills_half_of_what_the_air_takes():
@@ -154,12 +151,3 @@ def test_perspective_of_the_solver():
     assert (glow > 2 * field.inscatter(20.0, 0.0, 120.0, 5.0)[0]).all()
     with pytest.raises(TwilightError, match="distance_km must be finite"):
         field.inscatter(20.0, 0.0, 0.0, -1.0)
-
-
-def test_quadrature_of_the_hemisphere():
-    """Irradiances of skies would be off."""
-    elevation, _, solid = hemisphere()
-    sine = np.sin(np.radians(elevation))
-    assert solid.sum() == pytest.approx(2 * np.pi)
-    assert solid @ sine == pytest.approx(np.pi)
-    assert solid @ sine**4 == pytest.approx(2 * np.pi / 5)

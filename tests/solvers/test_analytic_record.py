@@ -43,10 +43,14 @@ def test_coefficients_of_a_file_are_recorded_by_name_and_content(tmp_path):
 
 
 def test_a_shipped_set_is_recorded_by_its_name():
-    """A shipped set would be recorded as a file."""
+    """A shipped set would be recorded as a file, or the turbidity not at all."""
     config = load("continental-average", SUN | {"solver.coefficients": "continental-average"})
     solver = resolved_configuration(config, SunElevation(elevation_deg=30.0))["solver"]
     assert (solver["coefficients"], solver["coefficients_sha256"]) == ("continental-average", "")
+    asked = run(resolve(load("continental-average", SUN | {"solver.turbidity": 3.0})))
+    assert asked.provenance["model"] == {"turbidity": 3.0}
+    own = run(resolve(load("continental-average", SUN))).provenance["model"]
+    assert 2.0 < own["turbidity"] == own["medium_turbidity"] < 6.0
 
 
 def test_other_coefficients_than_recorded_are_refused(tmp_path):
@@ -70,11 +74,3 @@ def test_a_sweep_sees_that_coefficients_changed(tmp_path):
     before = keys(coefficients(tmp_path))
     assert keys(coefficients(tmp_path)) == before
     assert keys(coefficients(tmp_path, "# changed\n")) != before
-
-
-def test_the_turbidity_in_use_is_in_the_record():
-    """A record would not say with which turbidity the sky was made."""
-    asked = run(resolve(load("continental-average", SUN | {"solver.turbidity": 3.0})))
-    assert asked.provenance["model"] == {"turbidity": 3.0}
-    own = run(resolve(load("continental-average", SUN))).provenance["model"]
-    assert 2.0 < own["turbidity"] == own["medium_turbidity"] < 6.0

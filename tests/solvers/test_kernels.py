@@ -77,16 +77,12 @@ def test_the_kernels_that_are_compiled_ahead_are_there():
 
 
 def test_versions_of_numba_that_were_not_tested_are_refused():
-    """The vectors of `twilight.jit.simd` are made of parts of numba that change between minor versions."""
+    """Vectors are made of parts of numba that change between versions; pip would install a refused one."""
     check_numba(numba.__version__)
     check_numba("{}.{}.7rc1".format(*OLDEST_NUMBA))
     for version in ("{}.{}.0".format(*UNTESTED_NUMBA), f"{OLDEST_NUMBA[0]}.{OLDEST_NUMBA[1] - 1}.9", "1.0"):
         with pytest.raises(TwilightError, match=rf"numba {version} is installed.*pip install \"numba>="):
             check_numba(version)
-
-
-def test_pyproject_allows_the_versions_of_numba_that_are_not_refused():
-    """pip would install a version that is then refused."""
     oldest, untested = (".".join(map(str, one)) for one in (OLDEST_NUMBA, UNTESTED_NUMBA))
     assert f'"numba>={oldest},<{untested}"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 

@@ -92,21 +92,10 @@ def test_the_exact_slab_is_near_the_published_one():
 
 
 @pytest.mark.slow
-def test_haze_slanted_beam():
-    """A slanted beam in haze, closely: fails if azimuths or the peak are wrong."""
-    check([(4, 3)], 2000)
-
-
-@pytest.mark.slow
-def test_thick():
-    """Optical depths 5 and 8: fails if long paths lose light by roulette or splitting."""
-    check([(2, 4), (3, 2)], 4000)
-
-
-@pytest.mark.slow
-def test_very_thick_absorbing():
-    """Optical depth 32, albedo 0.2: fails if a leg ends before its light is used up."""
-    check([(1, 4)], 2000)
+@pytest.mark.parametrize(("problems", "samples"), [([(4, 3)], 2000), ([(2, 4), (3, 2)], 4000), ([(1, 4)], 2000)])
+def test_slanted_and_thick(problems, samples):
+    """Wrong azimuths of a slanted beam in haze; light lost on long paths (depth 5, 8), legs too short (depth 32)."""
+    check(problems, samples)
 
 
 @pytest.mark.parametrize(

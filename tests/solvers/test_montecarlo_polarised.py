@@ -154,24 +154,16 @@ def test_mirror_images(earth):
 
 
 def test_radiance_is_the_first_component(earth):
-    """`radiance` and `stokes` are one computation: fails if they take different samples."""
+    """Radiance would be of other samples, the zenith not turn, or Q = U = 0 be handed out as computed."""
     question = (-5.0, [30.0, 90.0], [20.0, 0.0])
     whole = earth.stokes_with_error(*question)
     np.testing.assert_array_equal(earth.radiance(*question), whole.stokes[..., 0, :])
     np.testing.assert_array_equal(earth.radiance_with_error(*question).standard_error, whole.standard_error[..., 0, :])
     assert whole.stokes.shape == (2, 3, 1)
-
-
-def test_zenith_turns_with_its_azimuth(earth):
-    """The light of the zenith is one and the same: only the plane of Q and U turns with the azimuth."""
     a = earth.stokes_with_error(-3.0, 90.0, 0.0)
     b = earth.stokes_with_error(-3.0, 90.0, 45.0)
     error = np.hypot(a.standard_error, b.standard_error)[1:, 0]
     assert_all_agree([b.stokes[1, 0], b.stokes[2, 0]], error[::-1], [-a.stokes[2, 0], a.stokes[1, 0]])
-
-
-def test_scalar_theory_knows_no_polarisation():
-    """Q = U = 0 must not be handed out where they were not computed."""
     settings = replace(FIXED, polarisation=False, importance_sweeps=0)
     with pytest.raises(TwilightError, match="without polarisation"):
         prepare(hazy_earth(), settings).stokes(10.0, 20.0, 0.0)

@@ -139,8 +139,8 @@ def test_orders_add_up_and_are_cut(field):
 
 def test_threads_and_order_of_work_change_nothing(field):
     """Bit for bit with one thread, two threads, batches backwards, and without neighbours."""
-    question = (np.linspace(-6, 20, 24), 15.0, 40.0)
-    chunked = replace(field, settings=replace(FIXED, chunk_samples=7, samples=300))
+    question = (np.linspace(-6, 20, 8), 15.0, 40.0)
+    chunked = replace(field, settings=replace(FIXED, chunk_samples=7, samples=63))
     threads = numba.get_num_threads()
     try:
         numba.set_num_threads(1)
@@ -200,15 +200,11 @@ def test_checkpoint_of_another_question_is_refused(field, tmp_path):
 
 
 def test_time_limit_ends_a_run_with_what_there_is(field):
-    """A limit of 0 s still gives radiances with errors, and says that they are not complete."""
+    """A limit of 0 s would give nothing, or progress not end at 1 with the standard error."""
     settings = MonteCarloSettings(target_stderr=1e-4, time_limit_s=0.0)
     r = replace(field, settings=settings).radiance_with_error(*VIEW)
     assert not r.complete
     assert np.all(r.radiance > 0) and np.all(r.standard_error > 0)
-
-
-def test_progress_tells_the_present_error(field):
-    """Progress ends at 1 and names the standard error."""
     said = []
     replace(field, progress=lambda doing, fraction: said.append((doing, fraction))).radiance(*VIEW)
     assert said[-1][1] == 1.0 and "standard error" in said[-1][0]
@@ -228,11 +224,12 @@ def test_isotropic_after_first_keeps_single_scattering_and_changes_the_rest():
     assert np.any(np.abs(haber.radiance / exact.radiance - 1) > 5 * haber.standard_error / haber.radiance)
 
 
-def test_isotropic_after_first_is_exact_where_scattering_is_isotropic():
+@pytest.mark.parametrize("target", [0.01, pytest.param(0.005, marks=pytest.mark.slow)])
+def test_isotropic_after_first_is_exact_where_scattering_is_isotropic(target):
     """Null effect: with g = 0 the approximation is none."""
     medium = slab(0.5, 0.9, PhaseFunction.henyey_greenstein([0.0]), ground=0.4)
     view = (30.0, np.array([10.0, 50.0]), 0.0)
-    settings = MonteCarloSettings(target_stderr=0.005)
+    settings = MonteCarloSettings(target_stderr=target)
     exact = prepare(medium, settings).radiance_with_error(*view)
     haber = prepare(medium, replace(settings, seed=2, approximation="isotropic_after_first")).radiance_with_error(*view)
     assert_all_agree(haber.radiance, np.hypot(haber.standard_error, exact.standard_error), exact.radiance)

@@ -37,14 +37,15 @@ FEW_ORDERS = replace(QUICK, max_orders=4, tolerance=0.0)
 """Flicker comes from where nodes, points and directions stand, and every order sees them."""
 
 
-@pytest.fixture(scope="module")
-def field():
-    return prepare(air(wavelength_nm=WAVELENGTH_NM[[0, 2, 5]]), FEW_ORDERS)
+@pytest.fixture(scope="module", params=[FEW_ORDERS, pytest.param(QUICK, marks=pytest.mark.slow)], ids=["few", "all"])
+def field(request):
+    """Of few orders, and of all: light of late orders has directions of its own."""
+    return prepare(air(wavelength_nm=WAVELENGTH_NM[[0, 2, 5]]), request.param)
 
 
 @pytest.mark.parametrize("sun", [-0.7, -1.5, -4.5, -9.0])
 def test_as_the_sun_moves(field, sun):
-    """At -0.56 it sets."""
+    """A film would flicker; at -0.56 the sun sets."""
     assert flicker([field.radiance(sun + 0.01 * k, ELEVATION_DEG, AZIMUTH_DEG) for k in range(24)]) < LEAST
 
 
@@ -79,18 +80,6 @@ def test_as_the_air_changes(what, settings):
         solved = prepare(medium, settings)
         skies.append([solved.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in (30.0, -2.0, -5.0)])
     assert flicker(skies) < LEAST
-
-
-@pytest.fixture(scope="module")
-def whole():
-    return prepare(air(wavelength_nm=WAVELENGTH_NM[[0, 2, 5]]), QUICK)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("sun", [-1.5, -4.5, -9.0])
-def test_as_the_sun_moves_with_all_orders(whole, sun):
-    """Light of late orders, which has directions of its own, would flicker where the first four do not."""
-    assert flicker([whole.radiance(sun + 0.01 * k, ELEVATION_DEG, AZIMUTH_DEG) for k in range(24)]) < LEAST
 
 
 SUNS_DEG = (10.0, 0.0, -4.0, -8.0, -14.0)

@@ -24,11 +24,16 @@ def test_at_most_six_options_stand_first_and_each_stands_once(name):
 
 
 def test_options_for_experts_are_set_under_expert():
-    """They are read from there, and from nowhere else."""
+    """Options of experts would be read from elsewhere, or a file's record be refused."""
     chosen = load("urban", {"solver.expert.tolerance": 0.02, "solver.max_orders": 3}).chosen_solver
     assert (chosen.settings.tolerance, chosen.settings.max_orders) == (0.02, 3)
     document = {"version": 1, "climate": "urban", "solver": {"quality": "draft", "expert": {"tolerance": 0.02}}}
     assert load(document).chosen_solver.settings.tolerance == 0.02
+    config = load("urban", {"solver.expert.tolerance": 0.02, "sun.elevation_deg": 3})
+    record = resolved_configuration(config, config.sun)
+    assert record["solver"]["expert"]["tolerance"] == 0.02 and "tolerance" not in record["solver"]
+    assert load(record).chosen_solver == config.chosen_solver
+    assert complete_solver(record["solver"]) == record["solver"]
 
 
 @pytest.mark.parametrize("name", solvers.SOLVERS.own)
@@ -42,12 +47,3 @@ def test_an_option_beyond_its_limits_is_named(name):
         for value in beyond or [object()]:
             with pytest.raises(TwilightError, match=rf"^{re.escape(option_name(preset, option))} must be .*, got "):
                 replace(preset, **{option: value})
-
-
-def test_the_record_can_be_read_again():
-    """A file's record would be refused as a configuration."""
-    config = load("urban", {"solver.expert.tolerance": 0.02, "sun.elevation_deg": 3})
-    record = resolved_configuration(config, config.sun)
-    assert record["solver"]["expert"]["tolerance"] == 0.02 and "tolerance" not in record["solver"]
-    assert load(record).chosen_solver == config.chosen_solver
-    assert complete_solver(record["solver"]) == record["solver"]

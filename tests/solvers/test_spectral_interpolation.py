@@ -86,16 +86,12 @@ def test_of_grey_air_it_is_exact():
 
 
 def test_weights_are_exact_at_nodes_and_give_planes():
-    """What is linear in the logarithms of the optical properties, as thin air's light is, would be bent."""
+    """What is linear in the logarithms would be bent, or a black term take a node from a bright one."""
     draw = np.random.default_rng(3)
     nodes, at = draw.normal(size=(20, 3)), draw.normal(size=(50, 3))
     plane = np.array([0.3, -2.0, 1.0])
     np.testing.assert_allclose((nodes @ plane + 4.0) @ kriging_weights(nodes, at), at @ plane + 4.0, atol=0.02)
     np.testing.assert_allclose(kriging_weights(nodes, nodes), np.eye(20), atol=1e-6)
-
-
-def test_nodes_are_those_whose_light_counts():
-    """A term that is all but black would take a node from one that is bright."""
     line = np.linspace(0.0, 1.0, 33)[:, None]
     bright = choose_nodes(line, np.where(line[:, 0] < 0.7, 1e-4, 1e6))
     assert bright.size % 8 == 0 and line[bright].max() <= 0.75

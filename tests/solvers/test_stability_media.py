@@ -3,7 +3,6 @@
 import warnings
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 from hazy_zones import QUICK
@@ -308,39 +307,9 @@ def thousand() -> Medium:
 
 
 @pytest.mark.slow
-def test_one_wavelength_and_a_thousand():
-    """What is computed at a wavelength does not depend on its neighbours."""
-    medium = thousand()
-    many = radiances("zones", medium.select(slice(0, 1000, 25)), (20.0,), settings=TINY)
-    assert_sane(many, "40 wavelengths", brightest(0.7))
-    one = radiances("zones", medium.select(slice(500, 501)), (20.0,), settings=TINY)
-    # where a step of a ray is cut for the sunlight follows all wavelengths: 1.25e-4 with steps as coarse as these
-    np.testing.assert_allclose(many[..., 20], one[..., 0], rtol=2e-4)
-    bends = np.diff(np.log(many), n=2, axis=-1)
-    assert np.all(np.abs(bends) < 0.12)  # near the horizon the first steps are 0.36, 0.26, 0.18
-
-
-@pytest.mark.slow
 def test_a_thousand_wavelengths_at_once():
     """Arrays of many wavelengths would be too large, or their indices overflow."""
     assert_sane(radiances("zones", thousand(), (20.0,), settings=TINY), "1000 wavelengths", brightest(0.7))
-
-
-def in_threads(count, work):
-    before = numba.get_num_threads()
-    try:
-        numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))
-        return work()
-    finally:
-        numba.set_num_threads(before)
-
-
-@pytest.mark.slow
-def test_one_thread_and_two_are_bit_identical():
-    """Those of `cells` and `montecarlo` have tests of their own."""
-    medium = medium_of(Air(), Air(aerosol=2.0))
-    one, two = (in_threads(n, lambda: radiances("zones", medium, (5.0, -6.0))) for n in (1, 2))
-    assert np.array_equal(one, two)
 
 
 def test_the_coarsest_nodes_that_are_allowed_still_make_the_sky():

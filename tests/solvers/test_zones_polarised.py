@@ -177,7 +177,7 @@ IPRT_QU = 2.5e-3
 """Error of Q/I and U/I that is allowed."""
 
 
-@pytest.mark.parametrize(("case", "depolarisation"), [("a1", 0.03), ("a1", 0.1), ("a2", 0.03)])
+@pytest.mark.parametrize(("case", "depolarisation"), [("a1", 0.03), ("a2", 0.03)])
 def test_published_stokes_vectors_of_a_layer_of_air(case, depolarisation):
     """A dozen directions of IPRT, from below and above, over a black and over a Lambertian ground."""
     rows = iprt.results(case)
@@ -226,38 +226,34 @@ def test_left_and_right_of_the_sun_are_mirror_images_and_the_zenith_has_one_ligh
 
 
 def test_a_sun_in_the_zenith_polarises_along_circles(small):
-    """Light would vibrate in a plane that the symmetry forbids."""
+    """Light would vibrate in a plane that symmetry forbids, or Q and U exceed I."""
     stokes = small.stokes(90.0, np.full(6, 25.0), np.linspace(0.0, 300.0, 6))
     np.testing.assert_allclose(stokes[:, 0], stokes[:1, 0].repeat(6, axis=0), rtol=1e-4)
     np.testing.assert_allclose(stokes[:, 2], 0.0, atol=1e-4 * stokes[:, 0].max())
     assert np.all(stokes[:, 1] < 0.0)
-
-
-def test_henyey_greenstein_aerosol_without_air_leaves_light_unpolarised(air):
-    """Particles without polarisation would polarise."""
-    bare = replace(air, air_scattering_per_km=np.zeros_like(air.air_scattering_per_km))
-    assert not any(np.any(phase.ratios) for phase in bare.phase_functions)
-    stokes = zones.prepare(bare, SMALL, sun_elevations_deg=[10.0]).stokes(10.0, ELEVATION, AZIMUTH)
-    assert stokes[:, 0].min() > 0.0
-    np.testing.assert_allclose(stokes[:, 1:], 0.0, atol=1e-9 * stokes[:, 0].max())
-
-
-def test_no_light_is_more_polarised_than_fully(small):
-    """Q and U would exceed I."""
     for sun in (60.0, 5.0, -4.0, -9.0):
         stokes = small.stokes(sun, ELEVATION, AZIMUTH)
         assert np.all(np.hypot(stokes[:, 1], stokes[:, 2]) < stokes[:, 0])
 
 
-def test_a_scalar_field_has_no_stokes_parameters(air):
-    """A scalar field would answer with zeros."""
+def test_henyey_greenstein_aerosol_without_air_leaves_light_unpolarised(air):
+    """Haze would polarise, a scalar field answer with zeros, or light towards the sun be NaN."""
+    bare = replace(air, air_scattering_per_km=np.zeros_like(air.air_scattering_per_km))
+    assert not any(np.any(phase.ratios) for phase in bare.phase_functions)
+    stokes = zones.prepare(bare, SMALL, sun_elevations_deg=[10.0]).stokes(10.0, ELEVATION, AZIMUTH)
+    assert stokes[:, 0].min() > 0.0
+    np.testing.assert_allclose(stokes[:, 1:], 0.0, atol=1e-9 * stokes[:, 0].max())
     field = zones.prepare(air, replace(SMALL, polarisation=False, max_orders=1))
     with pytest.raises(TwilightError, match=r"solver\.polarisation is false"):
         field.stokes(10.0, 20.0, 30.0)
     with pytest.raises(TwilightError, match="polarisation_degree"):
         replace(SMALL, polarisation_degree=20)
+    along, cos_two, sin_two = scattering_geometry(np.array([0.5, -0.5]), np.array([1.0, -1.0]), np.zeros(2), np.pi / 3)
+    np.testing.assert_allclose(along, [1.0, -1.0], atol=1e-12)
+    np.testing.assert_array_equal([cos_two, sin_two], np.zeros((2, 2)))
 
 
+@pytest.mark.slow
 def test_standard_is_the_polarised_reference_within_its_noise():
     """I, Q, U of clear refracted air from Monte-Carlo with every leg bent (benchmarks/polarisation.py stored)."""
     table = read_table(Path(__file__).parents[1] / "data" / "stokes_pure_air.csv")
@@ -276,10 +272,3 @@ def test_standard_is_the_polarised_reference_within_its_noise():
             z = (ours[:, k] / ours[:, 0] - some[name] / some["i"]) * some["i"] / some[name + "_error"]
             # 45 values: chi square per value of noise alone is below 1.5 in 98 of 100 tables
             assert np.mean(z**2) < 2.0
-
-
-def test_rotation_where_sun_and_line_of_sight_are_one():
-    """Towards the sun the scattering plane would be NaN."""
-    along, cos_two, sin_two = scattering_geometry(np.array([0.5, -0.5]), np.array([1.0, -1.0]), np.zeros(2), np.pi / 3)
-    np.testing.assert_allclose(along, [1.0, -1.0], atol=1e-12)
-    np.testing.assert_array_equal([cos_two, sin_two], np.zeros((2, 2)))

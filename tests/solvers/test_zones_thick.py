@@ -59,14 +59,10 @@ def test_conservative_air_of_every_depth_is_right_and_solved_in_tens_of_steps(wh
 
 
 def test_air_thicker_than_was_compared_is_said():
-    """Air beyond all comparisons would be solved without a word."""
+    """Air beyond all comparisons would be solved without a word, or few orders not be followed."""
     two = replace(QUICK, max_orders=2, tolerance=0.0)
     with pytest.warns(TwilightWarning, match="scatters with an optical depth of 17[0-9]"):
         zones.prepare(cloud(200.0), two, sun_elevations_deg=[SUN_DEG, 60.0])
-
-
-def test_as_many_orders_are_followed_as_are_wanted():
-    """Few orders, and orders at a tolerance of 0, are followed one by one."""
     few = replace(QUICK, max_orders=8)
     with pytest.warns(UserWarning, match="max_orders 8 was not enough"):
         assert zones.prepare(cloud(50.0, **FOG), few, sun_elevations_deg=[SUN_DEG, 60.0]).convergence.orders == 8

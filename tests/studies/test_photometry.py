@@ -122,12 +122,15 @@ class Even:
 
 
 def test_the_meter_adds_light_and_not_magnitudes():
-    """Five magnitudes are a factor of 100, and a sky as bright as the night is 0.75 mag brighter than it."""
+    """Five magnitudes are a factor of 100; a full moon is 14 fainter than the sun above the air."""
     bright = meters.SkyQualityMeter(Even(1e-10), None).twilight_mag(-9.0)
     assert meters.SkyQualityMeter(Even(1e-12), None).twilight_mag(-9.0) - bright == pytest.approx(5.0, abs=1e-6)
     assert meters.SkyQualityMeter(Even(1e-30), 21.92).twilight_mag(-18.0) == pytest.approx(21.92, abs=1e-3)
     both = meters.SkyQualityMeter(Even(1e-10), bright).twilight_mag(-9.0)
     assert bright - both == pytest.approx(2.5 * np.log10(2.0), abs=1e-6)
+    even = meters.SkyQualityMeter(Even(1e-2), None)
+    fainter = even.moonlit_mag(Moon(40.0, 0.0, 7.0)) - even.twilight_mag(40.0)
+    assert fainter == pytest.approx(14.3, abs=0.3)  # -26.7 and -12.4 at 7 deg from opposition
 
 
 def test_the_meter_sees_a_gaussian_about_the_zenith():
@@ -138,13 +141,6 @@ def test_the_meter_sees_a_gaussian_about_the_zenith():
     assert weight.sum() == pytest.approx(1.0, rel=1e-12)
     assert weight @ r**2 == pytest.approx(2.0 * sigma**2, rel=1e-9)
     assert weight @ (r * np.cos(np.radians(azimuth))) == pytest.approx(0.0, abs=1e-12)
-
-
-def test_moonlight_is_sunlight_dimmed_by_the_moon():
-    """A full moon is 14 magnitudes fainter than the sun above the air."""
-    even = meters.SkyQualityMeter(Even(1e-2), None)
-    fainter = even.moonlit_mag(Moon(40.0, 0.0, 7.0)) - even.twilight_mag(40.0)
-    assert fainter == pytest.approx(14.3, abs=0.3)  # -26.7 and -12.4 at 7 deg from opposition
 
 
 def test_the_measured_curves_are_those_of_their_sources():

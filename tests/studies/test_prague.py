@@ -199,8 +199,8 @@ def test_transmittance_of_a_path_in_the_lowest_air(made):
     assert distance_nodes_m(prague_air.DISTANCES)[-1] < 1_571_525.0
 
 
-def test_the_file_begins_as_the_format_says(made):
-    """Other readers would refuse the file."""
+def test_the_file_begins_as_the_format_says(made, tmp_path):
+    """Other readers would refuse the file, or half a file be read."""
     path, sky, _ = made
     content = path.read_bytes()
     assert struct.unpack_from("<iddidd", content) == (2, 30.0, 80.0, 2, 0.0, 1.0)
@@ -208,10 +208,6 @@ def test_the_file_begins_as_the_format_says(made):
     assert struct.unpack_from("<i4diddi", content, 52) == (4, -12.0, -11.75, 0.0, 20.0, 2, 440.0, 120.0, 6)
     again = path.with_name("again.dat")
     assert write_prague(again, sky.file) == len(content) and again.read_bytes() == content
-
-
-def test_a_file_that_is_not_whole_is_refused(made, tmp_path):
-    """Half a file would be read."""
     content = made[0].read_bytes()
     for name, wrong in (("short", content[:5000]), ("tail", content + b"1"), ("text", b"what is this"), ("empty", b"")):
         (tmp_path / name).write_bytes(wrong)

@@ -22,7 +22,7 @@ from twilight.studies.sweep.work import BENDING, DIRECT, RADIANCE, compute, forg
 
 
 def test_ranges_hold_their_ends_and_even_steps(toy):
-    """An axis would miss its end."""
+    """An axis would miss its end, or a list of scenes become a product."""
     axes = {
         a.name: [p[a.name] for p in a.points]
         for a in load_axes(
@@ -37,10 +37,6 @@ def test_ranges_hold_their_ends_and_even_steps(toy):
     }
     assert axes["sun.elevation_deg"] == list(range(10, -19, -1))
     assert np.allclose(axes["aerosol.optical_depth_550nm"], 10.0 ** np.array([-2, -1.5, -1, -0.5, 0]))
-
-
-def test_a_list_is_rendered_as_it_stands(toy):
-    """A list of scenes would become a product."""
     listed = [{"climate": "urban", "ground.albedo": 0.1}, {"ground.albedo": 0.3, "climate": "desert"}]
     cases = load_series({**BASE, "vary": {"list": listed}})
     assert [(c.config.climate.name, c.config.climate.ground.albedo) for c in cases] == [("urban", 0.1), ("desert", 0.3)]

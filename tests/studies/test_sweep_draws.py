@@ -69,12 +69,14 @@ def test_a_plan_says_how_many_draws_are_held_out(tmp_path):
     assert "18 draws to train with, 2 for validation" in found.stderr
 
 
-def test_xarray_sees_parts_and_turbidity(written):
-    """A column would be missing, or of another air."""
+def test_xarray_sees_parts_and_turbidity(written, client):
+    """A column would be missing, or held-out skies be trained with."""
     with xr.open_zarr(written[0]) as data:
         assert data.split.dims == ("draw",) and int(data.split.sum()) == 2
         assert data.split.attrs["flag_meanings"] == "train validation"
         assert data.turbidity.dims == ("draw",) and bool((data.turbidity == 1.0).all())  # this air has no aerosol
+    with pytest.raises(TwilightError, match=r"holds another sweep \(held_out"):
+        swept(planned(DRAWN | SUNS, draws=6, seed=1, validation=0.5), client, written[0])
 
 
 @pytest.mark.slow
@@ -89,12 +91,6 @@ def test_the_turbidity_is_that_of_the_air(client, tmp_path):
             config = sweep.series.config(sweep.drawn.points[i])
             assert found == pytest.approx(turbidity_of(climate_medium(config.climate, sweep.wavelength_nm)), rel=1e-4)
         assert np.all(np.diff(data.turbidity.values[np.argsort(data.aerosol_optical_depth_550nm.values)]) > 0.0)
-
-
-def test_another_split_is_another_sweep(written, client):
-    """Skies that were held out would be trained with."""
-    with pytest.raises(TwilightError, match=r"holds another sweep \(held_out"):
-        swept(planned(DRAWN | SUNS, draws=6, seed=1, validation=0.5), client, written[0])
 
 
 def test_skies_are_those_of_their_inputs(written):

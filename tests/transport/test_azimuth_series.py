@@ -48,21 +48,13 @@ def test_smooth_light_is_evaluated_in_few_azimuths_and_a_shadow_in_all():
 
 
 def test_rays_of_which_none_is_smooth_are_evaluated_in_all_azimuths():
-    """Rays that are not smooth would be interpolated."""
+    """Rays that are not smooth would be interpolated, darkness become light, or both sides be computed."""
     a = np.radians(np.linspace(0.0, 180.0, 40))
     directions = RayDirections(np.array([0, 0, 40]), np.cos(a), 1.0)
     found = interpolate_azimuth(lambda where: sky(where, []), directions)
     np.testing.assert_array_equal(found, sky(directions, []))
-
-
-def test_darkness_stays_dark():
-    """Darkness would become light through its logarithm."""
     directions = RayDirections(np.array([0, 40]), np.cos(np.linspace(0.0, np.pi, 40)), 1.0)
     assert (interpolate_azimuth(lambda where: np.zeros((where.cos_azimuth.size, 1, 8)), directions) == 0.0).all()
-
-
-def test_a_direction_and_its_mirror_image_are_one():
-    """Both sides of the sun would be computed."""
     row, azimuth = np.array([2, 0, 0, 1, 0, 2]), np.array([-10.0, 350.0, 10.0, 5.0, 370.0, 190.0])
     rows, around, which = unique_directions(row, azimuth)
     assert rows.tolist() == [0, 1, 2, 2] and around.tolist() == [10.0, 5.0, 10.0, 170.0]

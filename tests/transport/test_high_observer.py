@@ -12,8 +12,6 @@ from twilight.scene.medium import climate_medium
 from twilight.sky import colour
 from twilight.transport.rays import ApparentRays, horizon_dip_deg
 
-pytestmark = pytest.mark.usefixtures("coarse_draft")
-
 SCENE = {
     "solver.quality": "draft", "solver.polarisation": False, "texture.resolution_deg": 10,
     "wavelengths": {"list_nm": [450.0, 550.0, 650.0]}, "sun": {"elevation_deg": -4.0},

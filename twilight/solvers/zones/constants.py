@@ -188,7 +188,7 @@ BRIGHT_ZENITH_DEG: Tuned[float, "deg", ANY, "test_only_the_zenith_range_that_the
 # What wavelengths share, and the tables of the sunbeam.
 MAX_EXTINCTION_RATIO: Tuned[float, "1", ANY, "test_changed_air_has_grids_of_its_own",
     "extinction over the largest of a range's fixed wavelengths up to which a grid made for those serves"] = 1.5
-TERM_FACTORS: Tuned[tuple[float, float], "1", BANDS, "test_neighbours_in_a_band_do_not_move_a_wavelength",
+TERM_FACTORS: Tuned[tuple[float, float], "1", BANDS, "test_neighbours_do_not_move_a_wavelength",
     "multiples of the expected extinction that steps along rays follow for terms of a gas's exponential sum, however "
     "strongly the darkest term absorbs"] = (1.0, 2.0)
 ALTITUDE_NODES_PER_SCALE: Tuned[float, "1", ANY, "test_sunlight_between_the_altitudes_of_its_table",
@@ -233,11 +233,11 @@ FAINT: Tuned[float, "1/sr", ANY, "test_deep_night_is_finite_and_darker_and_darke
     "radiance over F0 below which convergence does not matter: a thousandth of a moonless night's own light"] = 1e-12
 STIFF_DECAY: Tuned[float, "1", CLOUD, "test_conservative_air_of_every_depth_is_right_and_solved_in_tens_of_steps",
     "fraction of an order's light left in the next beyond which light is solved for all orders at once"] = 0.72
-FEW_ORDERS: Tuned[int, "orders", CLOUD, "test_as_many_orders_are_followed_as_are_wanted",
+FEW_ORDERS: Tuned[int, "orders", CLOUD, "test_air_thicker_than_was_compared_is_said",
     "largest max_orders that is taken literally: so few are followed one by one, however thick the air"] = 30
 SETTLED_ORDER: Tuned[int, "order", CLOUD, "test_conservative_air_of_every_depth_is_right_and_solved_in_tens_of_steps",
     "after which the decay from order to order tells how many will be needed"] = 5
-MAX_EARLY_ORDERS: Tuned[int, "orders", CLOUD, "test_as_many_orders_are_followed_as_are_wanted",
+MAX_EARLY_ORDERS: Tuned[int, "orders", CLOUD, "test_air_thicker_than_was_compared_is_said",
     "most that are followed with the directions of the early orders before all others are solved at once"] = 20
 STIFF_TOLERANCE: Tuned[float, "1", CLOUD, "test_thick_conservative_air_is_right_and_solved_in_tens_of_steps",
     "largest tolerance of the solution for all orders at once: each of its steps gains a digit"] = 1e-3
