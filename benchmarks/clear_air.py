@@ -37,16 +37,9 @@ from twilight.scene.medium import climate_medium
 from twilight.sky import colour
 from twilight.solvers.compact.air import air_of, limited
 from twilight.solvers.compact.field import SHIPPED, ClearAirField, load_model
-from twilight.transport.clear_air import (
-    BOUNDARY_KM,
-    EARTH_RADIUS_KM,
-    FORMAT,
-    NODES,
-    SUBLAYERS,
-    SUN_DEG,
-    Model,
-    sublayers,
-)
+from twilight.transport.clear_air import FORMAT, NODES, SUN_DEG, Model
+from twilight.transport.diffuse import BOUNDARY_KM
+from twilight.transport.shells import EARTH_RADIUS_KM, SUBLAYERS, sublayers
 
 HELD_OUT = 10
 """One air in so many judges the fit."""

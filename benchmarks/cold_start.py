@@ -7,6 +7,7 @@ code, then with the field too, and the same sky by `--solver compact` with empty
 night at the default solver, by then compiled: the climate's skies are computed first and then read.  FOLDER is another
 checkout of the program, whose figures are measured in turn with these and written beside them.  Writes
 results/cold_start.csv.
+A loop in plain Python says, in a note, how fast the machine was.
 "preview" is the time until the preview of the first case is on disk: the picture that a user sees meanwhile.
 Processor seconds are of all processes of a command, wall seconds those of this machine as it was.
 """
@@ -92,6 +93,14 @@ def measure(root: Path) -> dict[str, tuple[float, float] | None]:
         }
 
 
+def loop_s() -> float:
+    """Processor seconds of ten million turns of a loop, by which machines and hours are compared."""
+    begin = time.process_time()
+    for _ in range(10_000_000):
+        pass
+    return time.process_time() - begin
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--beside", type=Path)
@@ -103,7 +112,7 @@ def main() -> None:
         for case in found["this program"]
         for name, pair in ((name, found[name][case]) for name in roots)
     ]
-    notes = [f"{len(os.sched_getaffinity(0))} cores, load average {os.getloadavg()[0]:.1f} at the end"]
+    notes = [f"{len(os.sched_getaffinity(0))} cores; ten million turns of a loop in Python took {loop_s():.2f} s"]
     if options.beside is not None:
         git = subprocess.run(["git", "log", "-1", "--format=%h"], cwd=options.beside, capture_output=True, text=True)
         notes.append(f"beside: commit {git.stdout.strip() or 'unknown'}")

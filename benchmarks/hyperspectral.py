@@ -2,6 +2,7 @@
 
     python benchmarks/hyperspectral.py                    all of CASES in continental air, two in others
     python benchmarks/hyperspectral.py desert 81          one climate's rows anew, of one case
+    python benchmarks/hyperspectral.py times 81           seconds anew, in continental air; errors stay
     python benchmarks/hyperspectral.py --quality standard ...   at another quality, into hyperspectral_standard.csv
 
 Seconds are those of optics and fields, every sun, one thread, kernels compiled before; the eight default wavelengths
@@ -59,8 +60,8 @@ def light(scene: Scene) -> tuple[np.ndarray, float, int]:
     return stokes, seconds, sum(nodes.values())
 
 
-def compare(climate: str, case: str, quality: str) -> list[list[object]]:
-    """Rows of a climate and case: in bands and between."""
+def compare(climate: str, case: str, quality: str, stored: list[list[object]] | None = None) -> list[list[object]]:
+    """Rows of a climate and case: in bands and between; with the errors of stored ones, where these are given."""
     begin = time.process_time()
     scene = scene_of(climate, CASES[case], quality)
     optics = time.process_time() - begin
@@ -68,9 +69,9 @@ def compare(climate: str, case: str, quality: str) -> list[list[object]]:
     count = scene.medium.n_wavelengths
     terms = np.ones(count, int) if scene.bands is None else scene.bands.term_counts
     about = [climate, case, quality, count, int(terms.sum()), nodes, f"{optics + seconds:.1f}"]
-    if nodes == 0:
+    if nodes == 0 or stored is not None:
         print(*about, sep="\t", flush=True)
-        return [[*about, *[""] * 6]]
+        return [[*about, *row[len(about) :]] for row in stored or [[""] * len(COLUMNS)]]
     draw, rows = np.random.default_rng(29), []
     for where, members in (("between", np.flatnonzero(terms == 1)), ("in bands", np.flatnonzero(terms > 1))):
         if members.size == 0:
@@ -97,15 +98,18 @@ def main(arguments: list[str]) -> None:
     if arguments[:1] == ["--quality"]:
         quality, arguments = arguments[1], arguments[2:]
     name = "hyperspectral.csv" if quality == "draft" else f"hyperspectral_{quality}.csv"
-    wanted = [a for a in arguments if a in CLIMATES] or list(CLIMATES)
+    times = "times" in arguments
+    wanted = [a for a in arguments if a in CLIMATES] or list(CLIMATES[:1] if times else CLIMATES)
     cases = [a for a in arguments if a in CASES] or list(CASES)
     path = results.FOLDER / name
     stored = results.read_rows(path) if path.exists() and arguments else []
-    rows = [list(row.values()) for row in stored if row["climate"] not in wanted or row["case"] not in cases]
+    rows = [list(row.values()) for row in stored]
     light(scene_of(wanted[0], CASES["8, the default"], quality))  # compiles, or reads what was compiled
     for climate in wanted:
         for case in cases if climate == CLIMATES[0] or len(cases) < len(CASES) else IN_OTHER_AIR:
-            rows += compare(climate, case, quality)
+            of_case = [row for row in rows if row[:2] == [climate, case]]
+            rows = [row for row in rows if row not in of_case]
+            rows += compare(climate, case, quality, of_case if times else None)
             rows.sort(key=lambda row: (CLIMATES.index(str(row[0])), list(CASES).index(str(row[1]))))
             results.write(path, COLUMNS, rows)
 

@@ -101,7 +101,7 @@ def gallery(names: Sequence[str]) -> None:
     for name in names or commands:
         words = shlex.split(commands[name])
         only = [] if "--only" in words else ["--only", "png"]
-        [image] = run([*words, *only], "s*.png")
+        [image] = run([*words, *only, "--quality", "draft"], "s*.png")
         if image.width > GALLERY_WIDTH:
             image = image.resize((GALLERY_WIDTH, round(image.height * GALLERY_WIDTH / image.width)), 1)
         image.save(DOCS / "gallery" / f"{name}.jpg", quality=88)

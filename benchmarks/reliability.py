@@ -1,12 +1,10 @@
-"""The tables of docs/reliability.md: long tests with their times, and odd airs that were tried.
+"""The long tests, their results and times.
 
     python benchmarks/reliability.py [FILE ...]    run the long tests of these files, or of all, in turn
 
 Each file's long tests run as `pytest -m slow tests/FILE` in one process, which names the eight dearest; the processor
 time is that of the command with all that it started and compiled.  Writes results/slow_tests.csv, in which the files
-that were not run now stay as they are; `pages.py` puts it on the page, and how many odd airs (odd_air.csv,
-sharp_layers.csv) there were and how many went wrong.  A radiance of `standard` is wrong that is more than 1 % (sharp
-layers 3 %) and three of the reference solution's standard errors off.
+that were not run now stay as they are.
 """
 
 from __future__ import annotations
@@ -16,14 +14,12 @@ import platform
 import re
 import subprocess
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 
 import results
 
 TESTS = results.FOLDER / "slow_tests.csv"
 COLUMNS = ("file", "long_tests", "passed", "failed", "processor_s", "processor", "commit")
-ALLOWED_PERCENT = {"odd_air.csv": 1.0, "sharp_layers.csv": 3.0}
 
 
 def slow_files() -> list[str]:
@@ -65,37 +61,6 @@ def tests(files: list[str]) -> None:
         rows = {r["file"]: tuple(r.values()) for r in results.read_rows(TESTS)} if TESTS.exists() else {}
         rows[file] = (file, *map(str, row[:3]), f"{row[3]:.0f}", processor(), commit)
         results.write(TESTS, COLUMNS, sorted(rows.values()), command="python benchmarks/reliability.py")
-
-
-def _table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    head = list(header)
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
-
-
-def long_tests() -> str:
-    """How many long tests there are, what became of them, and what they take."""
-    rows = results.read_rows(TESTS)
-    count = {key: sum(int(row[key]) for row in rows) for key in ("long_tests", "passed", "failed")}
-    other = count["long_tests"] - count["passed"] - count["failed"]
-    minutes = sum(float(row["processor_s"]) for row in rows) / 60.0
-    head = ("files", "long tests", "passed", "failed", "skipped or not ended", "processor time [min]")
-    return _table(head, [[str(len(rows)), *map(str, count.values()), str(other), f"{minutes:.0f}"]])
-
-
-def tried() -> str:
-    """Odd airs: how many, and how many wrong."""
-    rows: list[list[str]] = []
-    for name, allowed in ALLOWED_PERCENT.items():
-        if not (results.FOLDER / name).exists():
-            continue
-        found: dict[str, list[bool]] = {}
-        for row in results.read_rows(results.FOLDER / name):
-            off = abs(float(row["standard_percent"]))
-            found.setdefault(row["case"], []).append(off > allowed and off > 3.0 * float(row["reference_percent"]))
-        for case, wrong in found.items():
-            rows.append([case, str(len(wrong)), str(sum(wrong))])
-    return _table(("air", "radiances", "wrong"), rows)
 
 
 if __name__ == "__main__":

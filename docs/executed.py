@@ -23,7 +23,7 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-PAGES = ("first-sky", "jobs/data-set", "jobs/two-codes")
+PAGES = ("first-sky", "sweeps", "two-codes")
 """Pages whose blocks are run when the site is built, and shown with what they print."""
 FENCE = re.compile(r"^```(sh|yaml|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NOT_RUN = re.compile(r"^```sh no-run\n(.*?)^```$", re.MULTILINE | re.DOTALL)

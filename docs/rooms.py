@@ -95,7 +95,7 @@ def takes() -> set[tuple[str, str]]:
 
 
 def drawing() -> str:
-    """A row for each room.  Below its name a line goes down: every dot on it is a room from which it takes."""
+    """A row for each room.  Its line goes left to dots on the lines that go down from the rooms that import it."""
     order, pairs, names = layers(), takes(), modules()
     storeys = {room: n for n, rooms in enumerate(STOREYS, 1) for room in rooms}
     lowest = {room: max([i for i, below in enumerate(order) if (room, below) in pairs], default=-1) for room in order}
@@ -103,12 +103,18 @@ def drawing() -> str:
     for i, room in enumerate(order):
         files = [path for name, path in names.items() if name.split(".")[1:2] == [room]]
         lines = round(sum(len(path.read_text("utf-8").splitlines()) for path in files), -2)
-        marks = ["●" if (above, room) in pairs else "│" if i < lowest[above] else " " for above in order[:i]]
-        head = "┐" if lowest[room] > i else " "
+        importers = [above for above in order[:i] if (above, room) in pairs]
+        line, joined = "", False
+        for above in order[:i]:
+            joined |= above in importers
+            below = i < lowest[above]
+            mark = "●" if above in importers else "│┼"[joined] if below else " ─"[joined]
+            line += mark + " ─"[joined] * 2
+        line += "┐" if lowest[room] > i else "╴"
         up = ", ".join(HANDS_UP.get(room, ()))
         name = f"{storeys[room]} {room:<11}{len(files):4}{lines:8,}"
-        rows.append(f"{name}   {'  '.join([*marks, head]):<{3 * len(order)}}{up}".rstrip())
-    return "\n".join([f"  {'room':<11}files  lines   {'takes from':<{3 * len(order)}}hands up", *rows])
+        rows.append(f"{name}   {line:<{3 * len(order)}}{up}".rstrip())
+    return "\n".join([f"  {'room':<11}files  lines   {'imported by':<{3 * len(order)}}hands up", *rows])
 
 
 def drawn(text: str) -> str:

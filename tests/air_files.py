@@ -1,7 +1,5 @@
 """Files of measurements as their makers write them, with an atmosphere of the tests' choice inside."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from twilight.atmosphere import measured

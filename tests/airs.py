@@ -1,7 +1,5 @@
 """Airs in closed form that tests of several parts share, scenes of fields in closed form, and fields as skies."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -29,20 +27,12 @@ def turbid(turbidity=3.0, wavelength_nm=WAVELENGTH_NM, albedo=0.2) -> Medium:
     one = np.ones_like(scattering)
     n = relative.size
     return Medium(
-        wavelength_nm=np.asarray(wavelength_nm, float),
-        altitude_km=z,
-        air_scattering_per_km=scattering,
-        absorption_per_km=0.0 * one,
-        aerosol_extinction_per_km=aerosol,
-        aerosol_single_scattering_albedo=one,
-        aerosol_phase_fraction=one[None],
-        phase_functions=(PhaseFunction.henyey_greenstein(np.full(n, 0.7)),),
-        refractivity=0.0 * one,
-        depolarisation=np.zeros(n),
-        ground_albedo=np.full(n, albedo),
-        overhead_absorption_optical_depth=np.zeros(n),
-        name="test-air",
-    )
+        wavelength_nm=np.asarray(wavelength_nm, float), altitude_km=z, air_scattering_per_km=scattering,
+        absorption_per_km=0.0 * one, aerosol_extinction_per_km=aerosol, aerosol_single_scattering_albedo=one,
+        aerosol_phase_fraction=one[None], phase_functions=(PhaseFunction.henyey_greenstein(np.full(n, 0.7)),),
+        refractivity=0.0 * one, depolarisation=np.zeros(n), ground_albedo=np.full(n, albedo),
+        overhead_absorption_optical_depth=np.zeros(n), name="test-air",
+    )  # fmt: skip
 
 
 def as_sky(field, sun: float, step_deg: float = 10.0) -> Sky:
@@ -60,19 +50,9 @@ def pure_air(levels, refractivity=2.8e-4, scale_km=8.0, scattering=0.0115, wavel
     n = refractivity(levels)[:, None] * np.ones(wl.size) if callable(refractivity) else refractivity * fall
     zero = np.zeros(shape)
     return Medium(
-        wl,
-        levels,
-        scattering * fall * (550.0 / wl) ** 4,
-        zero,
-        zero,
-        zero,
-        np.zeros((0, *shape)),
-        (),
-        n * (1.0 + 0.0075 * ((550.0 / wl) ** 2 - 1.0)),
-        np.zeros(wl.size),
-        np.zeros(wl.size),
-        np.zeros(wl.size),
-    )
+        wl, levels, scattering * fall * (550.0 / wl) ** 4, zero, zero, zero, np.zeros((0, *shape)), (),
+        n * (1.0 + 0.0075 * ((550.0 / wl) ** 2 - 1.0)), np.zeros(wl.size), np.zeros(wl.size), np.zeros(wl.size),
+    )  # fmt: skip
 
 
 def on_levels(medium: Medium, altitude_km, values_at_km=None, **changes) -> Medium:

@@ -1,7 +1,5 @@
 """Bent lines of sight one by one, from `twilight.transport.rays`, with which tests compare those of solvers."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -39,12 +37,7 @@ def _leg(profile, w, low, u_low, stops, out):
 
 
 def trace_ray(
-    medium: Medium,
-    altitude_km: float,
-    zenith_deg: float,
-    *,
-    wavelength: int = 0,
-    n_points: int = 101,
+    medium: Medium, altitude_km: float, zenith_deg: float, *, wavelength: int = 0, n_points: int = 101
 ) -> RayPath:
     """Follow a line of sight from a point of the air to the top or to the ground.
 

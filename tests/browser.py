@@ -1,7 +1,5 @@
 """A headless browser with software WebGL 2 for tests of pages, served from loopback."""
 
-from __future__ import annotations
-
 import functools
 import http.server
 import shutil
@@ -17,15 +15,9 @@ import pytest
 
 NAMES = ("chromium-headless-shell", "chromium", "google-chrome")
 OPTIONS = (
-    "--no-sandbox",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-)
+    "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+)  # fmt: skip
 
 
 class _Silent(http.server.SimpleHTTPRequestHandler):

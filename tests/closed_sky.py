@@ -1,7 +1,5 @@
 """A sky in closed form, brighter towards the sun, for tests of pages, films and shaders: its solver takes no time."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -26,29 +26,12 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 __all__ = ["client", "log", "plain", "table", "toy"]
 
 LONG = (
-    "test_montecarlo_walk",
-    "test_cells",
-    "test_all_suns",
-    "test_stability_media",
-    "test_neighbours",
-    "test_montecarlo_plane",
-    "test_montecarlo_polarised",
-    "test_smoothness",
-    "test_terrain",
-    "test_tables",
-    "test_zones_thick",
-    "test_zones",
-    "test_zones_layers",
-    "test_window_access",
-    "test_animate",
-    "test_photo_estimate",
-    "test_docs",
-    "test_bands",
-    "test_window",
-    "test_zones_peaks",
-    "test_cost",
+    "test_montecarlo_walk", "test_cells", "test_all_suns", "test_stability_media", "test_neighbours",
+    "test_montecarlo_plane", "test_montecarlo_polarised", "test_smoothness", "test_terrain", "test_tables",
+    "test_zones_thick", "test_zones", "test_zones_layers", "test_window_access", "test_animate",
+    "test_photo_estimate", "test_docs", "test_bands", "test_window", "test_zones_peaks", "test_cost",
     "test_montecarlo_single",
-)
+)  # fmt: skip
 """Files that take longest, of short tests or of long ones.  They go first, so that no process has one left when the
 others are done; the first two compile different solvers, so that two processes do not compile the same one at once."""
 

@@ -1,7 +1,5 @@
 """Odd air for the tests of energy: each case is a wavelength of its own, so that one solve serves all."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,8 +46,5 @@ def odd_medium(*cases: Odd, refractivity: float = 2.8e-4) -> Medium:
             albedo[LAYER, w] = case.layer_albedo
     phase = PhaseFunction.henyey_greenstein([c.air.asymmetry for c in cases])
     return replace(
-        medium,
-        aerosol_extinction_per_km=extinction,
-        aerosol_single_scattering_albedo=albedo,
-        phase_functions=(phase,),
+        medium, aerosol_extinction_per_km=extinction, aerosol_single_scattering_albedo=albedo, phase_functions=(phase,)
     )

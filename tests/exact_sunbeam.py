@@ -7,8 +7,6 @@ A ray keeps p = n r sin(i).  With v^2 = r - r_lowest the integrands of
 are smooth in every layer of the medium, where a few dozen Gauss points are exact to rounding.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

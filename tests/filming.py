@@ -1,7 +1,5 @@
 """Films of a sky in closed form, for tests."""
 
-from __future__ import annotations
-
 import numpy as np
 from airs import scene_of_field, turbid
 from closed_sky import FIVE_NM, ClosedSky

@@ -4,8 +4,6 @@ An input is accepted, or refused by a TwilightError of one line.  Anything else 
 of several lines, more than `CPU_SECONDS` of processor time, more than `MEMORY_BYTES` of memory on top.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import signal
@@ -139,9 +137,6 @@ def _sections(annotation: Any) -> Iterator[type[BaseModel]]:
     elif get_origin(annotation) is not tuple:
         for part in get_args(annotation):
             yield from _sections(part)
-
-
-# --- files ---
 
 
 def damaged_bytes(rng: random.Random, whole: bytes) -> bytes:

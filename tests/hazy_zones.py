@@ -1,7 +1,5 @@
 """The tabulated airs of the stored references, and settings of `zones` with which a field is solved in a second."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

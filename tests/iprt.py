@@ -26,20 +26,12 @@ def layered(z_km, air_per_km, absorption_per_km, depolarisation: float, ground: 
     air, absorption = (np.repeat(np.asarray(a, dtype=float), 2)[:, None] for a in (air_per_km, absorption_per_km))
     zero = np.zeros_like(air)
     return Medium(
-        wavelength_nm=np.array([500.0]),
-        altitude_km=levels,
-        air_scattering_per_km=air,
-        absorption_per_km=absorption,
-        aerosol_extinction_per_km=zero,
-        aerosol_single_scattering_albedo=zero,
-        aerosol_phase_fraction=np.zeros((0, levels.size, 1)),
-        phase_functions=(),
-        refractivity=zero,
-        depolarisation=np.array([depolarisation]),
-        ground_albedo=np.array([ground]),
-        overhead_absorption_optical_depth=np.zeros(1),
-        earth_radius_km=RADIUS_KM,
-    )
+        wavelength_nm=np.array([500.0]), altitude_km=levels, air_scattering_per_km=air, absorption_per_km=absorption,
+        aerosol_extinction_per_km=zero, aerosol_single_scattering_albedo=zero,
+        aerosol_phase_fraction=np.zeros((0, levels.size, 1)), phase_functions=(), refractivity=zero,
+        depolarisation=np.array([depolarisation]), ground_albedo=np.array([ground]),
+        overhead_absorption_optical_depth=np.zeros(1), earth_radius_km=RADIUS_KM,
+    )  # fmt: skip
 
 
 def medium(case: str, depolarisation: float = 0.03) -> Medium:

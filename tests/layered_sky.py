@@ -27,16 +27,9 @@ def layered(base: float, thickness: float, depth: float, ramp_km: float = 0.0, g
         k = depth / thickness
     one = np.ones((z.size, 1))
     return Medium(
-        wavelength_nm=np.array([550.0]),
-        altitude_km=z,
-        air_scattering_per_km=(0.1 / 8.0 * np.exp(-z / 8.0))[:, None],
-        absorption_per_km=0 * one,
-        aerosol_extinction_per_km=(k * inside)[:, None],
-        aerosol_single_scattering_albedo=one,
-        aerosol_phase_fraction=one[None],
-        phase_functions=(PhaseFunction.henyey_greenstein(np.full(1, g)),),
-        refractivity=0 * one,
-        depolarisation=np.zeros(1),
-        ground_albedo=np.zeros(1),
-        overhead_absorption_optical_depth=np.zeros(1),
-    )
+        wavelength_nm=np.array([550.0]), altitude_km=z, air_scattering_per_km=(0.1 / 8.0 * np.exp(-z / 8.0))[:, None],
+        absorption_per_km=0 * one, aerosol_extinction_per_km=(k * inside)[:, None],
+        aerosol_single_scattering_albedo=one, aerosol_phase_fraction=one[None],
+        phase_functions=(PhaseFunction.henyey_greenstein(np.full(1, g)),), refractivity=0 * one,
+        depolarisation=np.zeros(1), ground_albedo=np.zeros(1), overhead_absorption_optical_depth=np.zeros(1),
+    )  # fmt: skip

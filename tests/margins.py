@@ -6,8 +6,6 @@ ends with a line for every comparison of two numbers, `pytest.approx` and `asser
 than 1/1.5 of what it allows: the fraction, the test and the bound.  Bounds on counts and on equality have none.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

@@ -59,19 +59,12 @@ def hazy_earth(ground=0.3, wavelength_nm=(550.0,), refractivity=2.7e-4, table_ph
         angle = np.pi * np.linspace(0.0, 1.0, 513) ** 2
         phase = PhaseFunction.from_samples(angle, phase(np.cos(angle)))
     return Medium(
-        wavelength_nm=w,
-        altitude_km=z,
-        air_scattering_per_km=air,
-        absorption_per_km=ozone,
-        aerosol_extinction_per_km=haze,
-        aerosol_single_scattering_albedo=0.92 * one,
-        aerosol_phase_fraction=one[None],
-        phase_functions=(phase,),
-        refractivity=refractivity * np.exp(-z / 8.0)[:, None] * one,
-        depolarisation=np.full(w.size, 0.03),
-        ground_albedo=np.full(w.size, ground),
+        wavelength_nm=w, altitude_km=z, air_scattering_per_km=air, absorption_per_km=ozone,
+        aerosol_extinction_per_km=haze, aerosol_single_scattering_albedo=0.92 * one, aerosol_phase_fraction=one[None],
+        phase_functions=(phase,), refractivity=refractivity * np.exp(-z / 8.0)[:, None] * one,
+        depolarisation=np.full(w.size, 0.03), ground_albedo=np.full(w.size, ground),
         overhead_absorption_optical_depth=np.zeros(w.size),
-    )
+    )  # fmt: skip
 
 
 def assert_all_agree(value, error, truth, significance=0.01):

@@ -6,8 +6,6 @@ transmission T, which are doubled up to the layer (de Haan, Bosma & Hovenier 198
 The sun is a direction of weight 1e-12, so that its beam is a radiance like any other.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import expm
 

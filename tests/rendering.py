@@ -1,7 +1,5 @@
 """What the tests of the command line share: a solver cheap enough to run often, its climate, and a call."""
 
-from __future__ import annotations
-
 import sys
 import types
 

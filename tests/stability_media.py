@@ -1,7 +1,5 @@
 """Extreme air for the stability tests: many extremes at once, one for each wavelength, and odd levels."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

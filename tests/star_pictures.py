@@ -1,7 +1,5 @@
 """Pictures of stars whose truth is known: to test a calibration, and to see what a camera could reach."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import ndtr
 

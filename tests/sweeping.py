@@ -1,7 +1,5 @@
 """What the tests of sweeps share: the toy solver of `toy_solver`, its scene, and what it must give."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
@@ -14,13 +12,10 @@ from twilight.studies.sweep.store import open_store
 from twilight.studies.sweep.sweep import Sweep
 
 BASE = {
-    "version": 1,
-    "climate": {"version": 1, "name": "air"},
-    "solver": {"name": "toy"},
-    "wavelengths": {"list_nm": [450.0, 600.0]},
-    "texture": {"azimuth_count": 8, "elevation_count": 3},
+    "version": 1, "climate": {"version": 1, "name": "air"}, "solver": {"name": "toy"},
+    "wavelengths": {"list_nm": [450.0, 600.0]}, "texture": {"azimuth_count": 8, "elevation_count": 3},
     "sun": {"elevation_deg": -5},
-}
+}  # fmt: skip
 SUNS = [-4.0, -5.0, -6.0]
 
 

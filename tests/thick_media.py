@@ -1,7 +1,5 @@
 """Thick clouds for the tests of stiff media, with what plane-parallel theory says of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,7 +3,6 @@
 import datetime as dt
 import warnings
 import zipfile
-from pathlib import Path
 
 import air_files
 import numpy as np
@@ -16,7 +15,6 @@ from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import load
 from twilight.io.air import PlaceAndTime, read_air_file
 
-AS_MET = Path("../shared/data/files_as_met")
 TIME = dt.datetime(2026, 6, 21, 18, 30, tzinfo=dt.UTC)
 WANTED = PlaceAndTime(TIME, air_files.LATITUDE, air_files.LONGITUDE)
 
@@ -74,6 +72,7 @@ def test_runs_of_a_forecast(tmp_path, era5):
 
 
 def test_the_time_of_a_single_step_is_said_and_checked(tmp_path, era5):
+    """Air of another day would be taken without a word."""
     data, _ = era5
     path = save(data.isel(valid_time=[0]), tmp_path / "a.nc")
     assert "2026-06-21 18:00 UTC, 0.5 h away" in part_of(path, AirColumn).source
@@ -83,6 +82,7 @@ def test_the_time_of_a_single_step_is_said_and_checked(tmp_path, era5):
 
 
 def test_an_axis_too_many_is_named(tmp_path, era5):
+    """Members of an ensemble would be mixed."""
     data, _ = era5
     members = data.drop_vars("number").expand_dims(number=3)
     with pytest.raises(TwilightError, match=r"(t|z|q|o3) still has the dimension number \(3 of them\).*choose one"):
@@ -108,6 +108,7 @@ def test_a_geopotential_of_the_ground_alone(tmp_path, era5):
 
 
 def test_a_zip_with_one_netcdf(tmp_path, era5):
+    """A download as it comes would be refused."""
     data, expected = era5
     save(data, tmp_path / "a.nc")
     with zipfile.ZipFile(tmp_path / "b.nc", "w") as archive:
@@ -151,6 +152,7 @@ def wyoming_csv(path, levels=LEVELS):
 
 @pytest.mark.parametrize("make", [wyoming_html, wyoming_csv])
 def test_soundings_as_wyoming_hands_them_out(tmp_path, make):
+    """A sounding of today's page would be misread."""
     column = part_of(make(tmp_path / "a"), AirColumn)
     assert "2026-06-21 12:00 UTC, 0 km and 6.5 h away" in column.source
     np.testing.assert_allclose(column.pressure_hpa, [1000.0, 850.0, 500.0])
@@ -160,6 +162,7 @@ def test_soundings_as_wyoming_hands_them_out(tmp_path, make):
 
 
 def test_a_csv_of_seconds_is_thinned(tmp_path):
+    """Five thousand levels would make every step slow."""
     p = np.geomspace(1000.0, 10.0, 5000)
     levels = [(f"{x:.3f}", round(-7000 * np.log(x / 1000)), 0.0, -5.0, 60) for x in p]
     column = part_of(wyoming_csv(tmp_path / "a", levels), AirColumn)
@@ -179,6 +182,7 @@ NEAR, FAR = ("Near", "17:31", 0.1, 48.2, 11.5), ("Far", "18:30", 1.9, 23.0, 5.5)
 
 
 def test_nearest_is_first_in_place_then_in_time(tmp_path):
+    """Haze of another place would be taken."""
     path = aeronet(tmp_path / "a.lev15", FAR, NEAR, ("Near", "10:00", 0.3, 48.2, 11.5))
     depth = part_of(path, AerosolDepth)
     assert depth.optical_depth[0] == 0.1 and "Near, 2026-06-21 17:31 UTC" in depth.source
@@ -210,21 +214,6 @@ def test_every_way_in_warns_of_what_is_far(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error", TwilightWarning)
         load(scene)
-
-
-def test_files_as_met():
-    if not AS_MET.is_dir():
-        pytest.skip(f"{AS_MET} is not here")
-    wanted = PlaceAndTime(TIME, 48.1, 11.5)
-    with pytest.raises(TwilightError, match="ground alone"):
-        read_air_file(AS_MET / "era5-orography.nc", wanted)
-    for name in ("era5-expver.nc", "era5-zip1.nc", "new-csv.csv", "new-list.html", "old-no-name.txt"):
-        assert part_of(AS_MET / name, AirColumn, wanted).temperature_k[0] == pytest.approx(289.0, abs=2.0)
-    for name in ("web-service.txt", "all-sites.lev15"):
-        assert "Near_Town" in part_of(AS_MET / name, AerosolDepth, wanted).source
-    assert "2026-06-21 18:30 UTC" in part_of(AS_MET / "cams-fc.nc", AerosolDepth, wanted).source
-    with pytest.warns(TwilightWarning, match=r"1976-03-04 00:00 UTC.* is more than 12 h"):
-        load(AS_MET / "air-old.yaml", {"climate.air.aeronet": str(AS_MET / "all-sites.lev15")})
 
 
 def in_units(data, name, factor, unit):
@@ -265,11 +254,13 @@ def test_one_map_in_every_dress(tmp_path, era5, change):
     ],
 )
 def test_maps_that_are_refused(tmp_path, era5, change, message):
+    """A map in another unit would be air."""
     with pytest.raises(TwilightError, match=message):
         read_air_file(save(change(era5[0]), tmp_path / "a.nc"), WANTED)
 
 
 def test_a_map_of_one_far_place_is_warned_of(tmp_path, era5):
+    """Air of a far place would be taken without a word."""
     path = save(era5[0].isel(latitude=1, longitude=1), tmp_path / "a.nc")
     assert not read_air_file(path, WANTED).warnings
     (words,) = read_air_file(path, PlaceAndTime(TIME, 10.0, 20.0)).warnings
@@ -287,6 +278,7 @@ TEXT_DRESSES = {
 @pytest.mark.parametrize("dress", TEXT_DRESSES.values(), ids=TEXT_DRESSES)
 @pytest.mark.parametrize("make", [wyoming_html, wyoming_csv, air_files.igra, air_files.aeronet])
 def test_one_text_in_every_dress(tmp_path, make, dress):
+    """A file saved by another editor would be refused or misread."""
     path = make(tmp_path / "a")
     plain = read_air_file(path, WANTED).parts[0]
     path.write_bytes(dress(path.read_bytes()))
@@ -305,6 +297,7 @@ def test_missing_numbers(tmp_path, word):
 
 
 def test_what_archives_hold_beside_the_file(tmp_path):
+    """A Mac's archive would be refused."""
     wyoming_csv(tmp_path / "a")
     with zipfile.ZipFile(tmp_path / "b", "w") as archive:
         archive.write(tmp_path / "a", "a.csv")

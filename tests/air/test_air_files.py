@@ -1,7 +1,5 @@
 """Files of measurements, each in its makers' words: what is taken from them and what is refused."""
 
-from __future__ import annotations
-
 import datetime as dt
 
 import air_files
@@ -11,13 +9,7 @@ import pytest
 import xarray
 
 from twilight.atmosphere.aerosols import optical_depth_at
-from twilight.atmosphere.measured import (
-    AerosolDepth,
-    AirColumn,
-    OzoneColumn,
-    SizeDistribution,
-    WaterColumn,
-)
+from twilight.atmosphere.measured import AerosolDepth, AirColumn, OzoneColumn, SizeDistribution, WaterColumn
 from twilight.atmosphere.profiles import load_profile
 from twilight.base.errors import TwilightError
 from twilight.config import load
@@ -50,6 +42,7 @@ def assert_summer(column: AirColumn, rtol: float, ozone: bool):
 
 
 def test_sounding_of_the_university_of_wyoming(tmp_path):
+    """A column of the list would be misread."""
     column = part_of(air_files.wyoming(tmp_path / "munich.txt"), AirColumn)
     assert column.source == (
         "sounding munich.txt: 10868 Muenchen-Oberschleissheim, 2026-06-21 12:00 UTC, 0 km and 6.5 h away"
@@ -71,6 +64,7 @@ def test_sounding_of_igra(tmp_path):
 
 @pytest.mark.parametrize("make", [air_files.era5, air_files.merra2, air_files.grib])
 def test_reanalyses(tmp_path, make):
+    """A reanalysis would be misread, or its unit be another."""
     if make is air_files.grib:
         pytest.importorskip("cfgrib")
     reading = read_air_file(make(tmp_path / "analysis"), WANTED)
@@ -87,6 +81,7 @@ def test_reanalyses(tmp_path, make):
 
 
 def test_maps_are_interpolated_in_place_and_time(tmp_path):
+    """Air would be of the next grid point or hour."""
     path = air_files.era5(tmp_path / "a.nc", slope_k=4.0)  # 4 K in an hour
     times = [WANTED.time + dt.timedelta(minutes=m) for m in (-30, 0, 15)]
     hours = [part_of(path, AirColumn, PlaceAndTime(time, 48.25, 11.5)) for time in times]
@@ -114,6 +109,7 @@ def test_maps_are_interpolated_in_place_and_time(tmp_path):
 
 
 def test_columns_of_cams(tmp_path):
+    """Ozone or haze of CAMS would be in another unit."""
     reading = read_air_file(air_files.cams(tmp_path / "cams.nc"), WANTED)
     depth = next(part for part in reading.parts if isinstance(part, AerosolDepth))
     np.testing.assert_allclose(depth.wavelength_nm, [469, 550, 670, 865, 1240])
@@ -127,6 +123,7 @@ def test_columns_of_cams(tmp_path):
 
 
 def test_optical_depths_of_aeronet(tmp_path):
+    """Haze of AERONET would be of other channels or times."""
     path = air_files.aeronet(tmp_path / "a.lev15")
     depth = part_of(path, AerosolDepth)
     assert "Munich_University, 2026-06-21 18:10 UTC, 11 km and 0.3 h away" in depth.source
@@ -188,6 +185,7 @@ BROKEN = [
 
 @pytest.mark.parametrize(("make", "change", "words"), BROKEN)
 def test_a_broken_text_is_one_sentence(tmp_path, make, change, words):
+    """A slip in a text would be air."""
     path = make(tmp_path / "broken")
     text = path.read_text()
     for old, new in change.items():
@@ -224,6 +222,7 @@ def test_a_damaged_text_is_read_or_refused(tmp_path, make):
 
 
 def test_a_broken_map_is_one_sentence(tmp_path):
+    """A download cut off would be a traceback."""
     whole = air_files.era5(tmp_path / "a.nc").read_bytes()
     (tmp_path / "half.nc").write_bytes(whole[: len(whole) // 2])
     (tmp_path / "empty").write_bytes(b"")
@@ -246,6 +245,7 @@ def test_a_broken_map_is_one_sentence(tmp_path):
 
 
 def test_grib_asks_for_its_package(tmp_path, monkeypatch):
+    """A GRIB without its package would be a traceback."""
     import sys
 
     monkeypatch.setitem(sys.modules, "cfgrib", None)

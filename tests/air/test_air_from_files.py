@@ -1,7 +1,5 @@
 """Climates made of files of measurements: the command, the section `air`, and the sky that they give."""
 
-from __future__ import annotations
-
 import air_files
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from twilight.cli.app import app
 from twilight.config import load
 from twilight.config.load import load_climate
 from twilight.engine import solve
-from twilight.io.air import KINDS
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
 from twilight.scene.scene import resolved_configuration
@@ -27,6 +24,7 @@ def run(*arguments):
 
 
 def test_the_command_prints_a_climate_and_says_what_is_from_where(tmp_path, monkeypatch):
+    """The climate would not say what was measured."""
     monkeypatch.chdir(tmp_path)
     made = [air_files.wyoming(tmp_path / "w.txt"), air_files.era5(tmp_path / "e.nc")]
     made += [air_files.aeronet(tmp_path / "a.lev15"), air_files.cams(tmp_path / "cams.nc")]
@@ -83,23 +81,13 @@ def test_the_section_air_reads_beside_its_file_and_its_record_needs_no_files(tmp
     np.testing.assert_array_equal(first.aerosol_extinction_per_km, second.aerosol_extinction_per_km)
 
 
-@pytest.mark.parametrize(
-    ("air", "words"),
-    [
-        ({"sounding": "a.lev15", **PLACE}, "; air.sounding takes a sounding"),
-    ],
-)
+@pytest.mark.parametrize(("air", "words"), [({"sounding": "a.lev15", **PLACE}, "; air.sounding takes a sounding")])
 def test_the_section_air_refuses_in_one_sentence(tmp_path, air, words):
+    """A photometer's file would be read as a sounding."""
     air_files.aeronet(tmp_path / "a.lev15")
     (tmp_path / "c.yaml").write_text(yaml.safe_dump({"version": 1, "name": "c", "air": air}))
     with pytest.raises(TwilightError, match=words):
         load(tmp_path / "c.yaml")
-
-
-def test_a_kind_for_each_key():
-    from twilight.config.air import AIR_FILES
-
-    assert set(AIR_FILES) == set(KINDS)
 
 
 def test_the_sky_of_an_atmosphere_written_as_files_is_that_of_the_atmosphere(coarse_draft, tmp_path):
@@ -107,12 +95,9 @@ def test_the_sky_of_an_atmosphere_written_as_files_is_that_of_the_atmosphere(coa
     air_files.wyoming(tmp_path / "w.txt")
     air_files.era5(tmp_path / "e.nc")
     common = {
-        "wavelengths": {"list_nm": [450.0, 550.0, 600.0]},
-        "solver.quality": "draft",
-        "solver.polarisation": False,
-        "omit_negligible": False,
-        "gases.water_vapour.column_mm": 0.0,
-    }
+        "wavelengths": {"list_nm": [450.0, 550.0, 600.0]}, "solver.quality": "draft", "solver.polarisation": False,
+        "omit_negligible": False, "gases.water_vapour.column_mm": 0.0,
+    }  # fmt: skip
     air = {"sounding": str(tmp_path / "w.txt"), "reanalysis": str(tmp_path / "e.nc"), **PLACE}
     elevation, azimuth = np.array([3.0, 10.0, 30.0, 90.0, 10.0]), np.array([0.0, 0.0, 90.0, 0.0, 180.0])
     skies = []

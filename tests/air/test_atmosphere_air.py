@@ -9,13 +9,9 @@ from twilight.atmosphere import gases, profiles
 from twilight.base.errors import TwilightError
 
 OZONE_COLUMNS_DU = {
-    "tropical": 282,
-    "midlatitude_summer": 334,
-    "midlatitude_winter": 378,
-    "subarctic_summer": 348,
-    "subarctic_winter": 375,
-    "us_standard": 344,
-}
+    "tropical": 282, "midlatitude_summer": 334, "midlatitude_winter": 378, "subarctic_summer": 348,
+    "subarctic_winter": 375, "us_standard": 344,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", profiles.PROFILES)

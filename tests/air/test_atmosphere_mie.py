@@ -9,7 +9,6 @@ import pytest
 
 from twilight.atmosphere import mie, opac, shipped_optics
 from twilight.atmosphere.aerosols import mixture_optics
-from twilight.base.errors import TwilightError
 from twilight.numerics.phase import TABLE, PhaseFunction, rayleigh_matrix, table_angles_rad
 
 DATA = Path(__file__).parents[1] / "data"
@@ -334,22 +333,3 @@ def test_mixture_is_weighted_with_scattering():
     assert mixed.phase.asymmetry[0] == pytest.approx(g, abs=1e-5)
     henyey = mixture_optics(numbers, 80.0, [550.0], "henyey_greenstein")
     assert henyey.phase.kind == 0 and henyey.phase.asymmetry[0] == pytest.approx(g, abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    "call, text",
-    [
-        (lambda: opac.opac_type("continental averge"), "continental-average"),
-        (lambda: opac.AerosolSpec({"wasa": 1.0}), "waso"),
-        (lambda: opac.AerosolSpec({"waso": -1.0}), "number_density_per_cm3.waso"),
-        (lambda: opac.AerosolSpec({"waso": 1.0}, relative_humidity_percent=99.5), "0 to 99"),
-        (lambda: opac.AerosolSpec({"waso": 1.0}, phase_function="hg"), "henyey_greenstein"),
-        (lambda: opac.MineralLayer(2.0, 2.0, number_density_per_cm3=1.0), "above bottom_km"),
-        (lambda: opac.MineralLayer(2.0, 4.0), "one of"),
-        (lambda: opac.MineralLayer(2.0, 4.0, 1.0, 1.0), "one of"),
-    ],
-)
-def test_errors_name_what_is_allowed(call, text):
-    """An impossible population would not be refused in a sentence that says what is allowed."""
-    with pytest.raises(TwilightError, match=text):
-        call()

@@ -42,6 +42,7 @@ def test_pressure_of_the_standard_atmosphere():
 
 
 def test_the_medium_begins_there():
+    """Air below the sea would be cut off."""
     low, sea = (build_medium([450.0, 650.0], ground_altitude_km=z) for z in (DEAD_SEA_KM, 0.0))
     assert low.bottom_km == DEAD_SEA_KM and low.top_km == sea.top_km
     assert low.optical_depth("air")[0] / sea.optical_depth("air")[0] == pytest.approx(1.051, abs=0.003)
@@ -51,6 +52,7 @@ def test_the_medium_begins_there():
 
 
 def test_haze_and_own_levels_below_the_sea():
+    """Haze would end at sea level."""
     levels = {
         "altitude_km": [-0.45, 0.0, 5.0, 10.0, 20.0, 50.0, 100.0],
         "pressure_hpa": [1066.0, 1013.0, 540.0, 265.0, 55.0, 0.8, 3e-4],

@@ -1,7 +1,5 @@
 """Clouds: their optics beside published tables, their layers in the air, and what a climate may say of them."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from pathlib import Path

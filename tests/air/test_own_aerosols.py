@@ -1,7 +1,5 @@
 """Own aerosols of a climate: spheres by size and index, a power law, tables with a phase function."""
 
-from __future__ import annotations
-
 import math
 import shutil
 from dataclasses import replace

@@ -17,6 +17,7 @@ def scene(folder, levels):
 
 
 def test_levels_of_a_file_are_those_written_out(tmp_path):
+    """A file of levels would be other air than its columns."""
     write(tmp_path / "my.csv")
     found = scene(tmp_path, "{file: my.csv}").climate
     written = {name: list(column) for name, column in zip(COLUMNS, zip(*ROWS, strict=True), strict=True)}

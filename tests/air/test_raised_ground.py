@@ -1,7 +1,5 @@
 """The ground at its site's altitude: what the medium is then, and that solvers take the lowest level for it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -23,13 +21,9 @@ RAISED_KM = 2.8
 ELEVATION_DEG = np.array([2.0, 20.0, 60.0, 90.0, 10.0])
 AZIMUTH_DEG = np.array([0.0, 5.0, 180.0, 0.0, 120.0])
 SOLVERS = (
-    "zones",
-    "preetham",
-    "cie",
-    pytest.param("cells", marks=pytest.mark.slow),
-    pytest.param("montecarlo", marks=pytest.mark.slow),
-    pytest.param("sasktran2", marks=pytest.mark.slow),
-)
+    "zones", "preetham", "cie", pytest.param("cells", marks=pytest.mark.slow),
+    pytest.param("montecarlo", marks=pytest.mark.slow), pytest.param("sasktran2", marks=pytest.mark.slow),
+)  # fmt: skip
 NEARLY = {"cells": 1e-4}
 """Relative difference by rounding: points of the sky's table lie on different sides of an edge."""
 
@@ -61,6 +55,7 @@ def quick(name: str):
 
 @pytest.mark.parametrize("name", SOLVERS)
 def test_a_solver_knows_the_ground_by_its_lowest_level(low, name):
+    """A solver would take sea level for the ground."""
     if not solvers.load(name).CAPABILITIES.installed:
         pytest.skip(f"needs {name}")
     solver, height_km = solvers.load(name), 0.6
@@ -82,6 +77,7 @@ def test_a_solver_knows_the_ground_by_its_lowest_level(low, name):
 
 
 def test_the_beam_and_the_night_know_the_ground_by_the_lowest_level(low):
+    """Sunbeam or night would take sea level for the ground."""
     beams = [prepare_beam(medium) for medium in (low, raised(low))]
     light = np.zeros((2, 2))
     for height_km, elevation_deg in ((0.0, 10.0), (0.0, 0.2), (3.0, -1.0)):
@@ -100,6 +96,7 @@ def test_the_beam_and_the_night_know_the_ground_by_the_lowest_level(low):
 
 
 def test_pressure_and_gases_are_those_of_the_altitude():
+    """A mountain would have the air of the sea."""
     full = load_profile("us_standard")
     at_sea, high = (build_medium([550.0], profile="us_standard", ground_altitude_km=z) for z in (0.0, RAISED_KM))
     assert high.bottom_km == RAISED_KM and high.top_km == at_sea.top_km
@@ -118,6 +115,7 @@ def test_pressure_and_gases_are_those_of_the_altitude():
 
 
 def test_layers_begin_at_the_ground():
+    """Layers would reach into the mountain."""
     for layers in (EqualAirMass(12), Boundaries((RAISED_KM, 5.0, 20.0, 100.0))):
         medium = build_medium([550.0], layers=layers, ground_altitude_km=RAISED_KM)
         smooth = build_medium([550.0], ground_altitude_km=RAISED_KM)
@@ -128,6 +126,7 @@ def test_layers_begin_at_the_ground():
 
 
 def test_the_boundary_layer_stands_on_the_ground_or_on_the_sea(tmp_path):
+    """Haze would hang below the mountain, or be lost."""
     spec = opac_type("continental average")
 
     def medium(ground_km, **changes):
@@ -157,6 +156,7 @@ def test_the_boundary_layer_stands_on_the_ground_or_on_the_sea(tmp_path):
 
 
 def test_the_observer_stands_on_the_ground_unless_said_otherwise():
+    """The observer would stand in the mountain."""
     high = {"ground.altitude_km": RAISED_KM}
     assert load("urban", high).observer.altitude_km == RAISED_KM
     assert load("urban").observer.altitude_km == 0.0

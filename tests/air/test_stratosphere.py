@@ -12,7 +12,6 @@ from twilight.atmosphere.stratosphere import (
     sage_extinction_per_km,
     sage_scenarios,
 )
-from twilight.base.errors import TwilightError
 from twilight.base.shipped_data import data_file
 
 
@@ -60,9 +59,7 @@ def test_measured_stratosphere():
     """A measured profile would have another column, place or decay above its top."""
     assert len(sage_scenarios()) == 12
     medium = build_medium(
-        [550.0],
-        aerosol=opac_type("continental clean"),
-        stratosphere=StratosphereSpec("nh_midlat_typical"),
+        [550.0], aerosol=opac_type("continental clean"), stratosphere=StratosphereSpec("nh_midlat_typical")
     )
     name = "stratosphere (nh_midlat_typical)"
     assert medium.notes["optical_depth"][name][0] == pytest.approx(0.0055, abs=0.0005)
@@ -90,18 +87,3 @@ def test_stratosphere_without_troposphere():
     medium = build_medium([550.0], stratosphere=StratosphereSpec("background"))
     assert medium.at([5.0]).aerosol_extinction[0, 0] == 0
     assert medium.at([15.0]).aerosol_extinction[0, 0] > 0
-
-
-@pytest.mark.parametrize(
-    "call, text",
-    [
-        (lambda: StratosphereSpec("volcanic"), "extreme_volcanic"),
-        (lambda: StratosphereSpec("background", season="summer"), "spring_summer"),
-        (lambda: StratosphereSpec("nh_midlat_low", season="fall_winter"), "no meaning"),
-        (lambda: StratosphereSpec("background", optics="meteoric_dust"), "aged_volcanic"),
-    ],
-)
-def test_stratosphere_errors(call, text):
-    """An impossible stratosphere would not be refused in a sentence that says what is allowed."""
-    with pytest.raises(TwilightError, match=text):
-        call()

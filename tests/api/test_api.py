@@ -1,7 +1,5 @@
 """`import twilight` alone suffices for a sky."""
 
-from __future__ import annotations
-
 import ast
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -18,6 +16,7 @@ BERLIN = {"latitude_deg": 52.5, "longitude_deg": 13.4}
 
 
 def test_a_sky_in_one_line():
+    """`import twilight` alone would not give a sky."""
     sky = twilight.render("continental-average", sun_elevation_deg=30, **FEW)
     assert isinstance(sky, twilight.Sky) and sky.sun_elevation_deg == 30 and sky.illuminance_lux() > 1000
     several = twilight.render("continental-average", sun_elevation_deg=[30, 60], **FEW)
@@ -48,12 +47,14 @@ def times():
 
 
 def test_a_time_of_any_kind_is_the_same_sun(noon):
+    """A time of another library would be read in another zone."""
     for at, zone in times():
         sky = twilight.render("continental-average", at=at, time_zone=zone, **BERLIN, **FEW)
         assert (sky.sun_elevation_deg, sky.sun_azimuth_deg) == pytest.approx(noon, abs=1e-6), repr(at)
 
 
 def test_places_are_those_of_pvlib_and_astropy_or_a_pair_of_numbers(noon):
+    """Latitude and longitude would be swapped."""
     place = SimpleNamespace(latitude=52.5, longitude=13.4, tz="Europe/Berlin", altitude=34)  # as pvlib's Location
     sky = twilight.render("continental-average", at="2026-06-21T12:00", place=place, **FEW)
     assert (sky.sun_elevation_deg, sky.sun_azimuth_deg) == pytest.approx(noon, abs=1e-3)
@@ -68,6 +69,7 @@ def test_places_are_those_of_pvlib_and_astropy_or_a_pair_of_numbers(noon):
 
 
 def test_several_times_are_a_series(noon):
+    """Times would lose their order or their zone."""
     begin = datetime(2026, 6, 21, 10, tzinfo=UTC)
     moments = [begin + timedelta(minutes=20 * i) for i in range(3)]
     several = [moments, np.array([m.replace(tzinfo=None) for m in moments], "datetime64[s]")]
@@ -94,7 +96,7 @@ def test_several_times_are_a_series(noon):
 
 
 def test_a_series_is_lazy_and_that_of_one_sun_is_a_series(monkeypatch):
-    """Otherwise a loop over suns would wait for all, and code for many suns would break for one."""
+    """A loop over suns would wait for all, or code for many break for one."""
     from twilight.api import calls
 
     suns, made = [5.0, 30.0, 60.0], []
@@ -122,6 +124,7 @@ def test_a_series_is_lazy_and_that_of_one_sun_is_a_series(monkeypatch):
 
 
 def test_sample_and_luminance_agree_about_the_night():
+    """One of two figures would forget the night."""
     settings = {**SMALL, "night.airglow": 1.0}
     sky = twilight.render("continental-average", sun_elevation_deg=0, solver="preetham", settings=settings)
     assert sky.night_radiance is not None
@@ -130,12 +133,8 @@ def test_sample_and_luminance_agree_about_the_night():
     assert (at > sky._sample(sky.sun_normalised_radiance, 37.0, 110.0)).all()
 
 
-def test_a_sun_that_nobody_gave_is_said():
-    with pytest.warns(twilight.TwilightWarning, match=r"no sun is given: it stands at \+10 deg"):
-        assert twilight.render("continental-average", **FEW).sun_elevation_deg == 10.0
-
-
 def test_air_and_solvers_are_at_hand():
+    """Air or a solver could not be had by its name."""
     air = twilight.medium("continental-average", [450, 550], {"ground.albedo": 0.5})
     assert air.wavelength_nm.tolist() == [450.0, 550.0] and air.ground_albedo[0] == 0.5
     assert np.array_equal(twilight.medium(twilight.load_climate("urban"), [550]).wavelength_nm, [550.0])
@@ -147,7 +146,7 @@ def test_air_and_solvers_are_at_hand():
 
 
 def test_a_field_knows_the_air_before_an_object():
-    """Bands of a gas come back summed; a solver of whole lines says so."""
+    """Bands would not be summed, or a solver of whole lines give nonsense."""
     field = twilight.solve("continental-average", wavelength_nm=[450, 550], solver="preetham")
     scattered, transmittance = field.inscatter(30.0, [5.0, 10.0], [90.0, 90.0], [5.0, 5.0])
     assert scattered.shape == transmittance.shape == (2, 2) and ((transmittance > 0) & (transmittance < 1)).all()
@@ -156,6 +155,7 @@ def test_a_field_knows_the_air_before_an_object():
 
 
 def test_a_field_answers_for_any_sun_and_is_that_of_render():
+    """A field's sky would not be that of a render."""
     field = twilight.solve("continental-average", wavelength_nm=[450, 550, 650], solver="preetham")
     sky = twilight.render("continental-average", sun_elevation_deg=30, wavelength_nm=[450, 550, 650], **FEW)
     e, a = np.meshgrid(sky.elevation_deg, sky.azimuth_deg, indexing="ij")
@@ -169,6 +169,7 @@ def test_a_field_answers_for_any_sun_and_is_that_of_render():
 
 
 def test_what_is_offered_is_there_and_nothing_else():
+    """The type stub would promise what is not there."""
     assert set(twilight.__all__) == set(dir(twilight)) and all(hasattr(twilight, name) for name in twilight.__all__)
     stub = Path(twilight.__file__).with_suffix(".pyi").read_text()
     assert ast.literal_eval(stub[stub.index("__all__ = ") + 10 :]) == twilight.__all__
@@ -184,10 +185,9 @@ def test_what_is_offered_is_there_and_nothing_else():
         ({"latitude_deg": 3}, "a place needs a time"),
         ({"at": "2026-06-21T12:00Z", "place": "Berlin"}, r"place: must be \(latitude, longitude\)"),
         ({"at": "2026-06-21T12:00Z", "place": "Berlin", "latitude_deg": 3}, "either place or latitude_deg"),
-        ({"at": "noon", **BERLIN}, "is not a time such as 2003-12-08T16:30"),
-        ({"at": "2026-06-21T12:00", **BERLIN}, "time_zone"),
     ],
 )
 def test_a_wrong_question_is_one_sentence(question, says):
+    """A wrong argument would be a traceback, or be ignored."""
     with pytest.raises(twilight.TwilightError, match=says):
         twilight.render("urban", **question)

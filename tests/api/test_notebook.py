@@ -1,7 +1,5 @@
 """The notebook of the docs, executed: it shows what its text says, with what `import twilight` offers alone."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re
@@ -20,6 +18,7 @@ def notebook():
 
 
 def test_it_is_stored_without_outputs_and_takes_what_is_offered_alone():
+    """The example would use what is not offered."""
     import twilight
 
     code = [cell for cell in notebook().cells if cell.cell_type == "code"]
@@ -31,6 +30,7 @@ def test_it_is_stored_without_outputs_and_takes_what_is_offered_alone():
 
 @pytest.mark.slow
 def test_it_runs_and_shows_a_picture_for_every_part():
+    """The example of the docs would fail."""
     import nbclient
     from PIL import Image
 

@@ -1,7 +1,5 @@
 """How skies and models show themselves, and the accessor of xarray's datasets: the same figures everywhere."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re
@@ -30,12 +28,14 @@ def sky():
 
 
 def test_representations_are_five_lines(sky):
+    """`repr` would flood a console, or tell other figures than the sky has."""
     assert len(repr(sky).splitlines()) == 5 and max(map(len, repr(sky).splitlines())) <= 110
     assert "sun at +5.00 deg, by toy (draft)" in repr(sky) and "9 elevations 5 to 85 deg" in repr(sky)
     assert f"{sky.illuminance_lux():.4g} lx" in repr(sky) and f"{sky.magnitude():.2f} V mag" in repr(sky)
 
 
 def test_a_notebook_sees_a_picture_and_figures(sky):
+    """A notebook would show no picture."""
     from PIL import Image
 
     text = sky._repr_html_()
@@ -57,6 +57,7 @@ def drawing():
 
 @pytest.mark.parametrize("projection", ("wide", *PROJECTIONS))
 def test_a_sky_draws_itself(sky, projection, drawing):
+    """`plot` would fail for a projection."""
     figure = sky.plot(projection, width=80)
     axes = figure.axes[0]
     figure.savefig(io.BytesIO(), format="png")
@@ -65,7 +66,7 @@ def test_a_sky_draws_itself(sky, projection, drawing):
 
 
 def test_a_sky_is_drawn_in_any_azimuth(sky, drawing):
-    """All round, another azimuth in the middle is the same picture shifted; away from the sun there is no sun."""
+    """A picture away from the sun would show the sun."""
     towards, away = (render_view(sky, view="panorama", width=80, azimuth_deg=a)[0] for a in (0.0, 90.0))
     assert np.allclose(np.roll(towards, -20, axis=1), away, atol=1e-6) and not np.allclose(towards, away, atol=0.01)
     for projection in ("wide", "perspective", "cylinder", "fisheye"):
@@ -90,11 +91,13 @@ def test_a_sky_is_drawn_in_any_azimuth(sky, drawing):
     ],
 )
 def test_wrong_arguments_of_a_plot_are_one_sentence(sky, arguments, message):
+    """A wrong argument would be a traceback of matplotlib."""
     with pytest.raises(TwilightError, match=message):
         sky.plot(**arguments)
 
 
 def test_magnitude_and_luminance_are_those_of_the_direction(sky):
+    """A figure would be of another direction."""
     assert sky.luminance_at(45.0, 10.0) == pytest.approx(sky.luminance()[4, 1])
     # the conversion in common use is 0.1 mag off for spectra that are not Vega's
     of_luminance = -2.5 * np.log10(sky.luminance_at(45.0, 10.0) / 10.8e4)
@@ -107,6 +110,7 @@ def test_magnitude_and_luminance_are_those_of_the_direction(sky):
 
 
 def test_one_dataset_says_what_its_sky_says(sky):
+    """A dataset's figures would differ from the sky's."""
     night = replace(sky, night_radiance=np.full(sky.sun_normalised_radiance.shape, 1e-3))
     for one in (sky, night):
         data = one.to_xarray()
@@ -120,6 +124,7 @@ def test_one_dataset_says_what_its_sky_says(sky):
 
 
 def test_half_skies_and_sequences_say_the_same_lazily(sky):
+    """A sweep's figures would differ from the skies', or be computed at once."""
     suns = (5.0, -4.0, -9.0)
     skies = [replace(sky, sun_elevation_deg=s, distance_au=0.99,
                      sun_normalised_radiance=sky.sun_normalised_radiance * (s + 10)) for s in suns]  # fmt: skip
@@ -145,21 +150,15 @@ def every_layer(sky):
     """The sky with all that a file can hold of one."""
     grid = sky.sun_normalised_radiance
     return replace(
-        sky,
-        night_radiance=np.full(grid.shape, 1e-6),
-        standard_error=0.01 * grid,
-        polarisation=0.1 * np.stack([grid, -grid], axis=2),
-        polarisation_error=0.01 * np.stack([grid, grid], axis=2),
-        apparent_sun_elevation_deg=5.2,
-        sun_azimuth_deg=280.0,
-        latitude_deg=52.5,
-        longitude_deg=13.4,
-        observer_altitude_km=0.1,
-        time=datetime(2026, 6, 21, 20, tzinfo=UTC),
-    )
+        sky, night_radiance=np.full(grid.shape, 1e-6), standard_error=0.01 * grid,
+        polarisation=0.1 * np.stack([grid, -grid], axis=2), polarisation_error=0.01 * np.stack([grid, grid], axis=2),
+        apparent_sun_elevation_deg=5.2, sun_azimuth_deg=280.0, latitude_deg=52.5, longitude_deg=13.4,
+        observer_altitude_km=0.1, time=datetime(2026, 6, 21, 20, tzinfo=UTC),
+    )  # fmt: skip
 
 
 def test_axes_are_a_few_words_with_a_unit_and_time_is_a_time(sky, tmp_path):
+    """A plot's axis would have no unit, or a time be a number."""
     full = every_layer(sky)
     write_sky(full, tmp_path / "sky.h5")
     later = replace(full, time=full.time + timedelta(minutes=5), sun_elevation_deg=4.0)
@@ -179,7 +178,7 @@ def test_axes_are_a_few_words_with_a_unit_and_time_is_a_time(sky, tmp_path):
 
 
 def test_azimuth_is_a_circle_and_the_zenith_a_point(sky):
-    """Between the last azimuth and the first, and above the last row, xarray's own interp is NaN."""
+    """Interpolation would be NaN beside azimuth 0 and in the zenith."""
     full = every_layer(sky)
     data = full.to_xarray()
     assert np.isnan(data.interp(azimuth=358.5, elevation=20.0).radiance).all()  # the means of the dataset stay right
@@ -207,6 +206,7 @@ def test_azimuth_is_a_circle_and_the_zenith_a_point(sky):
 
 
 def test_half_skies_are_whole_ones_where_they_are_interpolated(sky):
+    """U would have the same sign on both sides of the sun."""
     data = every_layer(sky).to_xarray()
     even = replace(sky, sun_normalised_radiance=0.5 * (sky.sun_normalised_radiance
                    + np.roll(sky.sun_normalised_radiance[:, ::-1], 1, axis=1))).to_xarray()  # fmt: skip
@@ -220,6 +220,7 @@ def test_half_skies_are_whole_ones_where_they_are_interpolated(sky):
 
 
 def test_skies_are_subtracted_and_divided(sky, drawing):
+    """A difference would be labelled, drawn or interpolated wrongly."""
     brighter = replace(sky, sun_normalised_radiance=2.0 * sky.sun_normalised_radiance, sun_elevation_deg=7.0)
     difference, ratio = brighter - sky, brighter / sky
     assert np.allclose(difference.radiance, sky.radiance) and np.allclose(difference.luminance(), sky.luminance())
@@ -247,7 +248,7 @@ def test_skies_are_subtracted_and_divided(sky, drawing):
 
 
 def test_every_projection_draws_the_sky_with_the_sun_where_it_is():
-    """The glow and the disc stand at azimuth 0; a picture would show them elsewhere, or a ground brighter than they."""
+    """A picture would show the sun elsewhere, or a ground brighter than it."""
     sky = glow_sky(step_deg=3.0, glow_elevation_deg=20.0, width_deg=4.0, sun_elevation_deg=20.0)
     rows, flat = np.linspace(19.7, 20.3, 61), np.ones(sky.wavelength_nm.size)
     disc = Disc(sky.wavelength_nm, rows, rows[:, None] * flat, np.ones((61, 7)), 20.0, 0.2665)

@@ -1,7 +1,5 @@
 """The command line from end to end: what a render of one sky writes, and where."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -11,10 +9,10 @@ from typer.testing import CliRunner
 
 from twilight.cli.app import app
 from twilight.io.netcdf import read_sky
-from twilight.solvers.base import Capabilities
 
 
 def test_a_render_writes_all_files_and_says_where(plain, table, tmp_path):
+    """A file of a render would be missing, or its folder not be told."""
     out = tmp_path / "sky"
     result = call("render", table, "--sun-elevation", -4, "--output", out, "--set", "texture={}")
     assert result.exit_code == 0, result.stderr
@@ -27,6 +25,7 @@ def test_a_render_writes_all_files_and_says_where(plain, table, tmp_path):
 
 
 def test_the_radiance_lies_where_the_solver_was_asked_for_it(plain, table, tmp_path):
+    """Rows and columns of sky.h5 would be of other directions than the solver was asked for."""
     call("render", table, "--sun-elevation", 5, "--output", tmp_path)
     sky = read_sky(tmp_path / "sky.h5")
     assert sky.elevation_deg.tolist() == list(range(5, 90, 10))
@@ -38,6 +37,7 @@ def test_the_radiance_lies_where_the_solver_was_asked_for_it(plain, table, tmp_p
 
 
 def test_every_file_holds_a_configuration_that_renders_the_same_again(plain, table, tmp_path):
+    """A file's record would render another sky, or another table be taken for it."""
     first, second = tmp_path / "first", tmp_path / "second"
     assert call("render", table, "--sun-elevation", -4, "--altitude-km", 2, "--output", first).exit_code == 0
     record = read_sky(first / "sky.h5").provenance
@@ -62,6 +62,7 @@ def test_every_file_holds_a_configuration_that_renders_the_same_again(plain, tab
 
 
 def test_a_black_sky_says_why(plain, table, tmp_path):
+    """A black picture would look like a fault of the program."""
     black = ("render", table, "--sun-elevation", "-40", "--output", tmp_path / "out", "--set", "solver.brightness=0")
     result = call(*black)
     assert result.exit_code == 0, result.output
@@ -76,21 +77,13 @@ def test_a_black_sky_says_why(plain, table, tmp_path):
 
 
 def test_a_sun_that_is_not_given_is_announced(plain, table, tmp_path):
+    """A sky of 10 deg would be taken for one that was asked for."""
     assert "no sun is given: it stands at +10 deg" in call("render", table, "--output", tmp_path / "a").stderr
     assert not call("render", table, "--output", tmp_path / "b", "--sun-elevation", "10").stderr
 
 
-def test_many_wavelengths_go_in_blocks_and_give_the_same(plain, table, tmp_path, monkeypatch):
-    call("render", table, "--output", tmp_path / "whole")
-    monkeypatch.setattr(plain, "CAPABILITIES", Capabilities(wavelengths_at_once=3))
-    call("render", table, "--output", tmp_path / "blocks")
-    assert [len(w) for w, _ in plain.calls] == [4, 3, 1]
-    whole, blocks = (read_sky(tmp_path / name / "sky.h5") for name in ("whole", "blocks"))
-    assert np.array_equal(whole.sun_normalised_radiance, blocks.sun_normalised_radiance)
-    assert np.array_equal(whole.direct_irradiance, blocks.direct_irradiance)
-
-
 def test_only_the_files_asked_for_are_written(plain, table, tmp_path):
+    """`--only` would be ignored."""
     result = call("render", table, "--only", "png, h5", "--output", tmp_path / "two")
     assert result.exit_code == 0, result.stderr
     assert {p.name for p in (tmp_path / "two").iterdir()} == {"sky.png", "sky.h5", "skies.jsonl"}
@@ -100,6 +93,7 @@ def test_only_the_files_asked_for_are_written(plain, table, tmp_path):
 
 
 def test_options_take_the_place_of_keys(plain, table, tmp_path):
+    """An option would not reach the key that it stands for."""
     options = ["--quality", "bright", "--solver", "plain", "--altitude-km", "1.5", "--renderer", "blender"]
     result = call("render", table, *options, "--set", "solver.brightness=0.2", "--output", tmp_path)
     assert result.exit_code == 0, result.stderr
@@ -110,6 +104,7 @@ def test_options_take_the_place_of_keys(plain, table, tmp_path):
 
 
 def test_without_an_output_the_files_go_to_a_folder_named_after_scene_and_sun(plain, table, tmp_path, monkeypatch):
+    """Two scenes would overwrite each other's files."""
     monkeypatch.chdir(tmp_path)
     for more, folder in ((), "T1_sun-04.00"), (("--set", "ground.albedo=0.5"), "T1_sun-04.00_albedo=0.5"):
         result = CliRunner().invoke(app, ["render", "T1.yaml", "--sun-elevation", "-4", *more])

@@ -1,32 +1,20 @@
 """The command line: bad input is one sentence, and an interrupt leaves nothing half done."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from rendering import PlainField, call
+from rendering import call
 from typer.testing import CliRunner
 
-from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 
 
-def test_a_table_that_is_missing_or_broken_is_named(plain, table, tmp_path):
-    (tmp_path / "t1.csv").write_text("altitude_km,wavelength_nm\n0,500\n")
-    result = call("render", table, "--output", tmp_path / "sky")
-    assert result.exit_code == 2 and "t1.csv" in result.stderr
-    (tmp_path / "t1.csv").unlink()
-    result = call("render", table, "--output", tmp_path / "sky")
-    assert result.exit_code == 2 and "T1.yaml: medium.table: there is no file" in result.stderr
-
-
 def test_an_output_that_cannot_be_written_is_refused_before_anything_is_computed(plain, table, tmp_path):
+    """Hours would be computed for a folder that cannot be written."""
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", tmp_path / "file" / "sub"):
         result = call("render", table, "--output", folder)
@@ -46,6 +34,7 @@ def test_an_output_that_cannot_be_written_is_refused_before_anything_is_computed
 
 
 def test_a_sky_larger_than_the_memory_is_refused(plain, tmp_path):
+    """The machine would swap, or the system end the program."""
     huge = ["--set", "texture={azimuth_count: 7200, elevation_count: 1800}", "--set", "wavelengths.count=2000"]
     result = CliRunner().invoke(app, ["render", "pure-air", *huge, "--output", str(tmp_path / "sky")])
     assert result.exit_code == 2, result.output
@@ -54,20 +43,11 @@ def test_a_sky_larger_than_the_memory_is_refused(plain, tmp_path):
 
 
 def test_an_interrupt_during_imports_gives_no_traceback(tmp_path):
+    """Ctrl-C in the first half second would print a traceback."""
     (tmp_path / "typer.py").write_text("raise KeyboardInterrupt\n")
     program = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from twilight.cli import main; main()"
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert result.returncode == 130 and result.stderr == "twilight: interrupted\n"
-
-
-def test_an_interrupt_leaves_with_130_and_no_half_files(plain, table, tmp_path, monkeypatch):
-    def interrupted(self, sun_elevation_deg, elevation_deg, azimuth_deg):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(PlainField, "radiance", interrupted)
-    result = call("render", table, "--output", tmp_path / "sky")
-    assert result.exit_code == 130 and "Traceback" not in result.stderr
-    assert not (tmp_path / "sky").exists()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
@@ -108,15 +88,8 @@ def test_signals_end_a_command_inside_a_kernel(tmp_path, number, code, where):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_picture_sheet_of_a_missing_picture_is_refused(tmp_path):
-    from twilight.api.representation import contact_sheet
-
-    with pytest.raises(TwilightError, match=r"sheet.png"):
-        contact_sheet([("a", Path(tmp_path / "none.png"))], tmp_path / "sheet.png")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_missing_file_names_commands_that_there_are():
+    """A refusal would send its reader to a command that is gone."""
     said = CliRunner().invoke(app, ["render", "nosuch.yaml"])
     assert said.exit_code == 2
     named = re.findall(r"`twilight ([^`]+)`", said.stderr.replace("\n", " "))

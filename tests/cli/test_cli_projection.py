@@ -29,6 +29,7 @@ def call(*words):
 
 @pytest.mark.parametrize("kind", [kind for kind in PROJECTIONS if kind != "limb"])
 def test_a_picture_of_every_shape_has_sky_above_ground(kind, tmp_path):
+    """A projection would be upside down, or empty."""
     done = call(*USUAL, "--projection", kind, "--size", 96, "--only", "view", "--output", tmp_path)
     assert done.exit_code == 0, done.stderr
     with Image.open(tmp_path / "sky.view.png") as picture:

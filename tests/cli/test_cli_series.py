@@ -1,7 +1,5 @@
 """The command line: renders of several skies, their table, dataset and numbered files."""
 
-from __future__ import annotations
-
 import csv
 from datetime import datetime
 
@@ -14,6 +12,7 @@ from twilight.io.netcdf import read_sky
 
 
 def test_many_suns_prepare_once_and_each_frame_has_its_folder(plain, table, tmp_path):
+    """A field would be solved for every sun, or frames share a folder."""
     out = tmp_path / "evening"
     suns = "sun={elevations_deg: [5, 0, -5]}"
     result = call("render", table, "--set", suns, "--output", out)
@@ -30,7 +29,7 @@ def test_many_suns_prepare_once_and_each_frame_has_its_folder(plain, table, tmp_
 
 
 def test_a_series_is_a_table_a_dataset_and_numbered_files(plain, table, tmp_path):
-
+    """Table, dataset and numbered pictures would be of other skies than the folders."""
     import xarray
 
     import twilight.api.accessor  # noqa: F401 - registers .sky
@@ -58,6 +57,7 @@ def test_a_series_is_a_table_a_dataset_and_numbered_files(plain, table, tmp_path
 
 
 def test_an_interrupted_series_goes_on_and_says_what_was_there(plain, table, tmp_path, monkeypatch):
+    """What was finished would be computed again, or another sky taken for it."""
     computed = []
     real = PlainField.radiance
 
@@ -83,6 +83,7 @@ def test_an_interrupted_series_goes_on_and_says_what_was_there(plain, table, tmp
 
 
 def test_one_exposure_for_a_series_keeps_the_night_dark(plain, table, tmp_path):
+    """A night would be shown as bright as a day."""
 
     def means(*more):
         out = tmp_path / f"out{len(more)}{more[-1] if more else ''}"
@@ -100,6 +101,7 @@ def test_one_exposure_for_a_series_keeps_the_night_dark(plain, table, tmp_path):
 
 
 def test_what_is_finished_stays_when_a_later_frame_fails(plain, table, tmp_path):
+    """One frame that fails would take the finished ones with it."""
     out = tmp_path / "evening"
     settings = ["--set", "sun={elevations_deg: [5, 0, -5]}", "--set", "solver.fail_at_deg=0"]
     result = call("render", table, *settings, "--output", out)
@@ -110,6 +112,7 @@ def test_what_is_finished_stays_when_a_later_frame_fails(plain, table, tmp_path)
 
 
 def test_a_series_of_a_key_has_one_folder_for_each_value(plain, table, tmp_path):
+    """Values of a series would overwrite each other."""
     out = tmp_path / "series"
     result = call("render", table, "--sun-elevation", 3, "--set", "vary={ground.albedo: [0, 0.5]}", "--output", out)
     assert result.exit_code == 0, result.stderr
@@ -118,7 +121,7 @@ def test_a_series_of_a_key_has_one_folder_for_each_value(plain, table, tmp_path)
 
 
 def test_an_evening_is_one_file_where_one_is_asked_for(plain, table, tmp_path):
-    """By times, in the order of the suns; the same numbers as in a folder each."""
+    """The one file would hold other numbers than the folders, or suns in another order."""
     from twilight import open_dataset, read_sky
 
     suns = ["--set", "texture={}", "--set", "texture.resolution_deg=6", "--sun-elevation=5,0,-5"]

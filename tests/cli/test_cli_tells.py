@@ -1,7 +1,5 @@
 """The command line: what it tells without computing a sky."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re
@@ -20,13 +18,6 @@ from twilight.cli.options import settings_of
 from twilight.config import load
 
 
-def test_null_is_a_value_of_set(plain):
-    result = call("render", "urban", "--plan", "--set", "aerosol=null")
-    assert result.exit_code == 0 and "the climate has none" in result.stdout
-    result = call("render", "urban", "--plan", "--set", "sun.elevation_deg=null")
-    assert result.exit_code == 2 and "got null" in result.stderr
-
-
 def test_an_option_counts_within_a_section_that_set_replaces():
     """`--disc` beside `--set sun={...}` would be forgotten without a word."""
     given = {
@@ -40,6 +31,7 @@ def test_an_option_counts_within_a_section_that_set_replaces():
 
 
 def test_the_plan_says_how_large_a_scene_is():
+    """`--plan` would promise other sizes and times than the scene takes."""
     words = ("--sun-elevation=-4,-5", "--set", "wavelengths={count: 1000}", "--projection", "latlong")
     words += ("--quality", "standard", "--set", "texture.resolution_deg=3", "--size", "2048x1024")
     result = CliRunner().invoke(app, ["render", "pure-air", "--plan", *words])
@@ -59,6 +51,7 @@ def test_the_plan_says_how_large_a_scene_is():
 
 
 def test_the_plan_of_a_table_says_what_is_left_out(plain, table, tmp_path):
+    """A plan would compute, write, or hide what is left out."""
     result = call("render", table, "--plan", "--output", tmp_path / "sky")
     assert result.exit_code == 0 and not (tmp_path / "sky").exists()
     assert "refraction" in result.stdout and "aerosol" not in result.stdout
@@ -66,6 +59,8 @@ def test_the_plan_of_a_table_says_what_is_left_out(plain, table, tmp_path):
 
 
 def test_the_plan_says_what_is_missing_though_it_matters():
+    """A scalar sky, or one without bands, would be taken for a whole one."""
+
     def rows(*words):
         result = call("render", "pure-air", "--plan", "--sun-elevation", "5", *words)
         assert result.exit_code == 0, result.stderr
@@ -83,7 +78,7 @@ def test_the_plan_says_what_is_missing_though_it_matters():
 
 
 def test_the_scalar_error_of_the_plan_is_that_of_the_table():
-
+    """The plan would quote an error that nobody measured."""
     from twilight.scene.plan import SCALAR_ERROR
 
     table = Path(__file__).resolve().parents[2] / "benchmarks" / "results" / "polarisation.csv"
@@ -99,6 +94,7 @@ def test_the_scalar_error_of_the_plan_is_that_of_the_table():
 
 
 def test_lists_and_descriptions():
+    """A list would miss what ships, or an editor's schema take any key."""
     result = call("show", "configs")
     assert result.exit_code == 0
     assert "saarbruecken-2003-12-08\t31\t" in result.stdout
@@ -109,12 +105,14 @@ def test_lists_and_descriptions():
 
 
 def test_solvers_are_listed_with_their_options(plain):
+    """An option would not be found."""
     result = call("show", "solvers")
     assert "plain\tbrightness\t0.01" in result.stdout and "plain (default)\tquality\tstandard, bright" in result.stdout
     assert "cells\tazimuth_cells\t" in result.stdout
 
 
 def test_every_option_of_every_solver_is_explained(plain):
+    """An option would stand without a word of what it is."""
     for name in solvers.SOLVERS:
         options = option_fields(solvers.load(name).QUALITIES["standard"])
         assert all(len(one.description) > 5 for one in options.values()), name
@@ -130,17 +128,8 @@ def test_every_option_of_every_solver_is_explained(plain):
     assert "did you mean zones?" in call("show", "solvers", "zons").stderr
 
 
-def test_suggestions_are_of_the_kind_asked_for():
-    for command, kind, other in (("show", "climates are", "sweep-haze"), ("sweep", "configurations are", "urban")):
-        refused = call(command, "nowhere")
-        assert refused.exit_code == 2 and kind in refused.stderr
-        assert "did you mean" not in refused.stderr and other not in refused.stderr
-    assert "did you mean sweep-haze?" in call("sweep", "sweep-hase").stderr
-    either = call("render", "nowhere").stderr
-    assert "climates are antarctic" in either and "configurations are airliner-dusk" in either
-
-
 def test_show_takes_settings_and_the_shell_completes_names(tmp_path):
+    """`show` would ignore `--set`, or the shell know no names."""
     shown = [
         call("show", "pure-air", "--output", tmp_path / "p.png", *more).stdout
         for more in ((), ("--set", "gases.ozone.column_du=150"))
@@ -159,6 +148,7 @@ def test_show_takes_settings_and_the_shell_completes_names(tmp_path):
 
 
 def test_show_prints_depths_and_draws_the_profile(table, tmp_path):
+    """Printed optical depths would not be those of the medium."""
     result = call("show", table, "--output", tmp_path / "profile.png")
     assert result.exit_code == 0, result.stderr
     lines = dict(line.split("\t", 1) for line in result.stdout.splitlines() if "\t" in line)
@@ -170,14 +160,8 @@ def test_show_prints_depths_and_draws_the_profile(table, tmp_path):
     assert list(tmp_path.glob(".*")) == []
 
 
-def test_version_and_help():
-    from twilight import __version__
-
-    assert __version__ in call("--version").stdout
-    assert "render" in call("--help").stdout
-
-
 def test_an_altitude_in_metres_is_said_before_anything_is_computed(monkeypatch):
+    """Hours would be computed for an observer above the air, for 2400 m."""
     from twilight.api import light
 
     def computes(*_):

@@ -1,7 +1,5 @@
 """The sentence of the first run."""
 
-from __future__ import annotations
-
 import sys
 
 from twilight import solvers
@@ -17,6 +15,7 @@ def double(x):
 
 
 def test_a_package_must_be_compiled_until_machine_code_of_a_kernel_is_cached(tmp_path, monkeypatch):
+    """A first run would compile for a minute without a word."""
     (tmp_path / "fresh_kernels.py").write_text(KERNEL)
     monkeypatch.syspath_prepend(tmp_path)
     import fresh_kernels
@@ -28,6 +27,7 @@ def test_a_package_must_be_compiled_until_machine_code_of_a_kernel_is_cached(tmp
 
 
 def test_the_sentence_is_said_once_at_the_first_run(tmp_path, monkeypatch, capsys):
+    """Every run would say that it compiles."""
     (tmp_path / "fresh_solver.py").write_text(KERNEL)
     monkeypatch.syspath_prepend(tmp_path)
     import fresh_solver

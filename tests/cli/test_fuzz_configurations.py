@@ -1,7 +1,5 @@
 """Any value of any key, and any text: accepted, or refused in one sentence."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 
@@ -61,6 +59,7 @@ def billion_laughs() -> str:
 
 @pytest.mark.slow
 def test_yaml_bombs(tmp_path):
+    """A document of a few kB would take all the memory."""
     path = tmp_path / "bomb.yaml"
     for text in (billion_laughs(), "[" * 100_000, "{a: " * 50_000, "- " * 90_000 + "1", "a" * 900_000, "? " * 20_000):
         path.write_text(text)
@@ -105,6 +104,7 @@ def test_names_stay_inside_the_output_folder(tmp_path, monkeypatch, name):
 
 @pytest.mark.slow
 def test_things_that_are_not_files(tmp_path):
+    """A pipe or a device would hang the program."""
     import os
 
     os.mkfifo(tmp_path / "pipe.yaml")

@@ -3,8 +3,6 @@
 The readers of HDF5 and OpenEXR are libraries in C; a process of its own makes their crash a fault like any other.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import subprocess
@@ -22,7 +20,6 @@ from twilight.base.errors import TwilightError
 
 pytestmark = pytest.mark.slow
 
-KINDS = ("sky", "rgb", "spectral", "table", "coefficients", "checkpoint", "references", "optics")
 TABLE = (
     "altitude_km,wavelength_nm,air_scattering_per_km,aerosol_extinction_per_km,aerosol_single_scattering_albedo,"
     "aerosol_asymmetry,absorption_per_km,refractivity\n"
@@ -165,6 +162,7 @@ def run(folder: Path, kind: str, seed: int, count: int) -> tuple[int, list[str]]
 
 @pytest.mark.parametrize("kinds", [("sky", 60), ("rgb", 150), ("spectral", 100), ("table", 200), ("coefficients", 60)])
 def test_damaged_files(tmp_path, kinds):
+    """A damaged file would be read as a whole one, or crash its library."""
     kind, count = kinds
     accepted, faults = run(tmp_path, kind, 0, count)
     assert not faults, "\n".join(faults[:5])
@@ -173,6 +171,7 @@ def test_damaged_files(tmp_path, kinds):
 
 @pytest.mark.parametrize("kind", ["checkpoint", "references", "optics"])
 def test_damaged_files_in_this_process(tmp_path, kind, capsys):
+    """A damaged checkpoint, reference or cache entry would be used."""
     main(tmp_path, kind, 0, 100)
     out = capsys.readouterr().out
     assert "fault" not in out, out
@@ -180,6 +179,7 @@ def test_damaged_files_in_this_process(tmp_path, kind, capsys):
 
 
 def test_a_file_that_claims_to_be_gigantic_is_refused_with_its_size(tmp_path):
+    """Memory would be taken for what a header claims."""
     import h5py
 
     from twilight.io import read_latlong_exr, read_sky, write_rgb_exr, write_sky

@@ -1,7 +1,5 @@
 """A render of a sequence that is interrupted at random moments: what was finished is whole, the next run is clean."""
 
-from __future__ import annotations
-
 import json
 import random
 import re
@@ -125,6 +123,7 @@ def interrupted_render(folder: Path, number: int, rng: random.Random) -> dict[st
 @pytest.mark.parametrize("number", list(CODES))
 @pytest.mark.parametrize("seed", range(2))
 def test_random_moments(tmp_path, number, seed):
+    """A half file would stand under a final name, or the next run trip over it."""
     before = interrupted_render(tmp_path, number, random.Random(f"{number} {seed}"))
     check_next_run(tmp_path, before)
 

@@ -5,7 +5,6 @@ import datetime as dt
 import inspect
 import re
 import textwrap
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,7 +24,6 @@ from twilight.studies.camera.response import read_response
 from twilight.studies.compare.reference_solution import read_references
 from twilight.studies.validate.measured.spectra import read_spectra
 
-AS_MET = Path("../shared/data/files_as_met")
 PLACE = (48.1, 11.5)
 COMMANDS = typer.main.get_command(app)
 
@@ -40,7 +38,7 @@ def commands(group=COMMANDS, before=()):
 
 @pytest.mark.parametrize("command", commands())
 def test_every_option_is_used(command):
-    """Each parameter of a command's function is read in its body: none is accepted and dropped."""
+    """An option would be accepted and dropped."""
     function = inspect.unwrap(command.callback)
     (tree,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
     read = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
@@ -48,7 +46,7 @@ def test_every_option_is_used(command):
 
 
 def test_the_horizon_dips():
-    """Mauna Kea, 4.2 km: arccos(R / (R + h)) = 2.08 deg, 9.8 minutes in June; the dusks are the elevation's alone."""
+    """Mauna Kea, 4.2 km: arccos(R / (R + h)) = 2.08 deg, 9.8 minutes in June; the dusks stay."""
     day = dt.date(2026, 6, 21)
     low, high = ({e.event: e for e in twilight_times(day, 19.8, -155.5, None, h)} for h in (0.0, 4.2))
     later = (high["sunset"].time - low["sunset"].time).total_seconds() / 60.0
@@ -86,12 +84,14 @@ NO_ZONE = "2026-06-21T21:00"
     ],
 )  # fmt: skip
 def test_a_time_without_a_zone_is_refused_everywhere(ask):
+    """One way in would take local time for UTC."""
     with pytest.raises(TwilightError, match=r"time.?zone"):
         ask()
 
 
 @pytest.mark.parametrize("year", [YEARS[0] - 1, YEARS[1] + 1])
 def test_the_same_years_everywhere(year):
+    """One way in would compute suns of years in which the ephemeris is wrong."""
     text = f"{year:04d}-06-21T12:00+00:00"
     moment = dt.datetime.fromisoformat(text)
     years = rf"outside the years {YEARS[0]} to {YEARS[1]}"
@@ -114,6 +114,7 @@ def test_the_same_years_everywhere(year):
 
 
 def test_tables_with_semicolons_and_decimal_commas(tmp_path):
+    """0,25 would be read as two numbers."""
     path = tmp_path / "mine.csv"
     for text in ("wavelength_nm;response\n500;0,25\n550,5;1\n", "500\t0,25\n550,5\t1,0\n", "500,0.25\n550.5,1\n"):
         path.write_text(text)
@@ -169,10 +170,3 @@ def test_one_table_in_every_dress(name, dress, tmp_path):
     plain.write_text(text)
     dressed.write_bytes(DRESSES[dress](text))
     np.testing.assert_array_equal(np.asarray(read(dressed)), np.asarray(read(plain)))
-
-
-def test_the_response_as_met():
-    if not AS_MET.is_dir():
-        pytest.skip(f"{AS_MET} is not here")
-    found = response(str(AS_MET / "resp-de.csv"))
-    assert found.wavelength_nm[[0, -1]].tolist() == [400.0, 700.0] and found.value.max() == pytest.approx(0.9931)

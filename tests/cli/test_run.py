@@ -1,7 +1,5 @@
 """What a run makes of a configuration: the air, the suns, what is left out, and the record."""
 
-from __future__ import annotations
-
 import itertools
 from datetime import UTC, datetime
 
@@ -44,6 +42,7 @@ SMALL = {
     ],
 )
 def test_what_is_left_out_moves_the_sky_by_less_than_stated(climate, settings, left_out, tolerance):
+    """Something would be left out that is seen."""
     planned = load(climate, SMALL | settings)
     plan = make_plan(planned)
     assert left_out in [item.part for item in plan.omissions]
@@ -58,6 +57,7 @@ def test_what_is_left_out_moves_the_sky_by_less_than_stated(climate, settings, l
 
 
 def test_a_gas_that_matters_stays():
+    """A gas would be left out that is seen."""
     eight = {"wavelengths.count": 8}
     plan = make_plan(load("pure-air", eight))
     gases = load_climate("pure-air").gases
@@ -69,12 +69,14 @@ def test_a_gas_that_matters_stays():
 
 
 def test_a_straight_beam_is_left_out_only_without_refraction():
+    """Refraction would be left out where it was asked for."""
     plan = make_plan(load("urban", {"refraction.model": "none", "wavelengths.count": 8}))
     assert [item.part for item in plan.omissions] == ["bands of oxygen", "refraction"]
     assert not climate_medium(plan.climate, np.array([550.0])).has_refraction
 
 
 def test_eight_placed_wavelengths_give_the_luminance_that_eight_equidistant_ones_miss():
+    """The default wavelengths would miss luminance by 1 %."""
     once = {"solver.max_orders": 1, "solver.quality": "draft", "texture.resolution_deg": 15.0, "sun.elevation_deg": -4}
     once |= {"gases.oxygen": False, "gases.water_vapour.column_mm": 0}
     light = {}
@@ -91,6 +93,7 @@ def test_eight_placed_wavelengths_give_the_luminance_that_eight_equidistant_ones
 
 @pytest.mark.parametrize("name", [*shipped("climates"), *shipped("configs")])
 def test_the_record_of_a_frame_is_a_configuration_of_the_same_frame(name):
+    """A file's record would be of another frame, or be refused."""
     config = load_series(name)[-1].config
     sun = list(suns_of(config))[-1]
     record = resolved_configuration(config, sun.section)
@@ -107,6 +110,7 @@ def test_the_record_of_a_frame_is_a_configuration_of_the_same_frame(name):
 
 
 def test_haber_evening_has_a_frame_every_four_minutes_and_the_sun_goes_down():
+    """The paper's evening would have other suns."""
     config = load("saarbruecken-2003-12-08")
     suns = list(suns_of(config))
     assert len(suns) == count_suns(config) == 31
@@ -119,6 +123,7 @@ def test_haber_evening_has_a_frame_every_four_minutes_and_the_sun_goes_down():
 
 
 def test_steps_of_an_interval_are_even_across_a_change_of_the_clocks():
+    """A film would jump by an hour."""
     sun = {"start": "2026-03-29T01:00", "stop": "2026-03-29T04:00", "step_minutes": 30}
     place = {"latitude_deg": 52.5, "longitude_deg": 13.4, "time_zone": "Europe/Berlin"}
     suns = list(suns_of(load("urban", {"sun": sun | place})))
@@ -130,11 +135,13 @@ def test_steps_of_an_interval_are_even_across_a_change_of_the_clocks():
 
 
 def test_a_run_of_several_suns_is_refused_and_says_what_to_use():
+    """The first sun would stand for all."""
     with pytest.raises(TwilightError, match=r"3 suns; frames"):
         run(resolve(load("urban", {"sun": {"elevations_deg": [1, 2, 3]}})))
 
 
 def test_keys_of_the_aerosol_reach_the_medium():
+    """A key of the aerosol would do nothing."""
     spec = aerosol_spec(load("desert").climate.aerosol)
     assert spec.boundary_layer_top_km == 6 and spec.scale_height_km == 2
     changed = {
@@ -151,6 +158,7 @@ def test_keys_of_the_aerosol_reach_the_medium():
 
 
 def test_the_stratosphere_is_measured_unless_opac_is_asked_for():
+    """A climate would have another stratosphere than its page says."""
     at = np.array([550.0])
 
     def regions(name, **settings):
@@ -191,6 +199,7 @@ def test_air_by_turbidity_and_by_visibility(name):
 
 
 def test_keys_of_gases_layers_and_refraction_reach_the_medium():
+    """A key of the air would do nothing."""
     at = np.array([600.0])
     medium = climate_medium(load_climate("haber2005-air"), at)
     assert medium.top_km == 35 and np.unique(medium.altitude_km).size == 51
@@ -210,11 +219,14 @@ def test_keys_of_gases_layers_and_refraction_reach_the_medium():
 
 
 def test_a_spectral_albedo_is_linear_between_its_wavelengths_and_constant_outside():
+    """The ground would have another colour than given."""
     ground = load("urban", {"ground.albedo": {"wavelength_nm": [400, 600], "albedo": [0.1, 0.5]}}).climate.ground
     assert ground_albedo(ground, np.array([350.0, 400.0, 500.0, 700.0])) == pytest.approx([0.1, 0.1, 0.3, 0.5])
 
 
 def test_described_ozone_says_where_and_when_it_is_from():
+    """`show` would state another ozone than the air has."""
+
     def ozone(**settings):
         medium = climate_medium(load("pure-air", settings).climate, np.array([550.0]))
         return dict(facts(medium))["ozone column"]
@@ -227,6 +239,7 @@ def test_described_ozone_says_where_and_when_it_is_from():
 
 
 def test_described_figures_are_in_their_known_ranges():
+    """`show` would print an impossible refraction or scale height."""
     medium = climate_medium(load_climate("pure-air"), np.array([550.0]))
     assert 29 <= horizontal_refraction_arcmin(medium)[0] <= 35
     assert 8.0 < scale_height_km(medium, "air") < 9.0

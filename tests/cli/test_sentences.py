@@ -4,8 +4,6 @@
 and CONFIGS/ is where those are that come with the program.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

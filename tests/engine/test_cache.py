@@ -43,6 +43,7 @@ def files():
 
 
 def test_the_second_render_reads_what_the_first_has_solved(solved):
+    """The cache would solve again, or give another sky."""
     first = twilight.render("pure-air", **SCENE)
     again = twilight.render("pure-air", **SCENE)
     assert len(solved) == 1 and len(files()) == 1
@@ -53,15 +54,13 @@ def test_the_second_render_reads_what_the_first_has_solved(solved):
 
 
 def test_whatever_enters_makes_another_field(solved):
+    """The field of other air would be taken from the cache."""
     twilight.render("pure-air", **SCENE)
     changes = [
-        {"sun_elevation_deg": -3.001},
-        {"wavelength_nm": [550.001]},
-        {"altitude_km": 0.001},
-        {"settings": {"ground.albedo": 0.1501}},
-        {"settings": {"gases.ozone.column_du": 334.0}},
+        {"sun_elevation_deg": -3.001}, {"wavelength_nm": [550.001]}, {"altitude_km": 0.001},
+        {"settings": {"ground.albedo": 0.1501}}, {"settings": {"gases.ozone.column_du": 334.0}},
         {"settings": {"solver.max_orders": 7}},
-    ]
+    ]  # fmt: skip
     for number, change in enumerate(changes, start=2):
         settings = SCENE["settings"] | change.get("settings", {})
         twilight.render("pure-air", **(SCENE | change | {"settings": settings}))
@@ -69,6 +68,7 @@ def test_whatever_enters_makes_another_field(solved):
 
 
 def test_a_damaged_field_is_solved_again(solved):
+    """A damaged field would be shown."""
     first = twilight.render("pure-air", **SCENE)
     (path,) = files()
     whole = bytearray(path.read_bytes())
@@ -82,6 +82,7 @@ def test_a_damaged_field_is_solved_again(solved):
 
 
 def test_the_field_used_longest_ago_goes_first(solved, monkeypatch):
+    """The cache would grow, or lose what is used."""
     for index, sun in enumerate((-1.0, -2.0)):
         twilight.render("pure-air", **(SCENE | {"sun_elevation_deg": sun}))
         for path in files():
@@ -96,7 +97,7 @@ def test_the_field_used_longest_ago_goes_first(solved, monkeypatch):
 
 
 def test_a_folder_that_cannot_be_written_is_one_warning(solved, monkeypatch, tmp_path):
-    """Else a read-only cache ends in a traceback, or costs time without a word."""
+    """A read-only cache would be a traceback, or cost time without a word."""
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path / "file"))
     with pytest.warns(TwilightWarning, match=r"cache folder .*file cannot be written .* TWILIGHT_CACHE_DIR") as said:
@@ -106,7 +107,7 @@ def test_a_folder_that_cannot_be_written_is_one_warning(solved, monkeypatch, tmp
 
 
 def test_a_full_cache_folder_is_one_warning(solved):
-    """HDF5 on a full disk ends in a traceback or a crash; files larger than 20 kB cannot be written here."""
+    """HDF5 on a full disk would crash; files larger than 20 kB cannot be written here."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
     try:
@@ -119,6 +120,7 @@ def test_a_full_cache_folder_is_one_warning(solved):
 
 
 def test_none_are_cached_where_the_limit_is_0(solved, monkeypatch):
+    """A limit of 0 would be none."""
     monkeypatch.setenv("TWILIGHT_CACHE_GB", "0")
     twilight.render("pure-air", **SCENE)
     assert not files()
@@ -126,12 +128,14 @@ def test_none_are_cached_where_the_limit_is_0(solved, monkeypatch):
 
 @pytest.mark.parametrize("text", ["much", "-1", "inf", "nan"])
 def test_a_limit_must_be_a_number(monkeypatch, text):
+    """A limit that is no number would be ignored."""
     monkeypatch.setenv("TWILIGHT_CACHE_GB", text)
     with pytest.raises(TwilightError, match=r"TWILIGHT_CACHE_GB: is .* allowed is a number of gigabytes"):
         cache.limit_bytes()
 
 
 def test_the_command_shows_and_clears_every_kind(solved):
+    """`twilight cache --clear` would leave files."""
     assert "nothing is cached" in CliRunner().invoke(app, ["cache"]).output
     twilight.render("pure-air", **SCENE)
     cache.store_array(cache.OPTICS, "key", np.arange(3.0))
@@ -145,6 +149,7 @@ def test_the_command_shows_and_clears_every_kind(solved):
     "damage", [lambda raw: raw[:-1], lambda raw: raw + b"x", lambda raw: b"x" + raw[1:], lambda raw: b""]
 )
 def test_a_damaged_array_counts_as_absent(solved, damage):
+    """Damaged optics would be used."""
     cache.store_array(cache.OPTICS, "key", np.arange(6.0))
     np.testing.assert_array_equal(cache.read_array(cache.OPTICS, "key", (2, 3)), np.arange(6.0).reshape(2, 3))
     path = cache.path_of(cache.OPTICS, "key")

@@ -57,6 +57,7 @@ def test_of_a_solver_that_does_not_say_the_arrays_alone_are_known(solver):
     assert sizes.sky_bytes > 0 and (sizes.field_bytes, sizes.total_bytes, sizes.cpu_s) == (None, None, None)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="peak memory is read from /proc")
 def test_the_memory_is_what_the_plan_says():
     """The plan would be off by more than 40 % of the memory that a run takes."""

@@ -1,7 +1,5 @@
 """The engine: blocks, observers, mirror images, what solvers declare, and what its callers may no longer decide."""
 
-from __future__ import annotations
-
 import inspect
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -62,6 +60,7 @@ def solved_toy(solver, **more):
 
 
 def test_wavelengths_go_in_blocks_of_what_the_solver_declares_and_come_back_in_order():
+    """Wavelengths would be exchanged between blocks."""
     solver = toy_solver(wavelengths_at_once=2)
     solved = solved_toy(solver)
     assert [call[0] for call in solver.calls] == [[400.0, 500.0], [600.0]]
@@ -71,6 +70,7 @@ def test_wavelengths_go_in_blocks_of_what_the_solver_declares_and_come_back_in_o
 
 
 def test_one_block_is_held_at_a_time_where_they_are_taken_one_by_one():
+    """All blocks would be in memory at once."""
     import gc
     import weakref
 
@@ -97,6 +97,7 @@ def test_a_model_without_grids_takes_bands_and_others_in_one_block():
 
 
 def test_a_field_of_one_observer_is_solved_anew_for_another_and_serves_until_then():
+    """Another observer would get the first one's sky."""
     solver = toy_solver()
     solved = solved_toy(solver)
     there = [solved.radiance(0.0, [10.0], [0.0], observer_altitude_km=2.0)[0, 0] for _ in range(2)]
@@ -106,6 +107,7 @@ def test_a_field_of_one_observer_is_solved_anew_for_another_and_serves_until_the
 
 
 def test_the_suns_are_given_to_solvers_that_take_them_only():
+    """A solver would be asked with an argument that it has not."""
     for takes in (True, False):
         solver = toy_solver(takes_suns=takes)
         solved_toy(solver, sun_elevations_deg=(3.0, -4.0))
@@ -113,6 +115,7 @@ def test_the_suns_are_given_to_solvers_that_take_them_only():
 
 
 def test_half_a_texture_is_asked_for_and_mirrored():
+    """The other half of the sky would be computed, or not be its mirror image."""
     sky = solved_toy(toy_solver()).sky(5.0, np.array([10.0, 50.0]), np.arange(6) * 60.0)
     assert sky.sun_normalised_radiance[0, :, 0] == pytest.approx(
         400.0 * (115.0 + np.cos(np.radians([0.0, 60.0, 120.0, 180.0, 120.0, 60.0])))
@@ -129,6 +132,7 @@ def test_radiance_that_cannot_be_is_an_error_for_every_caller(monkeypatch):
 
 
 def test_a_field_file_holds_one_block():
+    """A field file would hold the last block alone."""
     with pytest.raises(TwilightError, match=r"field_file: holds the field of up to 2 wavelengths, and air has 3"):
         scene = toy_scene(toy_solver(wavelengths_at_once=2))
         solver = toy_solver(wavelengths_at_once=2)
@@ -137,6 +141,7 @@ def test_a_field_file_holds_one_block():
 
 @pytest.mark.parametrize("name", solvers.SOLVERS)
 def test_solvers_can_do_what_they_declare_and_no_more(name):
+    """The engine would ask a solver for what it cannot do."""
     solver = solvers.load(name)
     able = solver.CAPABILITIES
     field = solver.Field
@@ -152,8 +157,7 @@ def test_solvers_can_do_what_they_declare_and_no_more(name):
 
 
 def test_a_sweep_gives_a_formula_all_wavelengths_at_once():
-    """preetham reads its turbidity at 550 nm: of 40 wavelengths the blocks 380 to 660 nm and 669 to 720 nm would each
-    find another."""
+    """preetham reads its turbidity at 550 nm: each block of 40 wavelengths would find another."""
     forget()
     keys = {**AIR, "climate": "continental-average", "solver": {"name": "preetham"}, "wavelengths": {"count": 40}}
     made = Sweep(load_axes({**keys, "vary": {"sun.elevation_deg": [30.0, 50.0]}}))
@@ -165,6 +169,7 @@ def test_a_sweep_gives_a_formula_all_wavelengths_at_once():
 
 
 def test_the_code_of_a_sweep_is_what_computes_it():
+    """A sweep would go on with results of other code, or be redone for a page of the docs."""
     work = "twilight.studies.sweep.work"
     files = files_of(work, solvers.SOLVERS["zones"], without=DISPLAY)
     names = {file.as_posix().rsplit("twilight/", 1)[-1] for file in files}
@@ -178,6 +183,7 @@ def test_the_code_of_a_sweep_is_what_computes_it():
 
 
 def test_both_sides_of_a_comparison_see_what_the_plan_leaves():
+    """The two sides of a comparison would see different air."""
     from twilight.studies.compare.job import Job, SampleDirections
     from twilight.studies.compare.worker import _Execution
 

@@ -1,7 +1,5 @@
 """A solved field as a person meets it: a sky of any sun at once, what it says of itself, and wrong questions."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np
@@ -31,6 +29,7 @@ def asked(field, monkeypatch) -> list[float]:
 
 
 def test_the_sky_of_another_sun_asks_the_solver_for_nothing(field, monkeypatch):
+    """A film would solve every frame, or its frames be off the field."""
     suns = asked(field, monkeypatch)
     first = field.sky(-4.0)
     assert suns and not any(sun == -4.0 for sun in suns)
@@ -46,12 +45,14 @@ def test_the_sky_of_another_sun_asks_the_solver_for_nothing(field, monkeypatch):
 
 
 def test_another_observer_is_asked_for(field, monkeypatch):
+    """Another observer would get the first one's table."""
     suns = asked(field, monkeypatch)
     field.sky(-4.0, observer_altitude_km=0.05)
     assert set(suns) == {-4.0}
 
 
 def test_a_field_and_a_page_say_what_they_are_in_five_lines(field):
+    """`repr` would flood a console."""
     lines = repr(field).splitlines()
     assert len(lines) == 5 and max(map(len, lines)) <= 110
     assert "closed air, by " in lines[0] and "8 wavelengths 380 to 720 nm" in lines[1] and "any sun" in lines[3]
@@ -74,11 +75,13 @@ def test_a_field_and_a_page_say_what_they_are_in_five_lines(field):
     ],
 )
 def test_wrong_questions_are_one_sentence(field, question, message):
+    """A wrong question would be NaN, or a traceback."""
     with pytest.raises(TwilightError, match=message):
         question(field)
 
 
 def test_suns_beyond_a_model_are_refused_with_its_range():
+    """A model would be extrapolated below its last sun."""
     field = twilight.solve("continental-average", solver="compact", wavelength_nm=[450, 550, 650])
     assert field.sky(-17.9).sun_normalised_radiance.min() > 0.0  # the last table is that of the model's last sun
     with pytest.raises(TwilightError, match=r"sun.elevation_deg is -25; the compact solver allows -18 to 90"):

@@ -1,7 +1,5 @@
 """The light of directions and surfaces at places and times, term by term."""
 
-from __future__ import annotations
-
 import time
 from datetime import UTC, datetime, timedelta
 
@@ -19,6 +17,8 @@ from twilight.engine.surfaces import Direction, Surface, towards
 from twilight.numerics.directions import whole_hemisphere
 from twilight.sky.night import NightLevels, night_radiance
 
+pytestmark = pytest.mark.usefixtures("coarse_draft")
+
 PLACE = (28.3, -16.5)
 AIR = {
     "version": 1,
@@ -31,6 +31,7 @@ DUSK = datetime(2026, 3, 20, 19, 43, tzinfo=UTC)  # the sun at -6.5 deg
 
 @pytest.mark.parametrize("sun_deg", [-9.0, 30.0, 88.0])
 def test_surfaces_under_a_uniform_sky_have_their_closed_forms(sun_deg):
+    """A surface would be lit by another part of the sky."""
     elevation, azimuth, solid = (x[None, :] for x in whole_hemisphere(sun_deg))
     assert solid.sum() == pytest.approx(2 * np.pi, rel=1e-12)
     zero = np.zeros(1)
@@ -50,6 +51,7 @@ def test_surfaces_under_a_uniform_sky_have_their_closed_forms(sun_deg):
 
 
 def test_what_is_asked_for_is_read_from_text():
+    """`--towards` would mean another direction."""
     assert towards("zenith") == Direction(90.0) and towards("30/180") == Direction(30.0, 180.0)
     assert towards("5/sun+90") == Direction(5.0, 90.0, True) and towards("5/sun") == Direction(5.0, 0.0, True)
     assert towards("plane:90/270") == Surface("plane", 90.0, 270.0) and towards("sphere") == Surface("sphere")
@@ -70,7 +72,7 @@ def at(*hours: float):
 
 
 def test_the_night_is_exact_in_every_direction_at_every_moment(light):
-    """Directions and times that no grid has, beside the formulas of the night sky asked for one direction alone."""
+    """Interpolated nights would be off the formulas by more than 0.3 %."""
     moments = at(21.3, 23.123, 28.61)
     elevation, azimuth = np.array([[17.0, 52.3, 90.0]] * 3), np.array([[283.0, 7.7, 0.0]] * 3)
     found = light.directions(moments, elevation, azimuth, ["airglow", "stars", "zodiacal_light"])
@@ -85,6 +87,7 @@ def test_the_night_is_exact_in_every_direction_at_every_moment(light):
 
 
 def test_the_night_of_surfaces_is_the_integral_of_its_directions(light):
+    """Surfaces would be lit by another night."""
     moments, names = at(22.0, 27.5), ["airglow", "stars", "zodiacal_light"]
     rows, columns = np.meshgrid(np.arange(1.0, 90.0, 2.0), np.arange(0.0, 360.0, 6.0), indexing="ij")
     e, a = (np.broadcast_to(x.ravel(), (2, x.size)) for x in (rows, columns))
@@ -96,7 +99,7 @@ def test_the_night_of_surfaces_is_the_integral_of_its_directions(light):
 
 
 def test_surfaces_have_the_integral_of_the_sky_at_any_sun(light):
-    """Suns between nodes, planes between the azimuths that are held: within 0.3 % of the field's own lines of sight."""
+    """Between nodes of suns and azimuths surfaces would be lit wrongly."""
     moments = at(12.9, 18.7, 19.31, 20.03)
     surfaces = [Surface(), Surface("plane", 90.0, 37.0), Surface("plane", 40.0, 205.0), Surface("sphere")]
     found = light.surfaces(moments, surfaces, ["sky"])
@@ -111,6 +114,7 @@ def test_surfaces_have_the_integral_of_the_sky_at_any_sun(light):
 
 
 def test_the_disc_of_the_sun_is_that_of_its_strips(light):
+    """A setting sun would light a plane too long."""
     for sun in (-0.7, -0.2, 0.3, 4.0, 61.0):
         elevation, beams = light.disc.strips(np.array([sun]))
         level = np.maximum(np.sin(np.radians(elevation[0])), 0.0) @ beams[0]
@@ -121,6 +125,7 @@ def test_the_disc_of_the_sun_is_that_of_its_strips(light):
 
 
 def test_zenith_and_directions_are_those_of_the_field(light):
+    """Tables would differ from the field's lines of sight."""
     suns = np.array([-16.3, -5.2, 1.4, 33.0, 71.0])
     elevation = np.array([[90.0, 12.0, 50.0]] * 5)
     azimuth = np.array([[0.0, 20.0, 200.0]] * 5)
@@ -135,7 +140,7 @@ def test_zenith_and_directions_are_those_of_the_field(light):
 
 
 def test_below_the_lowest_sun_logarithms_go_on_straight(light):
-    """compact ends at -18 deg; a whole night has no gap and no rise."""
+    """compact ends at -18 deg: a whole night would have a gap or a rise."""
     suns = np.arange(-17.0, -30.0, -0.5)
     zenith = light.over_suns.zenith(suns)
     level = light.over_suns.surface(Surface(), suns, np.zeros(suns.size))
@@ -145,6 +150,7 @@ def test_below_the_lowest_sun_logarithms_go_on_straight(light):
 
 
 def test_the_night_is_left_out_by_day_and_only_where_it_cannot_matter(light, monkeypatch):
+    """A night would cost time by day, or be missing at dusk."""
     moments, up = at(13.0, 19.75, 22.0), np.array([[90.0]] * 3)
     asked: list[int] = []
     for term in light.terms(None):
@@ -164,6 +170,7 @@ def test_the_night_is_left_out_by_day_and_only_where_it_cannot_matter(light, mon
 
 
 def test_without_a_solver_it_is_compact_where_that_serves_and_says_so():
+    """Another solver would be taken without a word."""
     air = {key: value for key, value in AIR.items() if key != "solver"}
     made = twilight.light(PLACE, DUSK, "zenith", ["V"], air)
     assert made.attrs["solver"].startswith("solver: compact")
@@ -172,6 +179,7 @@ def test_without_a_solver_it_is_compact_where_that_serves_and_says_so():
 
 @pytest.mark.slow
 def test_the_zenith_is_that_of_a_rendered_sky():
+    """`light` and `render` would differ."""
     made = twilight.light(PLACE, DUSK, "zenith", ["V", "luminance"], AIR)
     sky = twilight.render({**AIR, "night": {}}, at=DUSK, place=PLACE)
     assert float(made.luminance_cd_per_m2) == pytest.approx(sky.luminance_at(), rel=0.01)
@@ -180,6 +188,7 @@ def test_the_zenith_is_that_of_a_rendered_sky():
 
 
 def test_terms_add_up_and_the_ground_is_lit_by_them():
+    """A source would count twice, or not light the ground."""
     names = ("sky", "moon", "airglow", "stars", "zodiacal_light")
     late = datetime(2026, 3, 20, 20, 35, tzinfo=UTC)
     whole = float(twilight.light(PLACE, late, "40/120", "luminance", AIR))
@@ -201,6 +210,7 @@ def test_civil_dusk_has_the_illuminance_that_was_measured():
 
 
 def test_places_times_and_directions_have_their_dimensions():
+    """Places, times and directions would be exchanged."""
     times = [DUSK, datetime(2026, 3, 20, 19, 46, tzinfo=UTC)]
     made = twilight.light([PLACE, (28.3, -16.0)], times, ["zenith", "20/sun"], "V", AIR)
     assert made.dims == ("place", "time", "direction") and made.shape == (2, 2, 2)
@@ -215,6 +225,7 @@ def test_places_times_and_directions_have_their_dimensions():
 
 
 def test_times_units_and_series_of_other_libraries():
+    """pandas or astropy would get another unit or index."""
     pandas = pytest.importorskip("pandas")
     index = pandas.DatetimeIndex([DUSK, "2026-03-20T19:46Z"]).tz_convert("Atlantic/Canary")
     series = twilight.light(PLACE, index, "horizontal", "illuminance", AIR, returns="pandas")
@@ -248,6 +259,7 @@ def test_times_units_and_series_of_other_libraries():
     ],
 )
 def test_bad_input_is_one_sentence(change, sentence):
+    """A wrong question would be a traceback."""
     asked = {"place": PLACE, "time": DUSK, "towards": "zenith", "quantity": "V", "climate": AIR} | change
     with pytest.raises(TwilightError, match=sentence) as error:
         twilight.light(**asked)
@@ -255,6 +267,7 @@ def test_bad_input_is_one_sentence(change, sentence):
 
 
 def test_the_command_prints_what_the_call_returns(tmp_path):
+    """Command and call would differ."""
     import yaml
 
     path = tmp_path / "air.yaml"
@@ -268,8 +281,7 @@ def test_the_command_prints_what_the_call_returns(tmp_path):
 
 @pytest.mark.slow
 def test_the_moon_lights_the_night_as_in_a_render():
-    """A full moon 57 deg up: less than the 0.32 lx that it never exceeds (Kyba, Mohar & Posch 2017); its sky is a
-    render's; a new moon adds nothing."""
+    """A full moon 57 deg up lights less than 0.32 lx (Kyba, Mohar & Posch 2017); as in a render."""
     night = datetime(2026, 4, 2, 0, 30, tzinfo=UTC)
     lux = twilight.light(PLACE, night, "horizontal", "illuminance", AIR, sources=["moon"])
     assert 0.1 < float(lux) < 0.32
@@ -286,8 +298,7 @@ def test_the_moon_lights_the_night_as_in_a_render():
 
 @pytest.mark.slow
 def test_ten_thousand_moments_take_seconds():
-    """Lux and colour temperature through a year, with stars, zodiacal light and moon: 1.6 processor s of skies
-    that are there."""
+    """A year of moments would take minutes: 1.6 processor s of skies that are there."""
     start = datetime(2026, 1, 1, tzinfo=UTC)
     times = [start + timedelta(minutes=52.56 * i) for i in range(10_000)]
     asked = ("horizontal", ["illuminance", "cct"], {key: v for key, v in AIR.items() if key != "solver"})

@@ -1,7 +1,5 @@
 """A disk that is full at any moment of any writer: one sentence, nothing half written."""
 
-from __future__ import annotations
-
 import ast
 import errno
 import resource
@@ -121,6 +119,7 @@ def run(*words):
 
 
 def test_every_file_of_a_render(plain, tmp_path):
+    """A full disk would leave half a file under its final name."""
     words = ("render", "pure-air", "--sun-elevation", "5", "--projection", "fisheye", "--size", "16x16", "--disc")
     every = "view,png,rgb,spectral,h5,sun,disc"
     assert_all_or_nothing(
@@ -129,6 +128,7 @@ def test_every_file_of_a_render(plain, tmp_path):
 
 
 def test_a_series_and_its_one_netcdf(plain, tmp_path):
+    """A full disk would leave half a series' file."""
     words = ("render", "pure-air", "--sun-elevation", "5,4", "--only", "h5,png", "--output")
     assert_all_or_nothing(lambda at: run(*words, at / "out"), tmp_path, grows=("out/skies.jsonl",))
 
@@ -151,6 +151,8 @@ def test_films(suffix, tmp_path, monkeypatch):
 
 
 def test_a_film_that_could_not_begin_leaves_no_folder(tmp_path, monkeypatch):
+    """A folder of nothing would be left."""
+
     def full(*_):
         assert [path.name for path in (tmp_path / "film.gif.frames").iterdir()] == ["lock"]
         raise TwilightError("No space left on device")
@@ -185,6 +187,7 @@ def test_every_kind_of_file(name, tmp_path):
 
 
 def test_what_the_system_refuses_is_known_in_the_words_of_a_library():
+    """A full disk within OpenEXR would be a traceback."""
     assert refusal(RuntimeError('Failed to write "a.exr". No space left on device.')) == "No space left on device"
     assert refusal(OSError(errno.ENOSPC, "No space left on device")) == "No space left on device"
     assert refusal(RuntimeError("not enough frames")) is None and refusal(ValueError("3 > 2")) is None

@@ -56,6 +56,7 @@ UV_OF = {"openexr": openexr_uv, "mitsuba": openexr_uv, "blender": blender_uv, "r
 @pytest.mark.parametrize("renderer", RENDERERS)
 @pytest.mark.parametrize("azimuth", [10.0, 100.0, 190.0, 300.0])
 def test_a_spot_is_where_the_renderer_looks_for_it(tmp_path, renderer, azimuth):
+    """A renderer would be lit from another side."""
     sky = replace(spot(), sun_azimuth_deg=azimuth)
     found = brightest_uv(read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", renderer=renderer, width=256)).rgb)
     expected = UV_OF[renderer](*unit_vector(GLOW_ELEVATION, azimuth))
@@ -64,6 +65,7 @@ def test_a_spot_is_where_the_renderer_looks_for_it(tmp_path, renderer, azimuth):
 
 @pytest.mark.parametrize("renderer", RENDERERS)
 def test_every_pixel_centre_goes_back_to_itself(renderer):
+    """A map would be shifted by half a pixel."""
     elevation, azimuth = np.broadcast_arrays(*environment_directions(renderer, 32))
     height, width = elevation.shape
     for row in range(height):
@@ -74,7 +76,7 @@ def test_every_pixel_centre_goes_back_to_itself(renderer):
 
 
 def test_rgb_exr_is_upright_in_mitsuba(tmp_path):
-    """A mirror ball under the map shows the glow at its azimuth and height, the sky above, the ground below."""
+    """A mirror ball would show the sky turned or upside down."""
     mitsuba = pytest.importorskip("mitsuba")
     mitsuba.set_variant("scalar_rgb")
     sky = glow_sky(glow_elevation_deg=GLOW_ELEVATION, sun_azimuth_deg=SUN_AZIMUTH, ground_albedo=np.full(7, 0.0))
@@ -112,6 +114,7 @@ def test_rgb_exr_is_upright_in_mitsuba(tmp_path):
 
 
 def test_rgb_exr_has_three_channels_and_says_what_it_is(tmp_path):
+    """A file would not say what its numbers are."""
     sky = spot(
         latitude_deg=49.25,
         longitude_deg=7.0,
@@ -135,6 +138,7 @@ def test_rgb_exr_has_three_channels_and_says_what_it_is(tmp_path):
 
 
 def test_rgb_exr_holds_the_luminance_and_a_latlong_sky_pixel_by_pixel(tmp_path):
+    """Pixels would not be the sky's luminance."""
     sky = glow_sky().resample((np.arange(16) + 0.5) * 5.625, (np.arange(64) + 0.5) * 5.625)
     found = read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", width=64))
     rgb = colour.sky_to_linear_rgb(sky) / 683.002
@@ -146,6 +150,7 @@ def test_rgb_exr_holds_the_luminance_and_a_latlong_sky_pixel_by_pixel(tmp_path):
 
 @pytest.mark.parametrize("renderer", RENDERERS)
 def test_colours_outside_the_gamut_stay_negative_except_for_renderers(tmp_path, renderer):
+    """A renderer would get negative light, or the colour move in brightness."""
     sky = glow_sky(floor=1e-3, glow_elevation_deg=60)
     deep_blue = replace(sky, sun_normalised_radiance=sky.sun_normalised_radiance * (sky.wavelength_nm / 450) ** -16)
     found = read_latlong_exr(write_rgb_exr(deep_blue, tmp_path / "a.exr", renderer=renderer, width=64)).rgb
@@ -156,6 +161,7 @@ def test_colours_outside_the_gamut_stay_negative_except_for_renderers(tmp_path, 
 
 
 def test_ground_is_lambertian_and_black_without_albedo(tmp_path):
+    """The ground of a map would be too bright."""
     sky = replace(glow_sky(), ground_albedo=np.full(7, 0.4), direct_irradiance=np.full(7, 0.5))
     found = read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", width=64))
     expected = 0.4 / np.pi * sky.illuminance_lux(direct=True)
@@ -165,6 +171,7 @@ def test_ground_is_lambertian_and_black_without_albedo(tmp_path):
 
 
 def test_an_observer_high_up_sees_sky_below_the_horizon(tmp_path):
+    """The sky below the horizontal would be cut off."""
     elevation, azimuth = np.linspace(-10.0, 88.0, 50), np.arange(40) * 9.0
     sky = Sky([450.0, 550.0, 650.0], elevation, azimuth, np.full((50, 40, 3), 0.01), 5.0)
     rows = read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", width=360)).rgb[:, 0, 1]
@@ -172,6 +179,7 @@ def test_an_observer_high_up_sees_sky_below_the_horizon(tmp_path):
 
 
 def test_unknown_sun_azimuth_puts_the_sun_in_the_north(tmp_path):
+    """A sky without azimuth would be turned by chance."""
     sky = replace(spot(), sun_azimuth_deg=None)
     found = read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", width=128))
     assert brightest_uv(found.rgb)[0] == pytest.approx(0.5, abs=0.01)
@@ -179,16 +187,13 @@ def test_unknown_sun_azimuth_puts_the_sun_in_the_north(tmp_path):
 
 
 def test_spectral_exr_follows_the_layout_and_reads_elsewhere(tmp_path):
+    """Other readers of spectral EXR would find other wavelengths."""
     sky = glow_sky(wavelength_nm=(400.0, 455.25, 550.0, 700.0), sun_azimuth_deg=SUN_AZIMUTH)
     path = write_spectral_exr(sky, tmp_path / "sky.spectral.exr", width=64)
     with OpenEXR.File(str(path), separate_channels=True) as file:
         assert set(file.channels()) == {
-            *"RGB",
-            "S0.400,000000nm",
-            "S0.455,250000nm",
-            "S0.550,000000nm",
-            "S0.700,000000nm",
-        }
+            *"RGB", "S0.400,000000nm", "S0.455,250000nm", "S0.550,000000nm", "S0.700,000000nm",
+        }  # fmt: skip
         header = file.header()
         assert header["spectralLayoutVersion"] == "1.0" and header["emissiveUnits"] == "W.m^-2.sr^-1"
         assert header["twilightRadianceUnits"] == "W.m^-2.sr^-1.nm^-1"
@@ -209,6 +214,7 @@ def test_spectral_exr_follows_the_layout_and_reads_elsewhere(tmp_path):
 
 
 def test_spectral_exr_keeps_the_night_and_holds_a_thousand_wavelengths(tmp_path):
+    """A night would be lost in half floats, or many wavelengths in names."""
     wavelength = np.linspace(301.0, 999.0, 1000)
     elevation, azimuth = np.array([15.0, 45.0, 75.0]), np.arange(4) * 90.0
     sky = Sky(wavelength, elevation, azimuth, np.full((3, 4, 1000), 1e-14), -18.0)
@@ -219,6 +225,7 @@ def test_spectral_exr_keeps_the_night_and_holds_a_thousand_wavelengths(tmp_path)
 
 @pytest.mark.parametrize("reader", [read_latlong_exr, read_spectral_exr])
 def test_a_bad_exr_is_refused_in_one_sentence(tmp_path, reader):
+    """A file cut off would be a traceback of OpenEXR."""
     path = write_spectral_exr(glow_sky(), tmp_path / "a.exr", width=64)
     path.write_bytes(path.read_bytes()[:-500])
     with pytest.raises(TwilightError, match=r"a\.exr: is not a complete OpenEXR file") as caught:
@@ -230,6 +237,7 @@ def test_a_bad_exr_is_refused_in_one_sentence(tmp_path, reader):
 
 @pytest.mark.parametrize("width", [16, 128, 300])
 def test_radiance_picture_is_the_same_map_to_the_precision_of_the_format(tmp_path, width):
+    """The HDR picture would be another map."""
     reader = pytest.importorskip("OpenImageIO")
     sky = spot(provenance={"configuration": {"name": "T1"}})
     image = reader.ImageBuf(str(write_hdr(sky, tmp_path / "sky.rgb.hdr", width=width)))
@@ -242,6 +250,7 @@ def test_radiance_picture_is_the_same_map_to_the_precision_of_the_format(tmp_pat
 
 
 def test_rgbe_keeps_night_and_day_and_black():
+    """Light would be off by more than the format's step."""
     values = np.array([[1e-12, 5e-13, 0.0], [1.0, 0.5, 0.25], [3e4, 1.0, 0.0], [0.0, 0.0, 0.0], [255.9, 255.9, 255.9]])
     bytes_ = to_rgbe(values).astype(float)
     back = np.where(bytes_[:, 3:] > 0, (bytes_[:, :3] + 0.5) * 2.0 ** (bytes_[:, 3:] - 136), 0.0)
@@ -250,5 +259,6 @@ def test_rgbe_keeps_night_and_day_and_black():
 
 
 def test_rgb_file_is_not_taken_for_a_spectral_one(tmp_path):
+    """RGB would be read as a spectrum."""
     with pytest.raises(TwilightError, match="Fichet"):
         read_spectral_exr(write_rgb_exr(glow_sky(), tmp_path / "a.exr", width=64))

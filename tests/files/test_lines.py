@@ -1,7 +1,5 @@
 """Lines of sight by Runge-Kutta steps against the layered ray tracer, closed forms and optical depths."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -108,7 +106,7 @@ def test_index_that_jumps_between_layers_bends_a_line_as_the_smooth_one_does(air
 
 
 def test_light_from_behind_black_air_does_not_depend_on_clearer_air_beside_it():
-    """Of a source that grows with distance as fast as light fades: lines ended behind 25 optical depths where alone."""
+    """Lines would end behind 25 optical depths where a wavelength is alone."""
     clear, thick = Air(aerosol=0.5), Air(aerosol=1.0, ozone=2.0)
     seen = []
     for airs in ((thick,), (thick, clear)):

@@ -20,6 +20,7 @@ def metered(sky):
 
 
 def test_panorama_has_the_sun_in_the_middle_and_the_horizon_below(tmp_path):
+    """The panorama would be turned or upside down."""
     picture, _ = render_view(spot(), view="panorama", width=360)
     assert picture.shape == (90, 360, 3)
     u, v = brightest_uv(picture)
@@ -30,6 +31,7 @@ def test_panorama_has_the_sun_in_the_middle_and_the_horizon_below(tmp_path):
 
 
 def test_the_wide_picture_looks_at_the_sun_over_a_lit_ground(tmp_path):
+    """The usual picture would look elsewhere, or its ground be lit wrongly."""
     sky = spot(ground_albedo=np.full(7, 0.25), direct_irradiance=np.zeros(7))
     picture, ev100 = render_view(sky, width=400)
     assert picture.shape == (180, 400, 3)
@@ -64,6 +66,7 @@ def colour_luminance(display):
 
 
 def test_the_photographic_curve_keeps_grey_and_hue_and_has_contrast():
+    """Pictures would lose contrast, or turn hue where they are bright."""
     grey = np.full((1, 3), colour.MIDDLE_GREY)
     np.testing.assert_allclose(colour.photographic(grey), grey, rtol=1e-9)
     steps = colour.photographic(grey * np.array([[0.99], [1.01]]))[:, 0]
@@ -79,6 +82,7 @@ def test_the_photographic_curve_keeps_grey_and_hue_and_has_contrast():
 
 
 def test_fisheye_has_the_sun_at_the_bottom_and_clockwise_to_the_right():
+    """The fisheye would be mirrored."""
     picture, _ = render_view(spot(), view="fisheye", width=200)
     assert np.isnan(picture[0, 0]).all() and np.isfinite(picture[100, 100]).all()
     u, v = brightest_uv(np.nan_to_num(picture))
@@ -88,6 +92,7 @@ def test_fisheye_has_the_sun_at_the_bottom_and_clockwise_to_the_right():
 
 
 def test_png_carries_the_provenance_and_the_exposure(tmp_path):
+    """A picture would not say what made it."""
     sky = spot(provenance={"configuration": {"name": "ü" * 2000}, "run_time_s": 2.5})
     image = Image.open(write_png(sky, tmp_path / "sky.png", view="panorama", width=64))
     assert image.size == (64, 16) and image.mode == "RGB"
@@ -98,6 +103,7 @@ def test_png_carries_the_provenance_and_the_exposure(tmp_path):
 
 
 def test_given_exposure_holds_through_a_sequence(tmp_path):
+    """A film would flicker."""
     sky = glow_sky()
     ev = metered(sky)
     same, used = render_view(sky, view="panorama", width=64, exposure=ev)
@@ -109,6 +115,7 @@ def test_given_exposure_holds_through_a_sequence(tmp_path):
 
 
 def test_dither_keeps_the_mean_within_a_fraction_of_a_step(tmp_path):
+    """Dither would change the brightness."""
     flat = replace(glow_sky(), sun_normalised_radiance=np.full((30, 120, 7), 1e-4))
     picture, _ = render_view(flat, view="panorama", width=256)
     pixels = np.asarray(Image.open(write_png(flat, tmp_path / "a.png", view="panorama", width=256)), float)
@@ -120,6 +127,7 @@ def test_dither_keeps_the_mean_within_a_fraction_of_a_step(tmp_path):
     "value", [0.0, 1e-30, 1e30], ids=["black", "beyond half floats below", "beyond float32 when scaled"]
 )
 def test_extreme_skies_make_finite_files(tmp_path, value):
+    """Black or blazing skies would be NaN in files."""
     sky = replace(glow_sky(), sun_normalised_radiance=np.full((30, 120, 7), value))
     picture, ev = render_view(sky, view="panorama", width=64)
     assert np.isfinite(picture).all() and np.isfinite(ev)
@@ -133,6 +141,7 @@ def test_extreme_skies_make_finite_files(tmp_path, value):
 
 
 def test_partly_black_and_single_wavelength_skies_make_finite_grey_pictures(tmp_path):
+    """One wavelength would be a coloured picture."""
     half = glow_sky(wavelength_nm=(550.0,))
     values = half.sun_normalised_radiance.copy()
     values[:, 40:80] = 0.0

@@ -1,7 +1,5 @@
 """Files that say that they hold more than they should: refused with the sizes, before memory is taken for them."""
 
-from __future__ import annotations
-
 import io
 import resource
 import zipfile
@@ -14,7 +12,7 @@ from toy_sky import glow_sky
 
 from twilight.base import reading
 from twilight.base.errors import TwilightError
-from twilight.base.reading import check_expansion, open_npz, read_text
+from twilight.base.reading import check_expansion, open_npz
 
 
 @contextmanager
@@ -38,6 +36,7 @@ def npy(shape, dtype="<f8", data=b""):
 
 
 def test_an_hdf5_field_of_1e12_elements(tmp_path):
+    """Memory would be taken for what an HDF5 header claims."""
     import h5py
 
     from twilight.solvers.zones import load
@@ -52,6 +51,7 @@ def test_an_hdf5_field_of_1e12_elements(tmp_path):
 
 
 def test_a_checkpoint_and_a_library_whose_arrays_are_larger_than_the_file(tmp_path):
+    """Memory would be taken for what a .npy header claims."""
     from twilight.solvers.montecarlo.checkpoint import Checkpoint
 
     path = tmp_path / "state.npz"
@@ -64,6 +64,7 @@ def test_a_checkpoint_and_a_library_whose_arrays_are_larger_than_the_file(tmp_pa
 
 
 def test_what_fits_into_the_file_and_not_into_the_machine(tmp_path, monkeypatch):
+    """A whole file would fill the machine."""
     (tmp_path / "a").write_bytes(bytes(1000))
     check_expansion(tmp_path / "a", 2e6)
     monkeypatch.setattr(reading, "memory_bytes", lambda: 3e6)
@@ -72,6 +73,7 @@ def test_what_fits_into_the_file_and_not_into_the_machine(tmp_path, monkeypatch)
 
 
 def test_pictures_are_measured_before_they_are_read(tmp_path):
+    """Memory would be taken for what a picture's header claims."""
     from PIL import Image
 
     from twilight.io import write_rgb_exr
@@ -102,14 +104,3 @@ def test_pictures_are_measured_before_they_are_read(tmp_path):
             pytest.raises(TwilightError, match=r"30000 x 30000 pixels; at most 4e|MB image from a \d+ byte file"),
         ):
             read_image(tmp_path / name)
-
-
-def test_text_has_a_largest_size_and_is_no_device(tmp_path):
-    (tmp_path / "a.csv").write_text("x" * 101)
-    with pytest.raises(TwilightError, match=r"is larger than 0\.1 kB"):
-        read_text(tmp_path / "a.csv", 100)
-    with pytest.raises(TwilightError, match="is a folder, not a file"):
-        read_text(tmp_path, 100)
-    (tmp_path / "a.csv").write_bytes(b"\xff\xfe")
-    with pytest.raises(TwilightError, match="is not a text file in UTF-8"):
-        read_text(tmp_path / "a.csv", 100)

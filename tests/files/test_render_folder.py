@@ -1,7 +1,5 @@
 """The folder of a render: nothing is lost, nothing stale stays, what is finished is not computed again."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from toy_sky import glow_sky
@@ -40,6 +38,7 @@ def content(root):
 
 
 def test_what_is_finished_is_not_made_again(tmp_path):
+    """A finished sky would be made again, or a damaged one kept."""
     root, series = tmp_path / "out", {f"sun{i}": RequestedSky(f"{i}", {"sun": i}) for i in range(5)}
     with pytest.raises(KeyboardInterrupt):
         render(root, series, stop_after=2)
@@ -54,6 +53,7 @@ def test_what_is_finished_is_not_made_again(tmp_path):
 
 
 def test_another_sky_is_refused_and_says_which_key_differs(tmp_path):
+    """A sky would be overwritten by another."""
     render(tmp_path, {"": A})
     before = {p: p.read_bytes() for p in tmp_path.iterdir()}
     with pytest.raises(
@@ -66,6 +66,7 @@ def test_another_sky_is_refused_and_says_which_key_differs(tmp_path):
 
 
 def test_frames_that_would_be_stale_are_refused_or_deleted(tmp_path):
+    """Frames of an older render would stay among the new ones."""
     render(tmp_path, {"x/sun1": A, "x/sun2": B})
     (tmp_path / "contact-sheet.png").write_bytes(b"sheet")
     (tmp_path / "notes.txt").write_text("mine")
@@ -79,6 +80,7 @@ def test_frames_that_would_be_stale_are_refused_or_deleted(tmp_path):
 
 
 def test_files_that_no_journal_knows_are_not_overwritten(tmp_path):
+    """A user's file would be overwritten."""
     (tmp_path / "sky.png").write_bytes(b"a picture of mine")
     with pytest.raises(TwilightError, match=r"sky.png: is there already, and skies.jsonl does not say of which sky"):
         render(tmp_path, {"": A})
@@ -91,12 +93,14 @@ def test_files_that_no_journal_knows_are_not_overwritten(tmp_path):
 
 
 def test_two_renders_do_not_write_one_folder(tmp_path):
+    """Two renders would mix their files."""
     with open_folder(tmp_path, {"": A}, "1", overwrite=False):
         with pytest.raises(TwilightError, match="another render is writing it"):
             render(tmp_path, {"": A})
 
 
 def test_a_sky_that_was_moved_away_is_no_obstacle(tmp_path):
+    """A folder would be blocked by a sky that is gone."""
     render(tmp_path, {"": A})
     (tmp_path / "kept").mkdir()
     for file in tmp_path.glob("sky.*"):
@@ -106,7 +110,7 @@ def test_a_sky_that_was_moved_away_is_no_obstacle(tmp_path):
 
 
 def test_a_sky_whose_files_were_begun_is_made_again(tmp_path):
-    """Killed between two files: they are this render's, not somebody's."""
+    """Files of a killed render would be taken for somebody's."""
     root = tmp_path / "out"
     with open_folder(root, {"sun1": A}, "1", overwrite=False) as folder:
         folder.begin("sun1", A)
@@ -123,6 +127,7 @@ def test_a_sky_whose_files_were_begun_is_made_again(tmp_path):
 
 
 def test_a_sky_that_was_begun_and_not_written_leaves_no_folder(tmp_path):
+    """An empty folder would be left."""
     root = tmp_path / "out"
     with open_folder(root, {"": A}, "1", overwrite=False) as folder:
         folder.begin("", A)
@@ -130,7 +135,7 @@ def test_a_sky_that_was_begun_and_not_written_leaves_no_folder(tmp_path):
 
 
 def test_what_a_killed_render_has_not_written_is_not_deleted(tmp_path):
-    """Killed in a sky's first files, and given again with --overwrite: its own go, and nothing else."""
+    """--overwrite would delete files of the user."""
     (tmp_path / "sun.json").write_text("a sun of mine")
     (tmp_path / "sky.blend").write_text("a scene of mine")
     with open_folder(tmp_path, {"": A}, "1", overwrite=True) as folder:
@@ -153,6 +158,7 @@ def test_what_a_killed_render_has_not_written_is_not_deleted(tmp_path):
 
 
 def test_what_a_series_has_once_is_a_renders_only_where_the_journal_says_so(tmp_path):
+    """A user's table would be overwritten or deleted."""
     series = {"sun1": A, "sun2": B}
     mine = {"series.csv": "a table of mine", "frames/sky.0001.png": "a frame of mine", "frames/sky.blend": "a scene"}
     for name, text in mine.items():
@@ -182,6 +188,7 @@ def test_what_a_series_has_once_is_a_renders_only_where_the_journal_says_so(tmp_
 
 
 def test_a_finished_sky_that_is_begun_again_is_not_taken_for_somebodys(tmp_path):
+    """A render that was killed would block its folder."""
     render(tmp_path, {"": A})
     with open_folder(tmp_path, {"": A}, "2", overwrite=False) as folder:
         folder.begin("", A)  # by a newer program, and killed

@@ -1,7 +1,5 @@
 """Tables of benchmarks of which some rows are made anew."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -38,6 +36,7 @@ def merged(compare, folder, rows, columns="solver,quality,sun_elevation_deg,medi
 
 
 def test_rows_of_some_solvers_are_replaced_and_the_others_keep_their_heading(compare, tmp_path):
+    """Rows of two commits would stand under one heading."""
     (tmp_path / "urban.csv").write_text(OLD, encoding="utf-8")
     new = ["zones,draft,5,0.5", "zones,draft,0,0.6"]
     assert merged(compare, tmp_path, new) == [
@@ -56,19 +55,6 @@ def test_rows_of_some_solvers_are_replaced_and_the_others_keep_their_heading(com
         "# rows of cells:draft: twilight 0.1.0, commit 33: python benchmarks/compare.py urban --solvers some",
     ]
     assert lines[6:] == ["cie,standard,5,30.0", *new, "cells,draft,5,1.9", "cells,standard,5,0.2"]
-
-
-def test_a_table_of_which_every_row_is_new_keeps_no_old_heading(compare, tmp_path):
-    (tmp_path / "urban.csv").write_text(OLD, encoding="utf-8")
-    lines = merged(compare, tmp_path, ["zones,draft,5,0.5", "cells,draft,5,1.9", "cie,standard,5,29.0"])
-    assert not any("11111111" in line for line in lines) and lines[-1] == "cie,standard,5,29.0"
-
-
-def test_a_table_of_other_columns_is_left_as_it_is(compare, tmp_path):
-    (tmp_path / "urban.csv").write_text(OLD, encoding="utf-8")
-    with pytest.raises(SystemExit, match=r"urban.csv: has other columns"):
-        merged(compare, tmp_path, ["zones,draft,5"], columns="solver,quality,sun_elevation_deg")
-    assert (tmp_path / "urban.csv").read_text(encoding="utf-8") == OLD
 
 
 def test_every_benchmark_and_every_table_names_a_script_that_is_there():

@@ -1,7 +1,5 @@
 """What is installed with the program suffices; what is not is asked for in one sentence with a command that works."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

@@ -20,7 +20,7 @@ MANUAL = "".join(
     for name in ("climates", "configurations", "solvers", "python")
 )
 MAPS = (ROOT / "docs" / "environment-maps.md").read_text(encoding="utf-8")
-JOBS = "\n".join(path.read_text(encoding="utf-8") for path in sorted((ROOT / "docs" / "jobs").glob("*.md")))
+JOBS = "\n".join((ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in ("sweeps", "two-codes"))
 
 
 def blocks(language: str, text: str = README + MANUAL) -> list[str]:

@@ -1,7 +1,5 @@
 """What is around the program is missing, full or gone: one sentence, no traceback, no half files."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -36,31 +34,37 @@ def assert_sentence(result, *parts: str) -> None:
 
 
 def test_a_closed_output_is_one_sentence():
+    """Output into nothing would be a traceback."""
     assert_sentence(shell('"$@" >&-', ["show", "schema", "climate"]), "standard output is closed")
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full")
-@pytest.mark.parametrize("arguments", [["show", "configs"], ["show", "schema", "climate"], ["--version"], ["--help"]])
+@pytest.mark.parametrize("arguments", [["show", "schema", "climate"], ["--version"]])
 def test_a_full_device_is_one_sentence(arguments):
+    """Output onto a full disk would be a traceback."""
     assert_sentence(shell('"$@" > /dev/full', arguments), "No space left on device")
 
 
 def test_a_reader_that_leaves_is_no_traceback():
+    """`| head` would print a traceback."""
     result = shell('"$@" | true; exit ${PIPESTATUS[0]}', ["show", "schema", "climate"])
     assert result.returncode in (0, 1) and not result.stderr, result.stderr
 
 
 def test_nothing_is_said_where_errors_go_nowhere():
+    """A closed stderr would end in another exit code."""
     assert shell('"$@" 2>&-', ["render", "nowhere"]).returncode == 2
     assert shell('"$@" 2>&-', ["--version"]).stdout.startswith(b"twilight ")
 
 
 def test_a_working_directory_that_is_gone_is_one_sentence(tmp_path):
+    """A folder that was deleted would be a traceback."""
     result = shell(f'mkdir {tmp_path}/gone && cd {tmp_path}/gone && rmdir ../gone && "$@"', CHEAP)
     assert_sentence(result, "the working directory is gone")
 
 
 def test_a_name_that_is_not_text_is_one_sentence_and_leaves_nothing(tmp_path):
+    """A name in another encoding would be a traceback."""
     result = shell('"$@"', [*CHEAP, "--output", os.fsencode(tmp_path) + b"/sky\xff"])
     assert_sentence(result, "sky\\udcff", "encoding (utf-8)")
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
@@ -70,6 +74,7 @@ def test_a_name_that_is_not_text_is_one_sentence_and_leaves_nothing(tmp_path):
 
 
 def test_a_letter_that_the_locale_lacks_is_printed_otherwise(tmp_path):
+    """A letter would end the program in the C locale."""
     climate = tmp_path / "c.yaml"
     climate.write_text("version: 1\nname: c\ndescription: ciel d'été\naerosol: null\n", encoding="utf-8")
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}

@@ -1,7 +1,5 @@
 """One page of two fields, of a quarter of the suns, for all tests of pages that need no light of their own."""
 
-from __future__ import annotations
-
 import pytest
 from closed_sky import COARSE, closed
 

@@ -63,6 +63,7 @@ def test_every_order_of_coordinates_is_the_same_map(tmp_path):
 
 
 def test_a_part_of_the_earth_across_180_deg(tmp_path):
+    """A map across the date line would be cut."""
     part = read_albedo_map(netcdf(tmp_path / "a.nc", lat=np.arange(-10.0, 11.0), lon=np.r_[170:181, -179:-169]))
     found = part.at(np.array([5.0, 5.0, -5.0, 5.0, 10.6]), np.array([172.0, -171.0, 180.0, 0.0, 180.0]), NM)[:, 0]
     assert found == pytest.approx([0.5, 0.5, 0.1, np.nan, np.nan], nan_ok=True)
@@ -102,6 +103,7 @@ def test_pictures_have_north_above_and_keep_their_colours(tmp_path, name):
     ],
 )
 def test_places_lie_where_one_looks(place, azimuth_deg, turn_deg, lands_at):
+    """Land would lie in another azimuth or distance."""
     y, x = np.meshgrid(LAT, np.append(LON, 182.5), indexing="ij")
     channels = np.stack([(y + 90.0) / 180.0, 0.5 + 0.5 * np.cos(np.radians(x))], axis=-1)
     land = Land(AlbedoMap(LAT, np.append(LON, 182.5), channels, NM, np.eye(2)), Standpoint(*place))
@@ -150,6 +152,7 @@ def test_land_of_two_colours_lies_where_it_is(fields):
 
 
 def test_terrain_has_the_map_s_albedo(fields, tmp_path):
+    """Terrain would have another albedo than its map."""
     np.save(tmp_path / "plain.npy", np.zeros((16, 16)))
     view, sun = View(kind="perspective", width=12, height=8, field_of_view_deg=30.0, elevation_deg=-20.0), 12.0
     plain = Terrain(heights=str(tmp_path / "plain.npy"), size_km=200.0, albedo=0.6, shadows="none")
@@ -164,6 +167,7 @@ def test_terrain_has_the_map_s_albedo(fields, tmp_path):
 
 
 def test_the_air_is_lit_by_the_map_s_mean(tmp_path):
+    """The air would be lit by another ground than the picture shows."""
     path = str(netcdf(tmp_path / "a.nc"))
     asked = {**PLACED, "ground.albedo_map": path, "wavelengths": {"list_nm": [500.0]}}
     assert resolve(load("pure-air", asked)).medium.ground_albedo == pytest.approx(0.5)
@@ -187,12 +191,14 @@ def test_the_air_is_lit_by_the_map_s_mean(tmp_path):
     ],
 )
 def test_what_a_map_needs(tmp_path, settings, message):
+    """A map of no place would be laid anywhere."""
     path = str(netcdf(tmp_path / "a.nc"))
     with pytest.raises(TwilightError, match=message):
         resolve(load("pure-air", {**PLACED, "ground.albedo_map": path, **settings}))
 
 
 def test_a_solver_of_the_sky_alone_is_refused():
+    """Land would be drawn by a solver that sees no ground."""
     with pytest.raises(TwilightError, match="goes below the horizon"):
         check_view(VIEW, compact.CAPABILITIES, "x", mapped=True)
 
@@ -241,5 +247,6 @@ def _months(path):
     ],
 )
 def test_files_that_are_no_map(tmp_path, make, message):
+    """Per cent, or no latitudes, would be taken for albedo."""
     with pytest.raises(TwilightError, match=message):
         read_albedo_map(make(tmp_path / "a.nc"))

@@ -1,8 +1,5 @@
 """`twilight animate`: films of a sky in closed form, read back, and what stops one."""
 
-from __future__ import annotations
-
-import sys
 from itertools import pairwise
 
 import numpy as np
@@ -10,10 +7,8 @@ import pytest
 from closed_sky import FIVE_NM as NM
 from filming import MEDIUM, SKY, closed_scene, film, scene
 from PIL import Image, ImageSequence
-from typer.testing import CliRunner
 
 from twilight.base.errors import TwilightError
-from twilight.cli.app import app
 from twilight.config import load
 from twilight.engine import solve
 from twilight.engine.sun_tables import SunTables
@@ -44,6 +39,7 @@ def spectra():
 
 
 def test_pictures_are_the_table_and_the_field(spectra):
+    """A film would show another sky than the field."""
     channels = Channels(NM)
     table = spectra.seen(channels.of)
     elevation, azimuth = view_directions("fisheye", 48)
@@ -72,14 +68,9 @@ def test_pictures_have_the_ground_below_the_horizon(spectra):
     np.testing.assert_allclose(found[4], both, rtol=1e-3)
 
 
-def test_a_film_has_as_many_pictures_as_asked_for(tmp_path):
-    for count in (2, 7):
-        line = film(tmp_path / "a.webp", frames=count).line
-        assert len(line) == count and line.elevation_deg[[0, -1]] == pytest.approx([0.0, -10.0])
-
-
 @pytest.mark.parametrize("suffix", [".webp", ".gif"])
 def test_a_film_at_one_exposure_gets_dark_smoothly(tmp_path, suffix):
+    """A film would flicker, or leave its frames behind."""
     path = tmp_path / f"sunset{suffix}"
     assert film(path, exposure=9.5).make().drawn == 5
     found = pictures(path)
@@ -90,6 +81,7 @@ def test_a_film_at_one_exposure_gets_dark_smoothly(tmp_path, suffix):
 
 
 def test_exposures_differ_as_they_must(tmp_path):
+    """A metered film would get dark, or a constant one stay bright."""
     level = {}
     for how in ("constant", "metered", "eye"):
         tone = {"output.tone_mapping": "eye"} if how == "eye" else {}
@@ -136,6 +128,7 @@ def test_noise_of_a_film_moves(tmp_path):
 
 
 def test_a_camera_does_not_lag_and_smooths_flicker():
+    """Exposures would lag behind the light, or flicker."""
     line = np.linspace(10.0, -8.0, 200)
     assert np.abs(smoothed(line, 25.0) - line).max() < 1e-9
     flicker = smoothed(line + np.where(np.arange(200) % 2, 1.0, -1.0), 25.0)
@@ -146,6 +139,7 @@ def test_a_camera_does_not_lag_and_smooths_flicker():
 
 
 def test_an_interrupted_film_draws_what_is_missing(tmp_path, monkeypatch):
+    """A film would be made anew, or of two exposures."""
     whole = tmp_path / "whole.webp"
     film(whole, exposure="metered").make()
     draw, solved, path = Animation._draw, [], tmp_path / "cut.webp"
@@ -174,6 +168,7 @@ def interrupted(monkeypatch, path, **options):
 
 
 def test_tables_that_are_damaged_are_made_again(tmp_path, monkeypatch):
+    """A damaged table would be drawn."""
     path = tmp_path / "film.webp"
     interrupted(monkeypatch, path)
     [stored] = (tmp_path / "film.webp.frames").glob("tables-*.npz")
@@ -182,6 +177,7 @@ def test_tables_that_are_damaged_are_made_again(tmp_path, monkeypatch):
 
 
 def test_other_pictures_are_not_taken_for_these(tmp_path, monkeypatch):
+    """Pictures of another exposure would be put into the film."""
     path = tmp_path / "film.webp"
     interrupted(monkeypatch, path, exposure=3.0)
     assert film(path, exposure=4.0).make().drawn == 5
@@ -226,6 +222,7 @@ def test_a_film_of_the_night_is_the_night(tmp_path):
 
 
 def test_exr_are_luminances(tmp_path):
+    """EXR of a film would be in another unit than those of a render."""
     from twilight.io.exr import read_latlong_exr
 
     folder = tmp_path / "frames"
@@ -244,6 +241,7 @@ def test_exr_are_luminances(tmp_path):
 
 
 def test_mp4_is_read_back(tmp_path):
+    """The MP4 would have another size, rate or number of pictures."""
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
     path = tmp_path / "sunset.mp4"
     film(path, exposure=9.5, frames_per_second=2.0, speed=1200.0).make()
@@ -255,6 +253,7 @@ def test_mp4_is_read_back(tmp_path):
 
 
 def test_the_disc_has_its_light_and_is_flattened():
+    """The disc of a film would have other light or shape."""
     nodes = sky_elevations(0.0)
     refraction_deg = 0.5 * np.exp(-nodes / 2.0)  # deg; the disc's image is compressed by about a fifth at 0.4 deg
     beam = np.full((nodes.size, 4), 1000.0)
@@ -270,6 +269,7 @@ def test_the_disc_has_its_light_and_is_flattened():
 
 
 def test_a_place_gives_the_suns_of_its_evening(tmp_path):
+    """A film of a place would have other suns."""
     from twilight.sky.ephemeris import sun_position
 
     day = {"sun.start": "2026-06-21T21:30+02:00", "sun.stop": "2026-06-21T22:30+02:00"}
@@ -284,17 +284,11 @@ def test_a_place_gives_the_suns_of_its_evening(tmp_path):
 
 
 def test_a_sequence_is_a_path(tmp_path):
+    """A film along elevations would jump."""
     config = scene(**{"sun.elevations_deg": [0.0, 5.0, -5.0]})
     line = film(tmp_path / "a.webp", config, from_deg=None, to_deg=None, speed=300.0).line
     assert line.elevation_deg[:5] == pytest.approx([0.0, 1.25, 2.5, 3.75, 5.0])
     assert line.elevation_deg[-1] == pytest.approx(-5.0) and len(line) == 13
-
-
-def test_a_missing_encoder_is_one_sentence(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    result = CliRunner().invoke(app, ["animate", "pure-air", "--output", str(tmp_path / "a.mp4")])
-    assert result.exit_code == 2 and "writing MP4 needs the package imageio-ffmpeg: " in result.stderr
-    assert "install 'imageio-ffmpeg>=" in result.stderr and result.stderr.count("\n") == 1
 
 
 def test_as_many_pictures_as_asked_for():

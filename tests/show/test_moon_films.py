@@ -1,7 +1,5 @@
 """The moon in films: its light in the air beside the field's own spectra, its disc, and how it sets."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from airs import scene_of_field, turbid

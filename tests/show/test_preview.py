@@ -1,7 +1,5 @@
 """Previews: of the air that was asked for, as wrong as they say, gone when the sky is there."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image
@@ -54,17 +52,13 @@ def test_a_preview_is_of_the_very_air():
 @pytest.mark.parametrize(
     "settings",
     [
-        {"observer.altitude_km": 20.0},
-        {"output.polariser_deg": 30.0},
-        {"output.files": ["h5"]},
-        {"observer.view": {"kind": "fisheye", "width": 64}},
-        {"solver": {"name": "zones", "max_orders": 1}},
-        {"solver": {"name": "compact"}},
-        {"sun.elevation_deg": -20.0},
-        {"climate": "overcast-stratus"},
+        {"observer.altitude_km": 20.0}, {"output.polariser_deg": 30.0}, {"output.files": ["h5"]},
+        {"observer.view": {"kind": "fisheye", "width": 64}}, {"solver": {"name": "zones", "max_orders": 1}},
+        {"solver": {"name": "compact"}}, {"sun.elevation_deg": -20.0}, {"climate": "overcast-stratus"},
     ],
-)
+)  # fmt: skip
 def test_there_is_no_preview_of_what_the_models_do_not_show(settings):
+    """A preview would show another air or view."""
     assert preview_of(scene(**settings)) is None
 
 
@@ -96,7 +90,7 @@ def test_a_preview_is_written_said_and_taken_away(tmp_path, monkeypatch, capsys)
 
 
 @pytest.mark.parametrize("off", [False, True])
-def test_a_render_has_one_until_its_sky_is_there(tmp_path, monkeypatch, off):
+def test_a_render_has_one_until_its_sky_is_there(coarse_draft, tmp_path, monkeypatch, off):
     """Also where the render before was killed and left its own."""
     from twilight.cli import render_files
 

@@ -1,7 +1,6 @@
 """GeoTIFFs as people have them: what a file says of place, size, order, nodata, scale and unit is used or refused."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from twilight.terrain.march import height_at, shadow_over
 rasterio = pytest.importorskip("rasterio")
 from rasterio.transform import Affine, from_bounds  # noqa: E402
 
-AS_MET = Path("../shared/data/files_as_met")
 RADIUS = 6371.0
 UTM = "EPSG:32632"
 FOOT = 1200.0 / 3937.0
@@ -147,11 +145,13 @@ def test_nodata_is_no_land(tmp_path):
     ],
 )
 def test_heights_that_no_land_has(tmp_path, change, message):
+    """Decimetres or feet would be taken for metres."""
     with pytest.raises(TwilightError, match=message):
         heights_of(Terrain(heights=write(tmp_path / "z.tif", change(slope_land()).astype("float32"), UP)))
 
 
 def test_what_a_file_says_is_refused_where_it_is_not_known(tmp_path):
+    """An unknown unit would be taken for metres."""
     z = slope_land().astype("float32")
     with pytest.raises(TwilightError, match="are in 'fathom'; known are m, km"):
         heights_of(Terrain(heights=write(tmp_path / "z.tif", z, UP, unit="fathom")))
@@ -175,27 +175,6 @@ def test_searches_end_whatever_the_steps_are(plain):
         shadow_over(made, RADIUS, 0.0, 0.0, 0.1)
 
 
-@pytest.mark.parametrize("name", ["int16.tif", "south-up.tif", "scale.tif"])
-def test_files_as_met(name):
-    """The same land as north-up.tif."""
-    if not AS_MET.is_dir():
-        pytest.skip(f"{AS_MET} is not here")
-    expected = heights_of(Terrain(heights=str(AS_MET / "north-up.tif")))
-    made = heights_of(Terrain(heights=str(AS_MET / name)))
-    assert made._replace(altitude_km=None) == pytest.approx(expected._replace(altitude_km=None))
-    np.testing.assert_allclose(made.altitude_km, expected.altitude_km, atol=6e-4)
-
-
-def test_feet_as_met():
-    """65,617 x 65,617 ft and 4921 ft: 20 x 20 km and 1.5 km."""
-    if not AS_MET.is_dir():
-        pytest.skip(f"{AS_MET} is not here")
-    made = heights_of(Terrain(heights=str(AS_MET / "feet-both.tif")))
-    rows, columns = made.altitude_km.shape
-    assert made.highest_km == pytest.approx(1.5, abs=2e-3)
-    assert (rows * made.step_y_km, columns * made.step_x_km) == pytest.approx((20.0, 20.0), rel=0.02)
-
-
 DEGREES = from_bounds(8.9, 47.8, 9.1, 47.9, 60, 60)
 LOCAL = 'LOCAL_CS["mine",UNIT["metre",1]]'
 
@@ -210,6 +189,7 @@ LOCAL = 'LOCAL_CS["mine",UNIT["metre",1]]'
     ],
 )
 def test_half_a_place_is_refused(tmp_path, transform, crs, message):
+    """Degrees would be taken for metres."""
     with pytest.raises(TwilightError, match=message):
         heights_of(Terrain(heights=write(tmp_path / "z.tif", slope_land().astype("float32"), transform, crs)))
 

@@ -6,16 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 from airs import pure_air, scene_of_field
-from toy_sky import glow_sky
 
-from twilight.base.errors import TwilightError
 from twilight.config.pictures import View
 from twilight.config.scene import Observer
 from twilight.engine import solve
 from twilight.engine.night import NightLight
 from twilight.engine.sunbeam import Direct
 from twilight.engine.view import view_radiance, with_night, with_sun
-from twilight.io.folder import write_outputs
 from twilight.io.rendered import ViewPixels
 from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import view_rays
@@ -56,6 +53,7 @@ def field_at(altitude_km):
     ],
 )  # fmt: skip
 def test_a_view_shows_what_is_there(altitude, view):
+    """Pixels would be off the function that they show."""
     solved = field_at(altitude)
     made = View.model_validate(view)
     seen = view_radiance(solved, made, -19.0).whole()
@@ -91,6 +89,7 @@ def test_rows_are_half_a_pixel_apart_where_light_needs_them_and_no_nearer():
 
 
 def test_the_disc_holds_the_suns_irradiance():
+    """The sun in a view would have other light, or shine through land."""
     rays = view_rays("perspective", 200, 200, field_of_view_deg=2.0, elevation_deg=10.3)
     seen = ViewPixels("perspective", rays, np.zeros((200, 200, 1), np.float32), 0.01)
     direct = Direct(np.array([0.7]), 0.3)
@@ -102,6 +101,7 @@ def test_the_disc_holds_the_suns_irradiance():
 
 
 def test_the_night_of_a_view_is_behind_the_sky_and_on_the_ground():
+    """The night would shine through land, or not light it."""
     elevation, azimuth = np.linspace(-2.0, 90.0, 40), np.arange(0.0, 361.0, 5.0)
     shape = 1.0 + np.sin(np.radians(elevation))[:, None] + 0.1 * np.cos(np.radians(azimuth - 70.0))
     night = NightLight(elevation, azimuth, np.stack([shape, 2.0 * shape], axis=-1), np.array([0.3, 0.4]))
@@ -116,11 +116,6 @@ def test_the_night_of_a_view_is_behind_the_sky_and_on_the_ground():
     hidden = replace(plain.whole(), hidden=np.ones(view.shape, bool))
     lit = with_night(hidden, night).radiance - hidden.radiance
     assert lit == pytest.approx(np.broadcast_to([0.3, 0.4], lit.shape), rel=1e-4)
-
-
-def test_files_of_a_view_need_one(tmp_path):
-    with pytest.raises(TwilightError, match="needs a view of the observer"):
-        write_outputs(glow_sky(), tmp_path, files=["view"])
 
 
 @pytest.mark.slow

@@ -96,6 +96,7 @@ def test_a_strip_along_the_limb_has_rows_of_one_elevation():
 
 
 def test_a_cylinder_shows_the_sky_and_its_vertical_lines_are_vertical():
+    """Towers would lean."""
     e, a = view_directions("cylinder", 400)
     wide = picture.view_directions("wide", 400)
     assert np.allclose(e, wide[0], atol=0.05) and np.allclose((a + 180.0) % 360.0 - 180.0, wide[1])

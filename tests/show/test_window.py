@@ -1,7 +1,5 @@
 """`twilight view`: pages in a headless browser, their pixels against the field, and what every control does."""
 
-from __future__ import annotations
-
 import json
 import math
 from types import SimpleNamespace
@@ -45,6 +43,7 @@ def pages(field, page_of_two, tmp_path_factory):
 
 
 def test_pixels_are_the_field(field, pages):
+    """The page would show another sky than the field."""
     elevation, azimuth = view_directions("fisheye", 64)
     keep = np.isfinite(elevation) & (elevation > UP_DEG)
     channels = Channels(NM)
@@ -90,6 +89,7 @@ def test_projections_are_those_of_twilight(field, pages):
 
 
 def test_the_suns_place_and_the_night_are_those_of_twilight(field, pages):
+    """The page's sun or stars would stand elsewhere."""
     at, latitude, longitude = "2026-08-12T23:40+02:00", 47.0, 11.0
     state = {"mode": "clock", "date": "2026-08-12", "hours": 23 + 40 / 60, "zone": 2}
     state |= {"latitude": latitude, "longitude": longitude, "path": False, "disc": False, "stars": False}
@@ -110,14 +110,9 @@ def test_the_suns_place_and_the_night_are_those_of_twilight(field, pages):
     rows = np.arange(1.0, 91.0)
     columns = np.arange(0.0, 360.0, 5.0)
     night = night_radiance(
-        field.medium,
-        rows,
-        columns,
-        NightLevels(),
-        sun_elevation_deg=exact.elevation_deg,
-        sun_azimuth_deg=exact.azimuth_deg,
-        place=Place(latitude, longitude, parse_time(at)),
-    )
+        field.medium, rows, columns, NightLevels(), sun_elevation_deg=exact.elevation_deg,
+        sun_azimuth_deg=exact.azimuth_deg, place=Place(latitude, longitude, parse_time(at)),
+    )  # fmt: skip
     channels = Channels(NM)
     table = channels.of(night / channels.solar_irradiance)
     i = np.rint(elevation[keep] - 1.0).astype(int)
@@ -127,6 +122,7 @@ def test_the_suns_place_and_the_night_are_those_of_twilight(field, pages):
 
 
 def test_every_control_does_what_it_says(pages):
+    """A control would do nothing."""
     with open_page(pages.two, 420, 600, accept_downloads=True, device_scale_factor=0.2) as (page, errors):
         page.click("#toggle")
 
@@ -247,6 +243,7 @@ def test_every_control_does_what_it_says(pages):
 
 
 def test_a_click_gives_the_light_of_the_field(field, pages):
+    """A click would print other numbers than the field has."""
     with open_page(pages.one, 200, 200) as (page, errors):
         page.evaluate("s => twilight.set(s)", {**BARE, **ALL_SKY, "sun": -6.0})
         found = page.evaluate("twilight.at(40, 60)")
@@ -261,6 +258,7 @@ def test_a_click_gives_the_light_of_the_field(field, pages):
 
 
 def test_a_computed_sky_shows_itself(field, pages):
+    """A sky's page would show another sky."""
     sky = as_sky(ClosedSky(field.medium, gone_at_17_deg), -4.0, 5.0)
     elevation, azimuth = view_directions("fisheye", 48)
     keep = np.isfinite(elevation) & (elevation > UP_DEG)
@@ -274,6 +272,7 @@ def test_a_computed_sky_shows_itself(field, pages):
 
 
 def test_the_file_needs_no_network(pages):
+    """The page would ask a server for something."""
     text = pages.two.read_text(encoding="utf-8")
     assert "http" not in text.replace("http-equiv", "") and "default-src 'none'" in text
     assert pages.two.stat().st_size < 25e6

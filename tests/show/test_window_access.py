@@ -1,7 +1,5 @@
 """The page for every hand: axe-core's rules, sizes for fingers, a sheet on a phone, keys, one name for each control."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -17,6 +15,7 @@ COARSE_PIXELS = {"device_scale_factor": 1 / 8}
 FINGER_PX = 44
 """Least height of what is pressed (WCAG 2.2, criterion 2.5.5)."""
 RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
+SIZES = [pytest.param(PHONE, id="phone"), pytest.param(DESK, id="desk", marks=pytest.mark.slow)]
 STATES = {"elevation": {}, "clock": {"mode": "clock"}, "by hand": {"exposure": "manual"}, "eye": {"tone": "eye"}}
 
 
@@ -25,7 +24,7 @@ def open_all(page, wanted=True):
         page.click("#toggle")
 
 
-@pytest.mark.parametrize("size", (PHONE, DESK), ids=("phone", "desk"))
+@pytest.mark.parametrize("size", SIZES)
 def test_axe_finds_nothing(page_of_two, size):
     """Names, roles, contrast, focus order and target sizes, by axe-core, in every state of the panel."""
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="needs axe-playwright-python").Axe()
@@ -43,7 +42,7 @@ def test_axe_finds_nothing(page_of_two, size):
         assert errors == []
 
 
-@pytest.mark.parametrize("size", (PHONE, DESK), ids=("phone", "desk"))
+@pytest.mark.parametrize("size", SIZES)
 def test_whatever_is_pressed_has_44_px_and_lies_within(page_of_two, size):
     """Buttons, sliders, selects, inputs, labels of ticks; nothing is cut off, nothing overlaps."""
     with open_page(page_of_two, *size, **COARSE_PIXELS) as (page, errors):
@@ -136,6 +135,7 @@ def test_keys_step_finely_and_coarsely(page_of_two):
 
 
 def test_every_control_has_a_name_of_its_own(page_of_two):
+    """A screen reader would not tell two controls apart."""
     with open_page(page_of_two, *DESK, **COARSE_PIXELS) as (page, errors):
         for state in STATES.values():
             page.evaluate("s => twilight.set(s)", state)

@@ -1,7 +1,5 @@
 """The moon on the page of `twilight view`: place, brightness, disc and moonlight beside numpy's."""
 
-from __future__ import annotations
-
 import datetime as dt
 
 import numpy as np

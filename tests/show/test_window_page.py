@@ -1,7 +1,5 @@
 """The page of `twilight view` as people meet it: opened from disk, under fingers, inside a notebook, in time."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -45,6 +43,7 @@ def page_file(view, tmp_path_factory):
 
 
 def test_it_opens_from_disk_and_says_how_long_that_took(page_file):
+    """A page sent by mail would stay empty."""
     with open_page(page_file, 400, 500, from_disk=True) as (page, errors):
         assert page.url.startswith("file:")
         assert page.evaluate("twilight.at(40, 10)?.luminance ?? 0") > 0.0
@@ -55,6 +54,7 @@ def test_it_opens_from_disk_and_says_how_long_that_took(page_file):
         assert errors == []
 
 
+@pytest.mark.slow
 def test_fingers_turn_and_zoom(page_file):
     """One finger drags the sky, two change the field of view, a tap asks for the light."""
     with open_page(page_file, 400, 300, has_touch=True, is_mobile=True) as (page, errors):
@@ -83,6 +83,7 @@ def test_fingers_turn_and_zoom(page_file):
         assert errors == []
 
 
+@pytest.mark.slow
 def test_a_notebook_shows_it(view, tmp_path):
     """The HTML that Jupyter is given, in a page of its own: the sky is drawn inside its frame."""
     sky = view_sky(as_sky(Even(turbid(wavelength_nm=NM)), -4.0, 30.0))

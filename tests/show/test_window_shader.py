@@ -1,7 +1,5 @@
 """`twilight export shader`: GLSL and WGSL in a headless browser, read back, beside numpy and beside the field."""
 
-from __future__ import annotations
-
 import base64
 import io
 import os
@@ -13,10 +11,8 @@ import pytest
 from browser import OPTIONS, open_page
 from closed_sky import field_luminance, solved
 from PIL import Image
-from typer.testing import CliRunner
 
 from twilight.base.errors import TwilightError
-from twilight.cli.app import app
 from twilight.config import load
 from twilight.engine import solve
 from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT, SunTables
@@ -138,18 +134,6 @@ def test_its_page_shows_it(folder):
     shown = np.asarray(Image.open(io.BytesIO(base64.b64decode(text.split(",")[1]))).convert("RGB"), float)
     assert shown.shape == (90, 160, 3) and 40.0 < shown.mean() < 220.0
     assert shown[40, 80].sum() > shown[40, 2].sum()
-
-
-def test_what_it_refuses(tmp_path):
-    """One sentence for a solver without every sun and for a folder that is there."""
-    (tmp_path / "there").mkdir()
-    (tmp_path / "there" / "x").write_text("x")
-    for words, sentence in (
-        (("pure-air", "--set", "solver.name=montecarlo"), "has no sky for every sun and direction"),
-        (("pure-air", "--output", str(tmp_path / "there")), "is there already"),
-    ):
-        result = CliRunner().invoke(app, ["export", "shader", *words])
-        assert result.exit_code == 2 and sentence in result.stderr, result.stderr
 
 
 def test_a_folder_that_cannot_be_written_leaves_nothing(tmp_path):

@@ -1,7 +1,5 @@
 """`twilight view` from the ground to orbit: pixels above the air against a sky in closed form, and against a field."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -87,6 +85,7 @@ def test_a_line_is_the_same_at_its_entry_and_its_foot():
 
 @pytest.mark.parametrize("altitude", [130.0, 400.0])
 def test_pixels_above_the_air_are_the_field(planet, page_file, altitude):
+    """From orbit the page would show another limb than the field."""
     dip = math.degrees(math.acos(RADIUS / (RADIUS + altitude)))
     channels = Channels(NM)
     views = [
@@ -166,6 +165,7 @@ def test_the_top_of_the_haze_is_as_sharp_as_in_the_field(tmp_path):
 
 
 def test_whoever_rises_keeps_the_horizon_in_the_picture(page_file):
+    """Rising would lose the horizon out of the picture."""
     with open_page(page_file, 64, 36) as (page, errors):
         page.evaluate("twilight.set({ elevation: 5, altitude: 0 })")
         page.evaluate(
@@ -179,6 +179,7 @@ def test_whoever_rises_keeps_the_horizon_in_the_picture(page_file):
 
 
 def test_altitudes_of_a_page():
+    """A page would have no table between ground and orbit."""
     assert within_air(MEDIUM, (0.0, 10.0)) == ((0.0, 10.0), 0.0)
     assert within_air(MEDIUM, (0.0, 10.0, 400.0)) == ((0.0, 10.0, MEDIUM.top_km), 400.0)
     altitudes = ground_to_orbit(MEDIUM)
@@ -187,6 +188,7 @@ def test_altitudes_of_a_page():
 
 
 def test_a_solver_of_one_altitude_does_not_rise(planet):
+    """Another altitude would show the first one's sky."""
     one = solve(scene_of_field(Planet(MEDIUM), every_observer=False), cached=False)
     with pytest.raises(TwilightError, match="in the air; zones serves all"):
         view_fields([one], altitudes_km=[400.0])
@@ -194,11 +196,7 @@ def test_a_solver_of_one_altitude_does_not_rise(planet):
 
 @pytest.mark.slow
 def test_a_climate_from_the_air_to_orbit(tmp_path):
-    """95 % of the pixels at 10, 100.5 and 400 km are within 2 % of the field, about the horizon 8 deg across within
-    4 %, and between the tables' altitudes in the air within 5 %.
-
-    With half the suns it is 6.8 % where the sun stands near -20 deg, the tables' end, at the Earth's edge.
-    """
+    """95 % of pixels within 2 % of the field, 4 % about the horizon, 5 % between tables."""
     solved = twilight.solve("continental-average", quality="draft", wavelength_nm=[430.0, 500.0, 560.0, 620.0, 680.0])
     page_file = view_fields([solved], altitudes_km=[2.0, 5.0, 10.0, 400.0]).save(tmp_path / "sky.html")
     channels, missed = Channels(solved.medium.wavelength_nm), []

@@ -1,7 +1,5 @@
 """The tones of the page against those of files and films: one definition of each, whoever draws it."""
 
-from __future__ import annotations
-
 import base64
 import io
 import math

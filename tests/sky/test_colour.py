@@ -22,6 +22,7 @@ def one_colour_sky(factor, wavelength):
 @pytest.mark.parametrize("observer", list(spectrum.OBSERVERS))
 def test_a_spectrum_at_one_nm_has_the_xyz_of_colour_science(observer):
     # The factor is a black body divided by the sun, so that the light is the black body.
+    """All colours would be off; black-body light over the sun's as factor."""
     black_body = science.sd_blackbody(5000, science.SpectralShape(360, 830, 1))
     factor = black_body.values / spectrum.solar_at_visible()
     xyz = colour.spectrum_to_xyz(factor, spectrum.VISIBLE_NM, observer=observer)
@@ -31,12 +32,14 @@ def test_a_spectrum_at_one_nm_has_the_xyz_of_colour_science(observer):
 
 
 def test_unit_factor_has_the_chromaticity_of_the_sun():
+    """Sunlight itself would have another colour."""
     xyz = colour.spectrum_to_xyz(np.ones(3), np.array([450.0, 550.0, 650.0]), observer="cie1931_2deg")
     np.testing.assert_allclose(xyz[:2] / xyz.sum(), [0.3234, 0.3327], atol=3e-4)
 
 
 @pytest.mark.parametrize("observer", list(spectrum.OBSERVERS))
 def test_d65_is_neutral_with_either_observer(observer):
+    """White would be tinted."""
     d65 = science.SDS_ILLUMINANTS["D65"]
     light = np.interp(spectrum.VISIBLE_NM, d65.wavelengths, d65.values, right=0.0)
     xyz = light @ spectrum.colour_matching_functions(observer)
@@ -45,6 +48,7 @@ def test_d65_is_neutral_with_either_observer(observer):
 
 
 def test_rgb_matrix_of_the_two_degree_observer_is_that_of_rec709():
+    """Primaries would not be those of displays."""
     matrix = np.linalg.inv(spectrum.xyz_to_rgb_matrix("cie1931_2deg"))
     np.testing.assert_allclose(matrix[1], colour.REC709_LUMINANCE, atol=1e-8)
     primaries = matrix / matrix.sum(axis=0)
@@ -53,6 +57,7 @@ def test_rgb_matrix_of_the_two_degree_observer_is_that_of_rec709():
 
 @pytest.mark.parametrize("observer", list(spectrum.OBSERVERS))
 def test_luminance_of_the_colours_is_the_luminance_of_the_sky(observer):
+    """A picture would be brighter than its sky."""
     wavelength = np.linspace(380, 720, 18)
     sky = one_colour_sky(0.02 * (wavelength / 550) ** -4, wavelength)
     rgb = colour.sky_to_linear_rgb(sky, observer=observer)
@@ -61,6 +66,8 @@ def test_luminance_of_the_colours_is_the_luminance_of_the_sky(observer):
 
 @pytest.mark.parametrize(("samples", "limit"), [(8, 2e-3), (16, 1e-3), (35, 1e-4)])
 def test_colour_of_coarse_samples_is_near_that_of_one_nm(samples, limit):
+    """Few wavelengths would give other colours than documented."""
+
     def spectrum_of(w):
         band = np.exp(-(((w - 600) / 55) ** 2))
         return (w / 550) ** -4 * np.exp(-1.0 * (w / 550) ** -4 - 0.5 * band)
@@ -73,6 +80,7 @@ def test_colour_of_coarse_samples_is_near_that_of_one_nm(samples, limit):
 
 
 def test_without_blue_or_red_there_is_brightness_but_no_colour():
+    """One wavelength would be coloured."""
     sky = one_colour_sky(np.array([0.01]), np.array([550.0]))
     rgb = colour.sky_to_linear_rgb(sky)
     np.testing.assert_allclose(rgb, sky.luminance()[..., None] * np.ones(3), rtol=1e-9)
@@ -81,6 +89,7 @@ def test_without_blue_or_red_there_is_brightness_but_no_colour():
 
 
 def test_black_is_black():
+    """Black would be NaN."""
     sky = one_colour_sky(np.zeros(3), np.array([450.0, 550.0, 650.0]))
     rgb = colour.sky_to_linear_rgb(sky)
     assert (rgb == 0).all()
@@ -91,6 +100,7 @@ def test_black_is_black():
 
 
 def test_auto_exposure_follows_the_light_one_to_one_and_ignores_zeros():
+    """A film's exposure would not follow its light."""
     rng = np.random.default_rng(2)
     light = rng.lognormal(size=500)
     ev = colour.auto_exposure_ev100(light)
@@ -106,6 +116,7 @@ def test_auto_exposure_follows_the_light_one_to_one_and_ignores_zeros():
 
 
 def test_gamut_mapping_keeps_luminance_and_removes_negatives():
+    """Renderers would get negative or brighter light."""
     rng = np.random.default_rng(4)
     rgb = rng.normal(size=(1000, 3))
     rgb = rgb[rgb @ colour.REC709_LUMINANCE > 0.01]
@@ -117,6 +128,7 @@ def test_gamut_mapping_keeps_luminance_and_removes_negatives():
 
 
 def test_tone_curves_rise_and_end_at_white():
+    """A brighter sky would be darker on the screen."""
     x = np.geomspace(1e-6, 1e6, 400)
     y = colour.filmic(x[:, None] * np.ones(3))[:, 1]
     assert (np.diff(y) >= 0).all() and y[0] == pytest.approx(x[0], rel=1e-4) and y[-1] == pytest.approx(1.0)
@@ -126,12 +138,14 @@ def test_tone_curves_rise_and_end_at_white():
 
 
 def test_filmic_keeps_the_order_of_the_channels_and_their_hue_in_part():
+    """A bright blue would turn to another hue."""
     bright = colour.filmic(np.array([8.0, 4.0, 0.5]))
     assert 1 > bright[0] > bright[1] > bright[2] > 0
     assert colour.filmic(np.zeros((2, 3))).max() == 0
 
 
 def test_unknown_names_are_refused_with_the_choices():
+    """A misspelt name would be a KeyError."""
     with pytest.raises(TwilightError, match="filmic, gamma"):
         colour.tone_map(np.ones(3), 0.0, "aces")
     with pytest.raises(TwilightError, match="cie1964_10deg"):
@@ -141,6 +155,7 @@ def test_unknown_names_are_refused_with_the_choices():
 
 
 def test_what_is_far_brighter_than_white_burns_out_and_the_sky_keeps_its_hue():
+    """The sun's disc would be orange, or the sky lose its hue."""
     orange = np.array([1.0, 0.5, 0.2])
     sky, disc = colour.photographic(4.0 * orange), colour.photographic(1000.0 * orange)
     as_before = colour.photographic(6.0 * orange)
@@ -163,6 +178,7 @@ def test_what_is_far_brighter_than_white_burns_out_and_the_sky_keeps_its_hue():
     ],
 )
 def test_too_few_wavelengths_for_a_colour_are_said_wherever_one_is_made(wavelength, says):
+    """Wrong colours would be shown without a word."""
     sky = one_colour_sky(np.full(len(wavelength), 0.01), np.array(wavelength, float))
     makers = [lambda: colour.sky_to_linear_rgb(replace(sky))]
     tones = ("photographic", "eye", "camera") if says is None or "wrong" in says else ("photographic", "eye")

@@ -1,7 +1,5 @@
 """The sun's disc: limb darkening, the shape and light that refraction and extinction leave, pictures and lamps."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -29,6 +27,7 @@ def air():
 
 
 def test_limb_darkening_is_one_in_the_middle_and_that_of_the_tables_elsewhere():
+    """The disc would be as bright at its rim as in the middle."""
     nm = np.array([310.0, 372.9, 373.1, 400.0, 422.5, 423.0, 550.0, 1000.0])
     assert np.allclose(limb_coefficients(nm).sum(axis=0), 1.0, atol=2e-5)
     # Pierce and Slaughter 1977 and Cox 2000 (Allen's Astrophysical Quantities) at 550 nm: 0.70 to 0.72 at mu = 0.5
@@ -44,6 +43,7 @@ def test_limb_darkening_is_one_in_the_middle_and_that_of_the_tables_elsewhere():
 
 
 def test_without_air_the_disc_is_round_and_brings_the_solar_irradiance():
+    """The disc would have another size or light than the sun."""
     rows = np.arange(9.5, 10.5, 1 / 1200)
     ones = np.ones((rows.size, 2))
     disc = Disc(np.array([450.0, 650.0]), rows, rows[:, None] * ones, ones, 10.0, SOLAR_RADIUS_DEG)
@@ -60,6 +60,7 @@ def test_without_air_the_disc_is_round_and_brings_the_solar_irradiance():
 
 @pytest.mark.parametrize("sun, tolerance", ((40.0, 1e-4), (10.0, 5e-4), (3.0, 0.011)))
 def test_its_light_is_that_of_the_beam_while_air_changes_little_over_it(air, sun, tolerance):
+    """Disc and sunbeam would differ."""
     found = make_disc(air, sun, 0.0).irradiance_factor()
     assert np.allclose(found, Sunbeam(air).at(sun, 0.0).irradiance, rtol=tolerance)
 
@@ -69,7 +70,7 @@ def test_its_light_is_that_of_the_beam_while_air_changes_little_over_it(air, sun
     (("us_standard", -0.283, 27.1), ("midlatitude_winter", -0.366, 25.9), ("subarctic_winter", -0.481, 23.9)),
 )
 def test_a_sun_that_stands_on_the_horizon_is_flattened_by_five_to_eight_minutes_of_arc(profile, sun, high):
-    """Where it is 32.0' wide; the Nautical Almanac's 34.5' and 28.9' for its two limbs at 10 C make it 26.4'."""
+    """The Nautical Almanac's 34.5' and 28.9' for the limbs at 10 C make it 26.4' high, 32.0' wide."""
     disc = make_disc(climate_medium(load("pure-air", {"atmosphere.profile": profile}).climate, [550.0]), sun, 0.0)
     lower, upper = disc.edges_deg()
     assert 60 * (upper - lower) == pytest.approx(high, abs=0.1) and lower < 0.004
@@ -77,6 +78,7 @@ def test_a_sun_that_stands_on_the_horizon_is_flattened_by_five_to_eight_minutes_
 
 
 def test_its_edges_are_dispersed_and_its_upper_rim_is_green(air):
+    """There would be no green rim."""
     disc = make_disc(air, 0.5, 0.0)
     tops = [disc.elevation_deg[disc.half_width_deg()[:, w] > 0][-1] for w in range(len(NM))]
     assert (np.diff(tops) < 0).all() and 10 < 3600 * (tops[0] - tops[-1]) < 60  # violet over red, tens of arc seconds
@@ -88,6 +90,7 @@ def test_its_edges_are_dispersed_and_its_upper_rim_is_green(air):
 
 
 def test_below_the_horizon_nothing_is_seen_and_from_a_mountain_it_still_is(air):
+    """A sun that has set would be drawn."""
     assert not make_disc(air, -1.5, 0.0).is_seen
     assert not make_disc(air, -1.5, 0.0).irradiance_factor().any()
     high = make_disc(air, -1.5, 3.0)
@@ -97,8 +100,7 @@ def test_below_the_horizon_nothing_is_seen_and_from_a_mountain_it_still_is(air):
 
 
 def test_layers_of_an_inversion_cut_it_into_slices(air):
-    """Lines of sight that dip below a layer in which the index falls steeply come from elsewhere: the disc's width has
-    a waist where it has none in calm air."""
+    """Lines of sight below a layer where the index falls steeply come from elsewhere: a waist."""
 
     def waist(medium):
         disc = make_disc(medium, -0.6, 0.02)
@@ -109,9 +111,6 @@ def test_layers_of_an_inversion_cut_it_into_slices(air):
     step = 3e-6 * (1.0 / (1.0 + np.exp(np.clip((z - 0.035) / 0.002, -50, 50))))[:, None]
     layered = on_levels(air, z, refractivity=air.at(z).refractivity + step)
     assert waist(air) == 1 and waist(layered) > 1
-
-
-# Files ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +124,7 @@ def low_sun(air):
 
 @pytest.mark.parametrize("renderer", ("openexr", "mitsuba", "blender", "radiance", "pbrt"))
 def test_a_direction_falls_into_the_pixel_that_looks_there(renderer):
+    """The disc would be drawn into another pixel."""
     elevation, azimuth = np.broadcast_arrays(*environment_directions(renderer, 64))
     row, column = pixel_of(renderer, 64, elevation, azimuth)
     here = np.indices(elevation.shape)
@@ -135,6 +135,7 @@ def test_a_direction_falls_into_the_pixel_that_looks_there(renderer):
 @pytest.mark.parametrize("renderer", ("openexr", "blender", "pbrt"))
 @pytest.mark.parametrize("width", (64, 1024))
 def test_a_map_keeps_the_light_of_the_disc(low_sun, renderer, width, tmp_path):
+    """A renderer would be lit too brightly by the sun in a coarse map."""
     without = read_latlong_exr(write_rgb_exr(low_sun, tmp_path / "a.exr", renderer=renderer, width=width))
     with_disc = read_latlong_exr(write_rgb_exr(low_sun, tmp_path / "b.exr", renderer=renderer, width=width, disc=True))
     added = (with_disc.rgb - without.rgb).astype(float) * pixel_solid_angle(renderer, width)[..., None]
@@ -145,6 +146,7 @@ def test_a_map_keeps_the_light_of_the_disc(low_sun, renderer, width, tmp_path):
 
 
 def test_a_file_keeps_the_disc_and_the_sky_does_not_contain_it(low_sun, tmp_path):
+    """The sun's light would count twice, or be lost in the file."""
     again = read_sky(write_sky(low_sun, tmp_path / "sky.h5"))
     assert np.array_equal(again.disc.transmittance, low_sun.disc.transmittance)
     assert np.array_equal(again.disc.irradiance_factor(), low_sun.disc.irradiance_factor())
@@ -154,6 +156,7 @@ def test_a_file_keeps_the_disc_and_the_sky_does_not_contain_it(low_sun, tmp_path
 
 
 def test_lamps_point_at_the_sun_and_have_its_light(low_sun):
+    """A renderer's lamp would shine from elsewhere, or with another light."""
     facts = sun_facts(low_sun)
     assert json.loads(json.dumps(facts)) == facts
     e, a = np.radians([facts["apparent_elevation_deg"], 247.0])

@@ -1,7 +1,5 @@
 """Light pollution: a given zenith brightness with a published gradient."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

@@ -1,7 +1,5 @@
 """The moon: place, brightness, disc, and the sky that it lights."""
 
-from __future__ import annotations
-
 import datetime as dt
 import json
 
@@ -34,6 +32,8 @@ from twilight.sky.moon import (
     moon_over,
     surface,
 )
+
+pytestmark = pytest.mark.usefixtures("coarse_draft")
 
 SMALL = {
     "wavelengths.list_nm": [430.0, 490.0, 550.0, 610.0, 670.0],

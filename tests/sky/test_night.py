@@ -8,7 +8,6 @@ import pytest
 from montecarlo_media import hazy_earth, slab
 from stability_media import EXTREMES, medium_of
 from toy_sky import glow_sky
-from typer.testing import CliRunner
 
 from twilight.base.errors import TwilightError
 from twilight.config import load
@@ -35,10 +34,8 @@ def zenith_magnitude(**levels):
     return float(-2.5 * np.log10(as_sky(night).luminance()[0, 0] / 10.8e4))  # V mag arcsec^-2 of cd m^-2
 
 
-# Directions -----------------------------------------------------------------------------------------------------
-
-
 def test_van_rhijn_closed_form_and_observers():
+    """The airglow would brighten wrongly towards the horizon, or be there from above it."""
     horizon = 1.0 / np.sqrt(1.0 - (6371.0 / 6461.0) ** 2)
     assert light.van_rhijn(np.array([90.0, 0.0]), 90.0) == pytest.approx([1.0, horizon])
     # over a flat Earth the path would be 1/sin(e): the curved one is shorter
@@ -51,6 +48,7 @@ def test_van_rhijn_closed_form_and_observers():
 
 
 def test_stars_stand_where_astropy_says():
+    """Milky Way and zodiacal light would stand elsewhere."""
     coordinates = pytest.importorskip("astropy.coordinates")
     from astropy import units
     from astropy.time import Time
@@ -77,6 +75,7 @@ def test_stars_stand_where_astropy_says():
 
 
 def test_without_a_place_the_ecliptic_rises_from_the_sun_at_its_tilt():
+    """Without a place the zodiacal light would lie elsewhere."""
     sun = world.ecliptic_from_sun(-18.0, 0.0, -18.0, None, None)
     assert np.array(sun) == pytest.approx([0.0, 0.0], abs=1e-6)
     # with the sun on the horizon the horizon's point 90 deg away is as far from the ecliptic as the tilt says
@@ -85,10 +84,8 @@ def test_without_a_place_the_ecliptic_rises_from_the_sun_at_its_tilt():
     assert world.ecliptic_from_sun(90.0, 0.0, 0.0, None, None)[1] == pytest.approx(90.0 - world.ECLIPTIC_TILT_DEG)
 
 
-# Light above the air --------------------------------------------------------------------------------------------
-
-
 def test_airglow_bins_keep_every_line():
+    """The green line would fall between wavelengths."""
     fine = np.arange(381.0, 721.0, 1.0)
     for edges in (np.arange(380.5, 720.6, 20.0), np.linspace(380.5, 719.5, 6)):
         coarse = np.stack([edges[:-1], edges[1:]], axis=1)
@@ -102,6 +99,7 @@ def test_airglow_bins_keep_every_line():
 
 
 def test_starlight_from_pole_to_plane():
+    """The Milky Way would not be brighter than the poles."""
     s10 = light.starlight_s10(np.array([90.0, 30.0, 10.0, 0.0])) * (1.0 - light.GALACTIC_LIGHT_FRACTION)
     assert s10[[0, 3]] == pytest.approx([30.0, 250.0])
     assert (np.diff(s10) > 0).all()
@@ -110,6 +108,7 @@ def test_starlight_from_pole_to_plane():
 
 
 def test_zodiacal_light_is_the_table():
+    """The zodiacal light would be another than the published table."""
     got = light.zodiacal_500nm(np.array([30.0, 180.0, -90.0, 0.0]), np.array([0.0, 0.0, 10.0, -90.0]))
     assert got == pytest.approx(np.array([2480, 230, 225, 77]) * 1e-11)
     # the gegenschein is brighter than the ecliptic 30 deg from it
@@ -118,10 +117,8 @@ def test_zodiacal_light_is_the_table():
     assert light.S10_550NM == pytest.approx(1.28e-11, rel=0.08)
 
 
-# The air --------------------------------------------------------------------------------------------------------
-
-
 def test_vacuum_and_pure_absorber_are_exact():
+    """Air would dim the night by another law."""
     elevation = np.array([90.0, 30.0, 5.0])
     above = np.ones((3, 1, 1))
     empty = veil(slab(0.0, 1.0), elevation)
@@ -146,6 +143,7 @@ def test_air_keeps_the_night_within_what_noll_found():
 
 
 def test_extreme_air_stays_between_nothing_and_the_brightest_light_above():
+    """Extreme air would make the night negative or brighter than above it."""
     medium = medium_of(*EXTREMES.values())
     elevation = np.array([0.0, 1.0, 10.0, 90.0])
     air = veil(medium, elevation)
@@ -157,9 +155,6 @@ def test_extreme_air_stays_between_nothing_and_the_brightest_light_above():
     over = veil(medium, np.array([-5.0, 0.0, 90.0]), observer_km=200.0)
     assert over.transmittance[1:] == pytest.approx(1.0)
     assert (veil(medium, np.array([-40.0]), observer_km=200.0).transmittance == 0).all()
-
-
-# Against measured nights ----------------------------------------------------------------------------------------
 
 
 def test_zenith_at_solar_maximum_is_that_of_paranal():
@@ -177,10 +172,7 @@ def test_darkest_nights_and_the_usual_night():
 
 
 def test_the_night_is_that_of_observers_it_was_not_derived_from():
-    """The zenith of a mountain's night settles at 1.3e-5 to 1.5e-5 candles per square foot (Koomen et al. 1952, Fig. 1,
-    read off); the ground has 6e-4 lx at the end of astronomical twilight (AMS Glossary).  A dark night of ours is 1.26
-    and 1.24 times those; real nights differ by a factor of two.
-    """
+    """Zenith (Koomen et al. 1952, Fig. 1) and ground (AMS Glossary) within a factor of 1.5."""
     dark = NightLevels(0.6, 0.4, 0.8)
     square_feet_per_square_metre = 10.7639
     medium = hazy_earth(wavelength_nm=NM)
@@ -201,10 +193,8 @@ def test_few_wavelengths_see_the_same_night():
     assert brightness == pytest.approx([brightness[1]] * 3, rel=0.12)
 
 
-# In a scene -----------------------------------------------------------------------------------------------------
-
-
 def test_levels_scale_and_add():
+    """A level would scale another source."""
     medium = hazy_earth(wavelength_nm=NM)
     where = (np.array([5.0, 45.0]), np.arange(4) * 90.0)
     whole = night_radiance(medium, *where)
@@ -219,6 +209,7 @@ def test_levels_scale_and_add():
 
 
 def test_a_sky_without_night_is_unchanged_and_with_it_is_the_sum(tmp_path):
+    """The night would change the sunlit sky, or be lost in the file."""
     bare = glow_sky(step_deg=15.0, sun_elevation_deg=-12.0)
     elevation, azimuth = texture_grid(15.0)
     medium = hazy_earth(wavelength_nm=bare.wavelength_nm)
@@ -237,17 +228,6 @@ def test_a_sky_without_night_is_unchanged_and_with_it_is_the_sum(tmp_path):
     assert middle.night_radiance == pytest.approx(night)
     with pytest.raises(TwilightError, match="night_radiance"):
         replace(bare, night_radiance=-night)
-
-
-def test_configuration_and_sweep():
-    assert load("pure-air").night is None
-    assert load("pure-air", {"night.airglow": 0.5}).night.starlight == 1.0
-    with pytest.raises(TwilightError, match=r"night\.airglow"):
-        load("pure-air", {"night.airglow": -0.5})
-    from twilight.cli.app import app
-
-    told = CliRunner().invoke(app, ["sweep", "sweep-haze", "--set", "night.airglow=1", "--plan"])
-    assert told.exit_code == 2 and "night" in told.output + (told.stderr or "")
 
 
 def test_a_render_at_a_place_and_time_has_its_own_night():

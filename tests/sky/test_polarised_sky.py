@@ -1,7 +1,5 @@
 """The polarised sky in closed form: light scattered once by molecules vibrates across the plane of scattering."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from types import ModuleType
@@ -80,18 +78,21 @@ def sky(solved) -> Sky:
 
 
 def test_the_other_half_has_the_same_q_and_the_opposite_u(sky):
+    """The mirrored half would have U of the wrong sign."""
     expected = rayleigh(SUN_DEG, sky.elevation_deg[:, None], sky.azimuth_deg[None, :])
     np.testing.assert_allclose(sky.stokes[..., 1], expected, atol=1e-12)
     assert np.abs(sky.stokes[:, 1:60, 2]).max() > 0.1
 
 
 def test_stokes_of_all_wavelengths_come_from_all_blocks(solved):
+    """Q and U of the second block would be lost."""
     found = solved.stokes(SUN_DEG, [30.0], [70.0])
     np.testing.assert_allclose(found[0, :, 1], rayleigh(SUN_DEG, 30.0, 70.0), rtol=1e-12)
     np.testing.assert_allclose(found[0, 0] / found[0, 0, 1], (NM / 550.0) ** -4)
 
 
 def test_degree_and_angle_are_those_of_the_scattering_plane(sky):
+    """Degree or angle would be off closed forms."""
     e, a = np.radians(sky.elevation_deg)[:, None], np.radians(sky.azimuth_deg)[None, :]
     s = np.radians(SUN_DEG)
     cosine = np.sin(s) * np.sin(e) + np.cos(s) * np.cos(e) * np.cos(a)
@@ -102,6 +103,7 @@ def test_degree_and_angle_are_those_of_the_scattering_plane(sky):
 
 
 def test_a_night_dilutes_the_degree_and_leaves_the_angle(sky):
+    """The night would be polarised."""
     dim = replace(sky, night_radiance=sky.radiance)
     np.testing.assert_allclose(dim.degree_of_linear_polarisation, 0.5 * sky.degree_of_linear_polarisation)
     np.testing.assert_allclose(dim.angle_of_linear_polarisation_deg, sky.angle_of_linear_polarisation_deg)
@@ -121,6 +123,7 @@ def test_a_polariser_puts_out_the_light_that_vibrates_across_it(sky):
 
 @pytest.mark.parametrize("elevation_deg", [0.5, 33.3, 88.0, 89.5, 90.0])
 def test_between_rows_and_up_to_the_zenith_polarisation_is_interpolated_with_its_plane(sky, elevation_deg):
+    """Q and U would be interpolated across turning planes."""
     azimuth = np.linspace(0.0, 360.0, 41)
     expected = rayleigh(SUN_DEG, elevation_deg, azimuth)
     found = sky.sample_fractional_stokes(elevation_deg, azimuth)[..., 1]
@@ -130,6 +133,7 @@ def test_between_rows_and_up_to_the_zenith_polarisation_is_interpolated_with_its
 
 
 def test_files_hold_q_and_u_with_their_convention(sky, tmp_path):
+    """A reader would take another sign convention."""
     import xarray
 
     with_error = replace(
@@ -150,6 +154,7 @@ def test_files_hold_q_and_u_with_their_convention(sky, tmp_path):
 
 
 def test_colour_science_reads_the_stokes_components_of_a_spectral_exr(sky, tmp_path):
+    """Others would read other Stokes parameters."""
     colour = pytest.importorskip("colour")
     path = write_spectral_exr(sky, tmp_path / "sky.exr", width=64)
     components, about = colour.read_spectral_image_Fichet2021(str(path), additional_data=True)
@@ -169,6 +174,7 @@ def test_colour_science_reads_the_stokes_components_of_a_spectral_exr(sky, tmp_p
 
 
 def test_the_picture_shows_degree_and_angle_over_the_whole_sky(sky, tmp_path):
+    """The picture of polarisation would be turned or mirrored."""
     from PIL import Image
 
     degree, angle, wavelength = polarisation_maps(sky, 200)
@@ -186,6 +192,7 @@ def test_the_picture_shows_degree_and_angle_over_the_whole_sky(sky, tmp_path):
 
 
 def test_a_polariser_changes_the_pictures_and_not_the_radiance(sky, tmp_path):
+    """The data file would be dimmed too."""
     plain = write_outputs(sky, tmp_path / "plain", files=("rgb", "h5"), width=32)
     behind = write_outputs(sky, tmp_path / "behind", files=("rgb", "h5"), width=32, polariser_deg=0.0)
     np.testing.assert_array_equal(*(read_sky(paths[1]).stokes for paths in (plain, behind)))
@@ -202,6 +209,7 @@ class RayleighSettings:
 
 
 def test_a_sweep_keeps_q_and_u_and_gives_them_back_for_both_halves(tmp_path, monkeypatch):
+    """A sweep would lose Q and U, or their signs."""
     import xarray
 
     import twilight.api.accessor  # noqa: F401
@@ -216,13 +224,10 @@ def test_a_sweep_keeps_q_and_u_and_gives_them_back_for_both_halves(tmp_path, mon
     monkeypatch.setitem(sys.modules, "rayleigh_toy", module)
     monkeypatch.setitem(solvers.SOLVERS, "rayleigh", "rayleigh_toy")
     scene = {
-        "version": 1,
-        "climate": {"version": 1, "name": "air"},
-        "solver": {"name": "rayleigh"},
-        "wavelengths": {"list_nm": NM.tolist()},
-        "texture": {"azimuth_count": 12, "elevation_count": 3},
+        "version": 1, "climate": {"version": 1, "name": "air"}, "solver": {"name": "rayleigh"},
+        "wavelengths": {"list_nm": NM.tolist()}, "texture": {"azimuth_count": 12, "elevation_count": 3},
         "vary": {"sun.elevation_deg": [5.0, 40.0]},
-    }
+    }  # fmt: skip
     made = Sweep(load_axes(scene))
     assert list(made.layers) == ["sun_normalised_radiance_q", "sun_normalised_radiance_u"]
     with open_store(tmp_path / "sweep.zarr", made) as store:
@@ -237,6 +242,7 @@ def test_a_sweep_keeps_q_and_u_and_gives_them_back_for_both_halves(tmp_path, mon
 
 
 def test_a_sky_without_polarisation_says_so(sky):
+    """Zeros would be taken for unpolarised light."""
     plain = replace(sky, polarisation=None)
     for ask in (
         lambda: plain.stokes,

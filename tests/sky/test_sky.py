@@ -19,6 +19,7 @@ def make_sky(function, step_deg=3.0, wavelength=WAVELENGTHS, grid=None, **fields
 
 
 def test_default_texture_is_that_of_the_contract():
+    """Files would have other rows and columns than promised."""
     elevation, azimuth = texture_grid()
     assert elevation.size == 30 and azimuth.size == 120
     np.testing.assert_allclose(elevation[[0, 1, -1]], [1.5, 4.5, 88.5])
@@ -41,6 +42,7 @@ def test_default_texture_is_that_of_the_contract():
     ids=["texture", "one row", "crowded", "uneven with horizon and zenith"],
 )
 def test_uniform_sky_gives_pi_and_two_pi(grid):
+    """Solid angles would not sum to the hemisphere."""
     sky = make_sky(lambda e, a: 1.0, grid=grid)
     np.testing.assert_allclose(sky.irradiance_factor(), np.pi, rtol=1e-12)
     np.testing.assert_allclose(sky.irradiance_factor(horizontal=False), 2 * np.pi, rtol=1e-12)
@@ -49,6 +51,8 @@ def test_uniform_sky_gives_pi_and_two_pi(grid):
 
 def test_irradiance_of_graded_skies_converges_to_the_closed_form():
     # Moon and Spencer's overcast sky 1 + 2 sin e gives 7 pi / 3; a gradient along the azimuth of the sun cancels.
+    """Irradiances would be off on coarse textures."""
+
     def graded(e, a):
         return 1 + 2 * np.sin(e) + 0.5 * np.cos(e) * np.cos(a)
 
@@ -58,6 +62,7 @@ def test_irradiance_of_graded_skies_converges_to_the_closed_form():
 
 
 def test_direct_beam_is_added_with_the_cosine_of_the_apparent_sun():
+    """The sun would light the ground from its true place, or from below."""
     sky = make_sky(lambda e, a: 1.0, direct_irradiance=np.full(4, 0.5), apparent_sun_elevation_deg=30.0)
     np.testing.assert_allclose(sky.irradiance_factor(direct=True), np.pi + 0.25)
     np.testing.assert_allclose(sky.irradiance_factor(horizontal=False, direct=True), 2 * np.pi + 0.5)
@@ -68,6 +73,7 @@ def test_direct_beam_is_added_with_the_cosine_of_the_apparent_sun():
 
 
 def test_radiance_is_factor_times_bin_mean_of_the_sun():
+    """Radiances would be of another distance or bin."""
     sky = make_sky(lambda e, a: 0.01, distance_au=2.0)
     expected = 0.01 * spectrum.solar_irradiance(WAVELENGTHS) / 4
     np.testing.assert_allclose(sky.radiance[3, 5], expected, rtol=1e-14)
@@ -75,6 +81,7 @@ def test_radiance_is_factor_times_bin_mean_of_the_sun():
 
 
 def test_samples_at_grid_points_are_the_grid():
+    """Sampling would move what is computed."""
     rng = np.random.default_rng(1)
     sky = make_sky(lambda e, a: rng.lognormal(size=(30, 120, 4)))
     grid = np.meshgrid(sky.elevation_deg, sky.azimuth_deg, indexing="ij")
@@ -85,6 +92,7 @@ def test_samples_at_grid_points_are_the_grid():
 
 
 def test_sampling_is_exact_for_an_exponential_in_elevation_down_to_the_horizon():
+    """The horizon would be read too bright."""
     sky = make_sky(lambda e, a: np.exp(-3 * e) + 0 * a)
     e = np.array([0.0, 0.7, 10.0, 45.2, 80.0])
     np.testing.assert_allclose(sky.sample(e, 17.0)[:, 0], np.exp(-3 * np.radians(e)), rtol=1e-10)
@@ -94,6 +102,7 @@ def test_sampling_is_exact_for_an_exponential_in_elevation_down_to_the_horizon()
 
 
 def test_azimuth_wraps_and_any_multiple_of_a_turn_is_the_same():
+    """There would be a seam at azimuth 0."""
     sky = make_sky(lambda e, a: 2 + np.cos(a))
     np.testing.assert_allclose(sky.sample(20.0, 359.0), sky.sample(20.0, -1.0), rtol=1e-12)
     np.testing.assert_allclose(sky.sample(20.0, 359.0), sky.sample(20.0, 719.0), rtol=1e-12)
@@ -102,6 +111,7 @@ def test_azimuth_wraps_and_any_multiple_of_a_turn_is_the_same():
 
 @pytest.mark.parametrize("step", [3.0, 10.0], ids=["even columns", "36 columns"])
 def test_the_zenith_has_one_value_and_the_sky_is_continuous_there(step):
+    """The zenith would be a pinwheel."""
     sky = make_sky(lambda e, a: np.exp(0.8 * np.cos(e) * np.cos(a)), step)
     azimuths = np.linspace(0, 360, 13)
     at_zenith = sky.sample(90.0, azimuths)
@@ -114,6 +124,8 @@ def test_the_zenith_has_one_value_and_the_sky_is_continuous_there(step):
 
 
 def test_interpolation_error_falls_with_the_third_power_of_the_step_at_least():
+    """A finer texture would not be a better sky."""
+
     def function(e, a):
         return np.exp(np.cos(e) * np.cos(a) - 2 * np.sin(e) ** 2)
 
@@ -127,6 +139,7 @@ def test_interpolation_error_falls_with_the_third_power_of_the_step_at_least():
 
 
 def test_zeros_are_interpolated_linearly_and_never_give_nan():
+    """Black beside light would be NaN."""
     values = np.zeros((30, 120, 4))
     values[10, 4] = 1.0
     sky = make_sky(lambda e, a: values)
@@ -140,6 +153,7 @@ def test_zeros_are_interpolated_linearly_and_never_give_nan():
 
 
 def test_resample_keeps_everything_else_and_interpolates_the_standard_error():
+    """Another grid would lose the record or the noise."""
     sky = make_sky(lambda e, a: 1 + np.sin(e), standard_error=np.full((30, 120, 4), 0.1), provenance={"solver": "x"})
     finer = sky.resample(np.array([10.0, 20.0]), np.array([0.0, 90.0, 180.0, 270.0]))
     assert finer.provenance == {"solver": "x"} and finer.sun_elevation_deg == sky.sun_elevation_deg
@@ -149,6 +163,7 @@ def test_resample_keeps_everything_else_and_interpolates_the_standard_error():
 
 def test_luminance_and_illuminance_of_a_uniform_sky_follow_the_sum_rule():
     # 133.1 klx: the illuminance of the sun outside the air (ASTM G173: 1366 W m^-2 and 97.4 lm/W).
+    """Lux would be off 133.1 klx of the sun outside the air."""
     sky = make_sky(lambda e, a: 1.0)
     grid, sun = spectrum.solar_spectrum()
     v = np.interp(grid, spectrum.VISIBLE_NM, spectrum.colour_matching_functions("cie1931_2deg")[:, 1], 0, 0)
@@ -159,6 +174,7 @@ def test_luminance_and_illuminance_of_a_uniform_sky_follow_the_sum_rule():
 
 
 def test_float32_stays_float32_and_agrees_with_float64():
+    """A small file would have other values."""
     sky = make_sky(lambda e, a: 1e-9 * np.exp(-e))
     single = replace(sky, sun_normalised_radiance=sky.sun_normalised_radiance.astype(np.float32))
     assert single.sample(12.3, 45.6).dtype == np.float32
@@ -184,12 +200,14 @@ def test_float32_stays_float32_and_agrees_with_float64():
     ],
 )
 def test_what_is_no_sky_is_said_in_one_sentence(change, message):
+    """An impossible sky would be shown."""
     with pytest.raises(TwilightError, match=message) as caught:
         replace(make_sky(lambda e, a: 1.0), **change)
     assert "\n" not in str(caught.value)
 
 
 def test_directions_below_the_sky_are_refused():
+    """Light of the lowest row would stand for the ground."""
     with pytest.raises(TwilightError, match="elevation_deg"):
         make_sky(lambda e, a: 1.0).sample(-1.0, 0.0)
     high = make_sky(lambda e, a: 1.0, grid=(np.linspace(-8, 89, 98), np.arange(8) * 45.0))

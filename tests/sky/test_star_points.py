@@ -1,7 +1,5 @@
 """The brighter stars as points: where they stand, what of their light arrives, and that pictures keep it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import datetime, timedelta
 
@@ -11,15 +9,12 @@ from airs import turbid
 from filming import film, scene
 from scipy.spatial import cKDTree
 
-from twilight.base.errors import TwilightError
-from twilight.config import load, load_climate
+from twilight.config import load_climate
 from twilight.config.pictures import View
-from twilight.engine.frames import frames
 from twilight.engine.night import night_light, without_points
 from twilight.engine.view import ViewRadiance
 from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.numerics.projections import PROJECTIONS
-from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
 from twilight.sky.night import NightLevels
 from twilight.sky.night.points import (
@@ -46,6 +41,7 @@ def solid_angles(rays: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", sorted(PROJECTIONS))
 def test_every_projection_keeps_a_stars_light_and_place(kind):
+    """A star would be brighter where pixels are small."""
     more = {"perspective": {"elevation_deg": 30.0}, "limb": {"band_deg": (0.0, 40.0)}}
     view = View(kind=kind, width=240, **more.get(kind, {}))
     rays = view.rays((0, view.shape[0])).astype(float)
@@ -72,6 +68,7 @@ def test_every_projection_keeps_a_stars_light_and_place(kind):
 
 
 def test_rows_drawn_apart_are_those_of_the_whole():
+    """A picture drawn by rows would have seams."""
     view = View(kind="perspective", width=120, elevation_deg=30.0)
     rays = view.rays((0, view.shape[0])).astype(float)
     towards = direction(np.linspace(-20.0, 20.0, 60), 30.0 + 12.0 * np.sin(np.arange(60.0)))
@@ -87,6 +84,7 @@ def test_rows_drawn_apart_are_those_of_the_whole():
 
 
 def test_a_hill_hides_stars():
+    """Stars would shine through mountains."""
     rays = View(kind="perspective", width=60).rays((0, 30)).astype(float)
     hidden = np.zeros((30, 60), bool)
     hidden[:, :30] = True
@@ -102,6 +100,7 @@ def air():
 
 
 def test_stars_stand_where_astropy_has_them(air):
+    """Stars would stand beside their places."""
     pytest.importorskip("astropy")
     from twilight.studies.validate.stars import coordinates
 
@@ -200,9 +199,3 @@ def test_stars_move_through_a_film(tmp_path):
         assert np.degrees(np.linalg.norm(middle / np.linalg.norm(middle) - towards)) < 0.3
         places.append(azimuth_elevation(towards))
     assert np.ptp([float(a) for a, _ in places]) > 1.0
-
-
-def test_stars_without_a_place_are_refused():
-    config = load("pure-air", {"night.stars": True, "sun.elevation_deg": -10.0})
-    with pytest.raises(TwilightError, match=r"night\.stars needs a place and a time"):
-        next(iter(frames(resolve(config), cached=False)))

@@ -1,7 +1,5 @@
 """The eye and the camera: CIE 191, thresholds, colour at low light; exposure, white balance, noise; dither."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -41,11 +39,9 @@ def of_spectrum(tone, radiance):
     return tone.see(factor, NM, SUN)
 
 
-# Eye ------------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("ratio", (0.65, 1.0, 2.05, 3.5))
 def test_mesopic_luminance_solves_the_equations_of_cie_191(ratio):
+    """Dim light would be seen brighter or darker than CIE 191 says."""
     photopic = np.geomspace(6e-3, 4.0, 9)
     m, mesopic = adaptation_coefficient(photopic, ratio * photopic)
     assert np.allclose(m, np.clip(0.7670 + 0.3334 * np.log10(mesopic), 0.0, 1.0), atol=1e-6)
@@ -60,6 +56,7 @@ def test_mesopic_luminance_solves_the_equations_of_cie_191(ratio):
 
 
 def test_day_and_night_vision_are_the_ends():
+    """Cones would see at night, or rods by day."""
     m, mesopic = adaptation_coefficient(np.array([50.0, 1e-4]), np.array([100.0, 3e-4]))
     assert m.tolist() == [1.0, 0.0] and np.allclose(mesopic, [50.0, 3e-4])
     m, _ = adaptation_coefficient(np.geomspace(1e-4, 20, 60), 2 * np.geomspace(1e-4, 20, 60))
@@ -70,6 +67,7 @@ def test_day_and_night_vision_are_the_ends():
 
 
 def test_thresholds_and_acuity_are_continuous_and_end_where_published():
+    """An eye's picture would jump as it gets dark."""
     for threshold, joints in ((cone_threshold, (-2.6, 1.9)), (rod_threshold, (-3.94, -1.44))):
         for x in joints:
             assert threshold(10 ** (x - 1e-6)) == pytest.approx(threshold(10 ** (x + 1e-6)), rel=0.04)
@@ -81,6 +79,7 @@ def test_thresholds_and_acuity_are_continuous_and_end_where_published():
 
 
 def test_colour_goes_with_the_light_and_turns_blue():
+    """A night would be as colourful as a day."""
     eye = Eye(acuity=False)
     orange = np.tile(of_spectrum(eye, 1e-3 * np.exp(-(((spectrum.VISIBLE_NM - 610.0) / 60.0) ** 2))), (4, 4, 1))
 
@@ -100,6 +99,7 @@ def test_colour_goes_with_the_light_and_turns_blue():
 
 
 def test_fine_details_are_lost_at_night_alone():
+    """An eye would see as sharply at night."""
     rows = np.arange(64)[:, None, None]
     eye = Eye()
     grating = np.where(rows % 8 < 4, 1.2, 0.8) * np.ones((1, 8, 4))  # 8 pixels of 0.02 deg: 6.25 cycles/deg
@@ -112,6 +112,7 @@ def test_fine_details_are_lost_at_night_alone():
 
 
 def test_adaptation_follows_light_at_once_and_the_dark_slowly():
+    """An eye would adapt to the dark at once."""
     t = np.arange(0.0, 4000.0, 10.0)
     light = np.where(t < 1000.0, 100.0, 1e-3)
     state = adapt(t, light)
@@ -122,12 +123,10 @@ def test_adaptation_follows_light_at_once_and_the_dark_slowly():
     assert -3.0 < ten_minutes < 0.5  # dark adaptation takes longer than that
 
 
-# Camera ---------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("sensor", SENSORS)
 @pytest.mark.parametrize("kelvin", (3000.0, 5500.0, 9000.0))
 def test_the_light_of_the_white_balance_is_white_at_its_luminance(sensor, kelvin):
+    """A white balance would tint white."""
     light = 1e-3 * illuminant(kelvin) / illuminant(kelvin).mean()
     tone = Camera(sensor=sensor, white_balance_k=kelvin, noise=False)
     gains, matrix = balance(sensor, kelvin)
@@ -142,6 +141,7 @@ def test_the_light_of_the_white_balance_is_white_at_its_luminance(sensor, kelvin
 
 
 def test_exposure_follows_time_aperture_and_iso():
+    """An exposure would not be that of its time, aperture and ISO."""
     seen = np.full((2, 2, 4), 100.0)
 
     def brightness(**settings):
@@ -173,6 +173,7 @@ def test_highlights_reach_white_without_a_fringe(sensor, power):
 
 
 def test_noise_is_that_of_photons_and_grows_with_iso():
+    """Noise would be no photon noise, or another in every run."""
     seen = np.full((200, 200, 4), 10.0)
 
     def spread(iso):
@@ -190,17 +191,16 @@ def test_noise_is_that_of_photons_and_grows_with_iso():
 
 
 def test_a_camera_needs_colours():
+    """A camera would make colours of two wavelengths."""
     with pytest.raises(TwilightError, match="needs wavelengths"):
         Camera().see(np.ones((1, 2)), np.array([550.0, 600.0]), SUN)
     with pytest.raises(TwilightError, match="not known"):
         tone_of("film noir", "cie1931_2deg")
 
 
-# Files ----------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("tone", ("eye", "camera"))
 def test_luminances_lie_beside_the_picture(tone, tmp_path):
+    """A picture of an eye would not say how bright its sky is."""
     sky = glow_sky(step_deg=15.0)
     written = write_outputs(sky, tmp_path, files=("png",), tone_mapping=tone, tone_settings={"camera": {"iso": 800.0}})
     assert [p.name for p in written] == ["sky.png", "sky.luminance.json"]
@@ -231,6 +231,7 @@ def test_eight_bits_show_no_bands():
 
 
 def test_a_notebook_is_dithered_too():
+    """A notebook's sky would show bands."""
     from twilight.api.representation import _bytes
 
     grey = np.full((32, 32, 3), 0.5 + 0.4 / 255)

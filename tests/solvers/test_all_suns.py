@@ -5,8 +5,6 @@ send along it, integrated over their directions, is the radiance that surrounds 
 transmittance comes straight.  A solver that loses light, makes some, or scatters it unlike its mirror image, misses 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -14,8 +14,6 @@ from twilight.solvers.analytic.cie import CieSettings
 from twilight.solvers.analytic.coefficients import angles
 from twilight.solvers.analytic.daylight import hemisphere
 
-# --- standard skies ---
-
 
 def test_type_12_is_the_clear_sky_that_the_paper_quotes():
     """Preetham 1999 eq. 1, Kittler's clear sky."""
@@ -76,35 +74,11 @@ def test_a_spectrum_has_the_luminance_of_its_sky():
     assert sky.luminance()[3, 4] == pytest.approx(daylight, rel=0.01)
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: cie.prepare(turbid()).radiance(-2.0, 10.0, 0.0), "cie solver .* sun.elevation_deg is -2"),
-        (lambda: cie.prepare(turbid(), observer_altitude_km=9.0), "observer.altitude_km is 9"),
-    ],
-)
-def test_what_cannot_be_done_is_one_sentence(make, words):
-    """A setting that a standard sky does not have would be taken in silence."""
-    with pytest.raises(TwilightError, match=words):
-        make()
-
-
-# --- aerial perspective ---
-
 THREE_NM = np.array([380.0, 550.0, 720.0])
 RAYS = [
-    (0.0, 0.0, 1.0),
-    (0.0, 0.0, 100.0),
-    (0.0, 1e-7, 50.0),
-    (0.0, 0.02, 100.0),
-    (1.0, -0.05, 20.0),
-    (2.0, -0.02, 100.0),
-    (1.0, -1.0, 1.0),
-    (0.0, 0.1, 20.0),
-    (0.0, 0.3, 10.0),
-    (0.0, 1.0, 0.01),
-    (0.0, 1.0, 10.0),
-]
+    (0.0, 0.0, 1.0), (0.0, 0.0, 100.0), (0.0, 1e-7, 50.0), (0.0, 0.02, 100.0), (1.0, -0.05, 20.0),
+    (2.0, -0.02, 100.0), (1.0, -1.0, 1.0), (0.0, 0.1, 20.0), (0.0, 0.3, 10.0), (0.0, 1.0, 0.01), (0.0, 1.0, 10.0),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("turbidity", [2.0, 6.0])

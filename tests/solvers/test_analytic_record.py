@@ -1,7 +1,5 @@
 """What is written down about an analytic sky: the coefficients of a file by their content, the turbidity in use."""
 
-from __future__ import annotations
-
 import hashlib
 from importlib import resources
 from pathlib import Path

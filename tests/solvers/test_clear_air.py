@@ -21,16 +21,9 @@ from twilight.engine import solve
 from twilight.scene import resolve
 from twilight.solvers.compact.air import air_of, side_by_side, slope
 from twilight.solvers.compact.field import SHIPPED, load_model
-from twilight.transport.clear_air import (
-    ALTITUDE_KM,
-    AZIMUTH_DEG,
-    BOUNDARY_KM,
-    Shells,
-    Skies,
-    azimuth_splines,
-    splines,
-    sublayers,
-)
+from twilight.transport.clear_air import AZIMUTH_DEG, Skies, azimuth_splines, splines
+from twilight.transport.diffuse import BOUNDARY_KM
+from twilight.transport.shells import ALTITUDE_KM, Shells, sublayers
 
 WAVELENGTH_NM = [380.0, 450.0, 550.0, 650.0]
 SUNS_DEG = (50.0, 10.0, 0.0, -4.0, -8.0, -14.0)

@@ -1,7 +1,5 @@
 """Packages of others add solvers and file formats: the example of the docs, installed and used."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -11,12 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.base.registry import Registry
-from twilight.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "docs" / "examples" / "extension"
@@ -51,6 +47,7 @@ def twilight(installed, folder, *commands):
 
 
 def test_a_solver_and_a_format_of_another_package_are_used_by_their_names(installed, tmp_path):
+    """The example of the docs would not work."""
     uniform = ["render", "pure-air", "--sun-elevation", "5", "--solver", "uniform", *SMALL]
     words = [*uniform, "--set", "solver.radiance=0.02", "--only", "luminance-csv,h5", "--output", "out"]
     slips = ([*uniform, "--set", f"solver.{slip}"] for slip in ("radiance=-1", "radiants=1"))
@@ -66,14 +63,6 @@ def test_a_solver_and_a_format_of_another_package_are_used_by_their_names(instal
     # a slip in its options is one sentence
     assert wrong[0] == 2 and "solver.radiance must be a number of at least 0, got -1" in wrong[2]
     assert misspelt[0] == 2 and "did you mean radiance" in misspelt[2]
-
-
-def test_without_the_package_its_names_are_unknown():
-    render = ["render", "pure-air", "--sun-elevation", "5"]
-    done = CliRunner().invoke(app, [*render, "--solver", "uniform"])
-    assert done.exit_code == 2 and "uniform is not a solver" in done.stderr
-    done = CliRunner().invoke(app, [*render, "--only", "luminance-csv"])
-    assert done.exit_code == 2 and "is not a file of a render" in done.stderr
 
 
 def registry_with(monkeypatch, name, value):
@@ -95,6 +84,7 @@ def test_a_name_that_is_taken_or_cannot_be_loaded_is_one_sentence(monkeypatch):
 
 
 def test_a_module_that_is_no_solver_says_what_it_lacks(monkeypatch):
+    """A module that is no solver would be a traceback."""
     monkeypatch.setitem(solvers.SOLVERS, "json", "json")
     with pytest.raises(TwilightError, match="json: json is no solver; it lacks CAPABILITIES, QUALITIES, prepare"):
         solvers.load("json")

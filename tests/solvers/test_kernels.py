@@ -1,7 +1,5 @@
 """Kernels: known by what they are made of, inner ones too; untested versions of numba are refused."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import os

@@ -13,12 +13,7 @@ from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
 DATA = Path(__file__).parents[1] / "data" / "rt_disort.csv"
 PUBLISHED = np.genfromtxt(DATA, delimiter=",", names=True, skip_header=4, dtype=None, encoding=None)
-PHASES = {
-    1: PhaseFunction.henyey_greenstein([0.0]),
-    2: None,
-    3: PhaseFunction.henyey_greenstein([0.75]),
-    4: haze_l(),
-}
+PHASES = {1: PhaseFunction.henyey_greenstein([0.0]), 2: None, 3: PhaseFunction.henyey_greenstein([0.75]), 4: haze_l()}
 """Phase function by number of the test; None: of air."""
 
 
@@ -53,9 +48,10 @@ def check(cases, samples, seed=3):
     assert_all_agree(value, np.hypot(error, SYSTEMATIC * truth), truth)
 
 
-def test_isotropic_and_rayleigh():
+@pytest.mark.parametrize("samples", [600, pytest.param(2000, marks=pytest.mark.slow)])
+def test_isotropic_and_rayleigh(samples):
     """Published radiances of thin slabs: fails if scattering, transmittance or an order is wrong by the noise."""
-    check([(1, 1), (1, 2), (2, 1), (2, 2)], 2000)
+    check([(1, 1), (1, 2), (2, 1), (2, 2)], samples)
 
 
 def test_henyey_greenstein_and_haze():
@@ -66,10 +62,7 @@ def test_henyey_greenstein_and_haze():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("test", "albedo", "moments"),
-    [
-        (3, 1.0, henyey_greenstein(0.75, 80)),
-        (4, 0.9, np.append(1.0, HAZE_L) / (2 * np.arange(len(HAZE_L) + 1) + 1)),
-    ],
+    [(3, 1.0, henyey_greenstein(0.75, 80)), (4, 0.9, np.append(1.0, HAZE_L) / (2 * np.arange(len(HAZE_L) + 1) + 1))],
     ids=["henyey_greenstein", "haze_l"],
 )
 def test_henyey_greenstein_and_haze_closely(test, albedo, moments):
@@ -116,25 +109,24 @@ def test_very_thick_absorbing():
     check([(1, 4)], 2000)
 
 
-def test_conservative_slab_over_white_ground_returns_all_light():
+@pytest.mark.parametrize(
+    "phase", [PhaseFunction.henyey_greenstein([0.75]), pytest.param(None, marks=pytest.mark.slow)], ids=["haze", "air"]
+)
+def test_conservative_slab_over_white_ground_returns_all_light(phase):
     """Flux at the top = mu0 F0: fails if a scattering event loses or makes energy."""
     # radiance integrated over Gauss cosines, azimuths drawn evenly
     mu0 = 0.4
     mu, weight = np.polynomial.legendre.leggauss(6)
     mu, weight = 0.5 * (mu + 1), 0.5 * weight
     azimuth = 360.0 * (np.arange(8) + 0.5) / 8
-    for phase in (None, PhaseFunction.henyey_greenstein([0.75])):
-        field = prepare(
-            slab(1.0, 1.0, phase, ground=1.0),
-            MonteCarloSettings(target_stderr=None, samples=60),
-            observer_altitude_km=1.0,
-        )
-        r = field.radiance_with_error(np.degrees(np.arcsin(mu0)), -np.degrees(np.arcsin(mu))[:, None], azimuth)
-        w = (2 * np.pi * mu * weight)[:, None] / azimuth.size
-        flux = (r.radiance[..., 0] * w).sum()
-        error = np.sqrt(((r.standard_error[..., 0] * w) ** 2).sum())
-        assert error < 0.015 * mu0
-        assert abs(flux - mu0) < 3 * error
+    settings = MonteCarloSettings(target_stderr=None, samples=60)
+    field = prepare(slab(1.0, 1.0, phase, ground=1.0), settings, observer_altitude_km=1.0)
+    r = field.radiance_with_error(np.degrees(np.arcsin(mu0)), -np.degrees(np.arcsin(mu))[:, None], azimuth)
+    w = (2 * np.pi * mu * weight)[:, None] / azimuth.size
+    flux = (r.radiance[..., 0] * w).sum()
+    error = np.sqrt(((r.standard_error[..., 0] * w) ** 2).sum())
+    assert error < 0.015 * mu0
+    assert abs(flux - mu0) < 3 * error
 
 
 @pytest.mark.slow

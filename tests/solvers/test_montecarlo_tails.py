@@ -35,13 +35,9 @@ def test_errors_of_a_layer_far_away_are_the_scatter_between_seeds(far):
     assert 1e-3 < chi2.sf(statistic, freedom) < 1 - 1e-4
     # sampling without the importance function agrees
     natural = replace(
-        FIXED,
-        importance_point_fraction=0.0,
-        importance_direction_fraction=0.0,
-        roulette_threshold=0.0,
-        control_variate=False,
-        samples=600,
-    )
+        FIXED, importance_point_fraction=0.0, importance_direction_fraction=0.0, roulette_threshold=0.0,
+        control_variate=False, samples=600,
+    )  # fmt: skip
     r = replace(far, settings=natural).radiance_with_error(*VIEW)
     assert_all_agree(r.radiance[:, 0], np.hypot(r.standard_error[:, 0], weight.sum(axis=0) ** -0.5), mean)
 

@@ -55,6 +55,7 @@ def test_neighbours_in_a_band_do_not_move_a_wavelength():
 
 
 def test_terms_of_a_band_have_the_nodes_of_the_air_without_it():
+    """A band would need nodes of its own."""
     medium = climate_medium(load_climate("continental-average"), np.array([700.0, 762.0, 935.0]))
     bands = climate_gas_bands(load_climate("continental-average"), medium)
     wide = bands.expand(medium)
@@ -95,6 +96,7 @@ def test_neighbours_do_not_move_a_wavelength_below_a_volcanic_cloud():
 
 @pytest.mark.parametrize("climate", ["urban", "desert", "maritime-tropical", "volcanic-extreme"])
 def test_visible_light_is_one_block(climate):
+    """Visible light would be solved in several fields."""
     medium = climate_medium(load_climate(climate), np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0]))
     assert plan(Scene(medium, None, zones, zones.QUALITIES["standard"])).slices == [slice(0, 8)]
 
@@ -146,6 +148,8 @@ def test_changed_air_has_grids_of_its_own():
 
 
 def test_grid_medium_leaves_out_wavelengths_without_optics():
+    """A table that ends would be refused."""
+
     def build(wavelength_nm):
         if np.any(wavelength_nm > 700.0):
             raise TwilightError("the table ends at 700 nm")
@@ -169,6 +173,7 @@ def test_only_wavelengths_that_need_other_grids_are_solved_apart():
 
 
 def test_steps_follow_the_air_where_it_is_thicker_than_they_are_made_for():
+    """Thick wavelengths would be stepped over."""
     profile = prepare_profile(medium_of(Air(aerosol=1.0), Air(aerosol=20.0)))
     assert expected_factors(profile.altitude_km, profile.extinction[:, 0]) == (4.0, 1.0)
     assert expected_factors(profile.altitude_km, profile.extinction[:, 1]) is None

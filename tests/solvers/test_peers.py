@@ -1,7 +1,5 @@
 """Other programs as solvers: they see the air that ours see, and refuse what they cannot do."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 
@@ -50,6 +48,7 @@ def test_sunsky_sends_the_right_light_to_the_ground_in_blue_and_too_little_in_re
 
 
 def test_sunsky_refuses_what_it_cannot_do(air):
+    """A fitted sky would be shown outside its fit."""
     module = solvers.load("sunsky")
     field = module.prepare(air)
     for sun, elevation, words in ((-1.0, 30.0, "sun.elevation_deg is -1"), (30.0, -5.0, "no ground")):
@@ -62,6 +61,7 @@ def test_sunsky_refuses_what_it_cannot_do(air):
 
 
 def test_sasktran2_sees_the_same_day_sky(air):
+    """Another program would see other air than ours."""
     module, ours = solvers.load("sasktran2"), solvers.load("zones")
     where = np.array([20.0, 60.0]), np.array([90.0, 180.0])
     sky = module.prepare(air, coarse()).radiance(30.0, *where)
@@ -91,6 +91,7 @@ def test_sasktran2_sees_the_same_polarisation_by_day(climate):
 
 @pytest.mark.parametrize("name", ["sunsky", "sasktran2"])
 def test_what_is_not_installed_says_how_to_install_it(name, air, monkeypatch):
+    """A missing package would be a traceback."""
     package = solvers.load(name).CAPABILITIES.package
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(TwilightError, match=f"install '{package}>="):

@@ -33,6 +33,7 @@ def zenith(a, sun):
 
 
 def test_chromaticities_of_known_light():
+    """Colours of phenomena would be off D65 and the daylight locus."""
     x, y = see.chromaticity(np.array([[95.047, 100.0, 108.883]]))  # D65
     assert (float(x[0]), float(y[0])) == pytest.approx((0.3127, 0.3290), abs=1e-4)
     assert uv_of_xy(0.3127, 0.3290) == pytest.approx([0.1978, 0.4683], abs=1e-4)
@@ -67,6 +68,7 @@ def test_belt_of_venus_lies_over_the_shadow_and_rises(pure):
 
 
 def test_earths_shadow_rises_faster_than_the_sun_sinks(pure):
+    """The Earth's shadow would rise too slowly."""
     suns = np.array([-1.5, -2.5, -3.5, -4.5])
     edges = np.array([see.shadow_edge_deg(pure, sun) for sun in suns])
     rate = np.diff(edges) / -np.diff(suns)
@@ -74,6 +76,7 @@ def test_earths_shadow_rises_faster_than_the_sun_sinks(pure):
 
 
 def test_afterglow_at_minus_six(pure):
+    """Dusk would have no afterglow, or noon one."""
     glow = see.afterglow(pure, -6.0)
     assert glow.horizon_x > 0.36 and 2.0 <= glow.height_deg <= 30.0 and glow.over_zenith > 10.0
     assert see.afterglow(pure, 40.0).height_deg < glow.height_deg
@@ -94,6 +97,7 @@ def test_purple_light_under_a_volcanic_stratosphere():
 
 @pytest.mark.slow
 def test_maritime_air_has_thin_bands_after_sunset():
+    """Sea air would have no bands at sunset."""
     nm = list(see.WAVELENGTHS_NM)
     sea = see.horizon_bands(air("maritime-clean", nm), -0.5)
     land = see.horizon_bands(air("continental-average", nm), -0.5)

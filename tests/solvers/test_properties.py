@@ -1,7 +1,5 @@
 """Laws that hold in any air, tried on random climates (derandomised: the same ones in every run)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -29,14 +27,9 @@ FEW = settings(max_examples=3, **COMMON)
 MANY = settings(max_examples=60, **COMMON)
 
 airs = st.builds(
-    Air,
-    air=st.floats(0.0, 0.5),
-    aerosol=st.one_of(st.just(0.0), st.floats(1e-4, 3.0)),
-    albedo=st.floats(0.0, 1.0),
-    asymmetry=st.floats(0.0, 0.9),
-    ozone=st.one_of(st.just(0.0), st.floats(1e-4, 1.0)),
-    ground=st.floats(0.0, 1.0),
-)
+    Air, air=st.floats(0.0, 0.5), aerosol=st.one_of(st.just(0.0), st.floats(1e-4, 3.0)), albedo=st.floats(0.0, 1.0),
+    asymmetry=st.floats(0.0, 0.9), ozone=st.one_of(st.just(0.0), st.floats(1e-4, 1.0)), ground=st.floats(0.0, 1.0),
+)  # fmt: skip
 suns = st.floats(-12.0, 90.0)
 ELEVATION_DEG = np.array([-40.0, 1.0, 10.0, 45.0, 90.0])
 AZIMUTH_DEG = np.array([0.0, 20.0, 90.0, 150.0, 0.0])
@@ -50,6 +43,7 @@ def sky(medium, sun, *, azimuth=AZIMUTH_DEG, **change):
 @FEW
 @given(st.lists(airs, min_size=8, max_size=8), suns)
 def test_radiance_is_positive_and_left_is_right(some, sun):
+    """Some air would be negative, or brighter on one side of the sun."""
     field = zones.prepare(medium_of(*some), TINY)
     radiance = field.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG)
     assert np.all(np.isfinite(radiance)) and np.all(radiance >= 0.0)
@@ -63,6 +57,7 @@ def test_radiance_is_positive_and_left_is_right(some, sun):
 @FEW
 @given(airs, st.floats(5.0, 80.0))
 def test_more_absorber_is_never_brighter(air, sun):
+    """An absorber would make light."""
     amounts = (0.0, 1e-3, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0)
     radiance = sky(medium_of(*(replace(air, ozone=air.ozone + o) for o in amounts)), sun, max_orders=3, tolerance=0.0)
     assert np.all(np.diff(radiance, axis=-1) <= 1e-5 * radiance[..., :-1])
@@ -71,6 +66,7 @@ def test_more_absorber_is_never_brighter(air, sun):
 @FEW
 @given(airs, st.floats(5.0, 80.0))
 def test_brighter_ground_is_never_darker(air, sun):
+    """A brighter ground would darken the sky."""
     amounts = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
     radiance = sky(medium_of(*(replace(air, ground=g) for g in amounts)), sun, max_orders=4, tolerance=0.0)
     assert np.all(np.diff(radiance, axis=-1) >= -1e-5 * radiance[..., 1:])
@@ -95,6 +91,7 @@ def test_sunlight_falls_with_every_extinction(air, cosine, altitude_km):
 @MANY
 @given(airs, st.integers(0, 12))
 def test_delta_scaling_keeps_absorption_and_never_adds_extinction(air, degree):
+    """Delta scaling would absorb light."""
     medium = medium_of(air)
     scaled = delta_scaled(medium, degree).medium
     absorbed = [
@@ -109,6 +106,7 @@ def test_delta_scaling_keeps_absorption_and_never_adds_extinction(air, degree):
 @MANY
 @given(st.floats(1e-12, 1e3), st.floats(1.0, 10.0))
 def test_a_thicker_cell_captures_more_of_its_own_light(depth, factor):
+    """A cell would capture more light than it has."""
     less, more = sphere_capture(depth), sphere_capture(depth * factor)
     assert 0.0 <= less <= more * (1 + 1e-12) <= 1.0 + 1e-12
 

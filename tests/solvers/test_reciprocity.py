@@ -1,7 +1,5 @@
 """Reciprocity of odd air between planes: R(mu, mu0, phi) = R(mu0, mu, phi) of the reflected radiance over mu0 F0."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

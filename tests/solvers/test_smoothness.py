@@ -50,12 +50,14 @@ def test_as_the_sun_moves(field, sun):
 
 @pytest.mark.parametrize("altitude_km", [0.05, 1.0, 11.0])
 def test_as_the_observer_rises(field, altitude_km):
+    """A film that rises would flicker."""
     steps = [altitude_km + 0.01 * k for k in range(24)]
     assert flicker([field.radiance(-4.0, ELEVATION_DEG, AZIMUTH_DEG, observer_altitude_km=z) for z in steps]) < LEAST
 
 
 @pytest.mark.parametrize("azimuth_deg", [0.0, 180.0])
 def test_as_the_view_rises(field, azimuth_deg):
+    """A picture would have bands."""
     for start in (0.5, 5.0):
         assert flicker(field.radiance(-4.0, start + 0.01 * np.arange(100), azimuth_deg)) < LEAST
 

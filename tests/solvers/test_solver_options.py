@@ -1,7 +1,5 @@
 """Options of solvers: the first ones right under `solver`, the others under `solver.expert`, alike everywhere."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import fields, replace
 

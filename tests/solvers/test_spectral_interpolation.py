@@ -1,7 +1,5 @@
 """Light interpolated over the spectrum, beside light that is solved at every wavelength."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -18,22 +16,11 @@ from twilight.transport.beam import prepare_beam, traced_wavelengths
 from twilight.transport.beam_lookup import beam_at
 
 SMALL = {
-    "degree": 4,
-    "max_degree": 4,
-    "polar_directions": 4,
-    "azimuth_directions": 5,
-    "late_degree": 3,
-    "late_polar_directions": 4,
-    "late_azimuth_directions": 4,
-    "altitude_density": 0.3,
-    "zenith_density": 0.4,
-    "step_density": 0.3,
-    "first_order_step_density": 0.5,
-    "line_of_sight_density": 0.5,
-    "beam_density": 0.4,
-    "polarisation_degree": 4,
-    "late_polarisation_degree": 3,
-}
+    "degree": 4, "max_degree": 4, "polar_directions": 4, "azimuth_directions": 5, "late_degree": 3,
+    "late_polar_directions": 4, "late_azimuth_directions": 4, "altitude_density": 0.3, "zenith_density": 0.4,
+    "step_density": 0.3, "first_order_step_density": 0.5, "line_of_sight_density": 0.5, "beam_density": 0.4,
+    "polarisation_degree": 4, "late_polarisation_degree": 3,
+}  # fmt: skip
 """Options that solve a field in a second."""
 SUNS_DEG = (30.0, 0.0, -6.0)
 ELEVATION_DEG, AZIMUTH_DEG = (a.ravel() for a in np.meshgrid([2.0, 15.0, 70.0], [0.0, 60.0, 180.0]))
@@ -57,6 +44,7 @@ def stokes(scene, wavelengths=None, interpolation=None):
 
 
 def test_between_bands_it_is_as_near_as_stated():
+    """Interpolated wavelengths would be worse than the plan says."""
     scene = scene_of("pure-air", np.linspace(400.0, 580.0, 49))
     one = plan(scene, SUNS_DEG).interpolations[0]
     assert 0 < one.n_nodes <= 24 and not one.in_band
@@ -139,6 +127,7 @@ def test_one_interpolation_serves_all_ranges_and_bands():
 
 
 def test_few_wavelengths_and_off_are_solved_bit_for_bit_as_ever():
+    """A few wavelengths would be interpolated."""
     few = plan(scene_of("pure-air", np.linspace(400.0, 580.0, 16)))
     off = plan(scene_of("pure-air", np.linspace(400.0, 580.0, 49), "off"))
     single = scene_of("pure-air", np.linspace(400.0, 580.0, 49))
@@ -149,6 +138,7 @@ def test_few_wavelengths_and_off_are_solved_bit_for_bit_as_ever():
 
 
 def test_blocks_of_the_engine_take_it_and_say_so(tmp_path, monkeypatch):
+    """Interpolation would be lost in blocks, in the cache, or not be recorded."""
     monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("TWILIGHT_CACHE_GB", "1")
     monkeypatch.setattr(problem, "INTERPOLATED_AT_ONCE", 16)

@@ -1,7 +1,5 @@
 """The tables solver against closed forms, exact quadrature, conservation of energy and the zones solver."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -22,18 +20,10 @@ from twilight.transport.profile import prepare_profile
 from twilight.transport.scaling import species_phase
 
 SMALL = replace(
-    tables.QUALITIES["bruneton2017"],
-    interpolation="logarithmic",
-    step_density=0.7,
-    scattering_r=12,
-    scattering_mu=32,
-    scattering_mu_s=24,
-    scattering_nu=6,
-    degree=6,
-    polar_directions=6,
-    azimuth_directions=8,
+    tables.QUALITIES["bruneton2017"], interpolation="logarithmic", step_density=0.7, scattering_r=12,
+    scattering_mu=32, scattering_mu_s=24, scattering_nu=6, degree=6, polar_directions=6, azimuth_directions=8,
     max_orders=3,
-)
+)  # fmt: skip
 ONCE = replace(SMALL, max_orders=1, interpolation="linear", scattering_mu=96, scattering_mu_s=48)
 TINY = replace(SMALL, max_orders=2, scattering_r=4, scattering_mu=8, scattering_mu_s=6, scattering_nu=3)
 SCENES = [(30.0, 50.0, 40.0, 0.0), (10.0, 20.0, 90.0, 0.0), (3.0, 60.0, 180.0, 2.0), (15.0, -20.0, 70.0, 30.0)]

@@ -1,7 +1,5 @@
 """The zones solver against the reference solution, other solvers, conservation laws and itself."""
 
-from __future__ import annotations
-
 import os
 import re
 from dataclasses import replace
@@ -23,18 +21,10 @@ from twilight.solvers.zones.scattering import normalised
 from twilight.transport.beam import beam_at
 
 MIDDLE = replace(
-    zones.QUALITIES["standard"],
-    degree=8,
-    azimuth_directions=9,
-    polar_directions=10,
-    late_degree=5,
-    late_azimuth_directions=6,
-    altitude_density=0.7,
-    zenith_density=0.7,
-    polarisation=False,
-    bent_lines_of_sight=False,
-    bent_paths=False,
-)
+    zones.QUALITIES["standard"], degree=8, azimuth_directions=9, polar_directions=10, late_degree=5,
+    late_azimuth_directions=6, altitude_density=0.7, zenith_density=0.7, polarisation=False,
+    bent_lines_of_sight=False, bent_paths=False,
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """Directions of the zones solver: how many, where they lie, and what sums over them lose."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

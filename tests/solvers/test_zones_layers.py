@@ -1,7 +1,5 @@
 """The field of zones above, in and below layers: where its altitudes stand, and what they give."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from dataclasses import replace

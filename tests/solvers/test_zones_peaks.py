@@ -1,7 +1,5 @@
 """Sharp things in the zones solver: the glow around the sun and thin layers."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 
@@ -35,12 +33,9 @@ def test_the_glow_does_not_depend_on_how_much_of_the_peak_is_scaled_away(desert)
     sky = {}
     for degree in (8, 32):
         settings = replace(
-            COARSE,
-            degree=degree,
-            max_degree=degree,
-            azimuth_directions=degree + 1,
+            COARSE, degree=degree, max_degree=degree, azimuth_directions=degree + 1,
             polar_directions=max(9, degree // 2),
-        )
+        )  # fmt: skip
         field = zones.prepare(desert, settings, sun_elevations_deg=[20.0])
         sky[degree] = field.radiance(20.0, elevation, azimuth)
         field.peak = None

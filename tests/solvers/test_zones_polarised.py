@@ -1,7 +1,5 @@
 """Polarised light in the zones solver: harmonics against brute force, published Stokes vectors, symmetries, limits."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -106,10 +104,7 @@ def test_scattering_keeps_every_spin2_harmonic_and_multiplies_it_by_a_moment():
             none = 0 * mu
             for field, expected in (
                 ([y * cos, none, none], [chi_l[n] * y0, b_l[n] * e0 * cos0, b_l[n] * o0 * sin0]),
-                (
-                    [none, e[:, k] * cos, o[:, k] * sin],
-                    [b_l[n] * y0, even_l[n] * e0 * cos0, even_l[n] * o0 * sin0],
-                ),
+                ([none, e[:, k] * cos, o[:, k] * sin], [b_l[n] * y0, even_l[n] * e0 * cos0, even_l[n] * o0 * sin0]),
                 ([none, o[:, k] * cos, e[:, k] * sin], [0.0, odd_l[n] * o0 * cos0, odd_l[n] * e0 * sin0]),
             ):
                 got = scattered_by_rotations(matrix, np.array(field), weight, here, there)

@@ -1,7 +1,5 @@
 """A target error: the cheapest quality that has it, from errors measured beforehand."""
 
-from __future__ import annotations
-
 import csv
 import math
 from dataclasses import replace
@@ -33,6 +31,7 @@ def air(climate):
 
 @pytest.mark.parametrize(("kind", "climate"), [(k, c) for k, some in KINDS.items() for c in some])
 def test_kinds_of_air(kind, climate):
+    """An error would be promised of another kind of air."""
     assert kind_of(air(climate)) == kind
 
 
@@ -54,6 +53,7 @@ def errors_of_climates():
 
 @pytest.mark.parametrize("quality", ["draft", "standard"])
 def test_the_errors_are_those_of_the_table(quality):
+    """A promise would rest on figures that nobody measured."""
     some = {climate: e for (q, climate), e in errors_of_climates().items() if q == quality}
     assert len(some) >= 12
     found = {}
@@ -86,6 +86,7 @@ def test_the_errors_hold_in_air_that_the_rule_does_not_know():
 
 
 def test_the_cheapest_quality_that_is_good_enough():
+    """`--target-error` would cost too much, or not be met."""
     fine, coarse = air("continental-average"), air("desert")
     asked = {e: quality_for(replace(SMALL, target_error=e), fine, [-4.0])[0] for e in (0.2, 0.03, 0.014, 1e-9)}
     assert list(asked.values()) == ["draft", "draft", "standard", "reference"]
@@ -96,6 +97,7 @@ def test_the_cheapest_quality_that_is_good_enough():
 
 
 def test_a_field_is_solved_once_at_the_quality_that_was_chosen(monkeypatch):
+    """The chosen quality would not be the one that is solved."""
     fine = air("continental-average")
     few = replace(SMALL, altitude_density=0.5)
     monkeypatch.setattr(solver, "QUALITIES", {"draft": SMALL, "standard": few, "reference": SMALL})

@@ -1,8 +1,6 @@
 """Conservative scattering in thick clouds: solved in tens of steps, and right beside plane-parallel doubling and
 adding."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -107,14 +107,6 @@ def test_air_of_a_turbidity_has_it(haze):
         assert turbidity_of(medium) == pytest.approx(turbidity, rel=0.01)
 
 
-def test_air_that_cannot_have_a_turbidity_is_refused():
-    """Pure air would be scaled to a turbidity."""
-    with pytest.raises(TwilightError, match="pure-air: has no aerosol"):
-        air_of_turbidity(load("pure-air"), 3.0)
-    with pytest.raises(TwilightError, match="haze: fog is not known; allowed are climate, preetham1999"):
-        air_of_turbidity(load("continental-average"), 3.0, "fog")
-
-
 @pytest.mark.slow
 def test_a_refit_is_nearer_to_computed_skies_than_the_paper():
     """On the paper's own haze: what is left is the form, and skies between the fitted ones are no worse."""
@@ -130,9 +122,6 @@ def test_a_refit_is_nearer_to_computed_skies_than_the_paper():
         assert again.luminance_median < 0.1 < 0.3 < own.luminance_median
         assert again.distribution_median < 0.06 < own.distribution_median
         assert again.chromaticity_median < 0.004 < own.chromaticity_median
-
-
-# --- the command ---
 
 
 @pytest.fixture

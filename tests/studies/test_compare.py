@@ -1,7 +1,5 @@
 """Error against run time: statistics, tables of the reference solution, workers, and the command from end to end."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
@@ -56,10 +54,8 @@ def scene(**solver):
     return load(SCENE | {"solver": {"name": "toy", **solver}})
 
 
-# Statistics -----------------------------------------------------------------------------------------------------
-
-
 def test_a_table_of_references_survives_the_file(toy, tmp_path):
+    """A stored reference would be read back otherwise."""
     stored = {sun: reference(toy, sun, stderr=0.01, nm=(428.57142857142856, 600.0)) for sun in (5.0, -6.5)}
     write_references(tmp_path / "t.csv", stored)
     again = read_references(tmp_path / "t.csv")
@@ -73,6 +69,7 @@ def test_a_table_of_references_survives_the_file(toy, tmp_path):
 
 
 def test_presets_are_named_by_solvers_and_qualities(toy):
+    """`--solvers` would mean others."""
     assert solver_presets(["toy"]) == [SolverPreset("toy", "draft"), SolverPreset("toy", "standard")]
     assert solver_presets(["toy:draft", " toy "]) == [SolverPreset("toy", "draft"), SolverPreset("toy", "standard")]
     assert {r.solver for r in solver_presets(None)} == set(solvers.installed())
@@ -82,12 +79,10 @@ def test_presets_are_named_by_solvers_and_qualities(toy):
 
 
 def test_options_of_the_scene_stay_with_the_solver_that_it_names(toy):
+    """An option of one solver would reach another."""
     config = scene(factor=3.0)
     assert with_preset(config, SolverPreset("toy", "draft")).solver["factor"] == 3.0
     assert "factor" not in with_preset(config, SolverPreset("cells", "draft")).solver
-
-
-# Workers --------------------------------------------------------------------------------------------------------
 
 
 def job(toy, suns=(5.0, -6.0), repeats=1, **solver):
@@ -96,6 +91,7 @@ def job(toy, suns=(5.0, -6.0), repeats=1, **solver):
 
 
 def test_a_job_gives_radiances_times_and_memory_and_is_kept(toy, tmp_path, monkeypatch):
+    """A worker's figures would be lost, or computed again."""
     work = Bench(tmp_path / "rows")
     outcomes = work.measure(job(toy, repeats=2, wait_s=0.05, hold_mib=100))
     for sun, outcome in outcomes.items():
@@ -118,6 +114,7 @@ def test_a_job_gives_radiances_times_and_memory_and_is_kept(toy, tmp_path, monke
 
 @pytest.mark.slow
 def test_damaged_results_are_made_again(toy, tmp_path):
+    """A damaged result would enter the table."""
     work = Bench(tmp_path / "rows")
     first = work.measure(job(toy, suns=(5.0,)))
     radiance, timing = sorted((tmp_path / "rows").iterdir())
@@ -129,6 +126,7 @@ def test_damaged_results_are_made_again(toy, tmp_path):
 
 @pytest.mark.slow
 def test_wavelengths_of_a_stored_reference_are_computed_apart(toy, tmp_path, log):
+    """Errors would be of other wavelengths."""
     directions = SampleDirections((10.0,), (0.0,), (500.0, 600.0))
     outcome = Bench(tmp_path / "rows").measure(Job(scene(), (5.0,), {5.0: directions}, repeats=1))[5.0]
     assert np.allclose(outcome.radiance, toy.truth(1.0, 0.0, 5.0, 0.0, [10.0], [0.0], (500.0, 600.0)), rtol=1e-3)
@@ -138,12 +136,14 @@ def test_wavelengths_of_a_stored_reference_are_computed_apart(toy, tmp_path, log
 
 @pytest.mark.parametrize("solver, says", (({"factor": 13.0}, "the toy broke"), ({"wait_s": 20.0}, "stopped after 4 s")))
 def test_a_solver_that_breaks_or_lasts_is_a_reason(toy, tmp_path, log, solver, says):
+    """One solver that breaks would end the comparison."""
     limit_s = 4.0 if "wait_s" in solver else 100.0
     outcome = Bench(tmp_path / "rows", time_limit_s=limit_s).measure(job(toy, suns=(5.0,), **solver))[5.0]
     assert outcome.radiance is None and says in outcome.reason
 
 
 def test_a_time_limit_is_remembered_until_it_grows(toy, tmp_path, monkeypatch):
+    """Every run would wait for the slowest solver again."""
     slow = job(toy, suns=(5.0,), wait_s=1.5)
     assert Bench(tmp_path / "rows", 1.0).measure(slow)[5.0].reason
     started = []
@@ -153,6 +153,7 @@ def test_a_time_limit_is_remembered_until_it_grows(toy, tmp_path, monkeypatch):
 
 
 def test_known_errors_come_out_and_refused_suns_are_listed(toy, tmp_path):
+    """The table would state other errors than there are."""
     references = {sun: reference(toy, sun, stderr=0.002) for sun in (5.0, -12.0)}
     rows = [
         r
@@ -168,9 +169,6 @@ def test_known_errors_come_out_and_refused_suns_are_listed(toy, tmp_path):
         assert by[quality, -12.0].error is None and "-10 deg or higher" in by[quality, -12.0].reason
 
 
-# The command ----------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def files(toy, tmp_path):
     """A scene's file and a table of references for two suns."""
@@ -181,6 +179,7 @@ def files(toy, tmp_path):
 
 
 def test_the_command_writes_tables_and_a_picture(files):
+    """The command would miss a table, or put figures in wrong columns."""
     path, right, out = files
     arguments = ["compare", str(path), "--solvers", "toy", "--reference", str(right), "--output", str(out)]
     result = call(*arguments, "--repeats", "1")
@@ -205,7 +204,7 @@ def test_the_command_writes_tables_and_a_picture(files):
 
 
 def test_radiances_computed_elsewhere_are_a_row_and_a_line(files, toy, tmp_path):
-    """Those of the reference, 5 % brighter, by sun, direction and wavelength."""
+    """`--add` would compare other directions."""
     path, right, out = files
     with open(right) as stream:
         rows = list(csv.DictReader(stream))
@@ -237,6 +236,7 @@ def test_a_sun_that_the_reference_lacks_is_refused(files):
 
 @pytest.mark.slow
 def test_an_interrupt_keeps_what_is_finished_and_ends_the_worker(files, log):
+    """Ctrl-C would lose hours, or leave a worker running."""
     path, right, out = files
     program = "import toy_solver; from twilight.cli import main; main()"
     settings = ["--set", "solver.name=toy", "--set", "solver.wait_s=1.0"]
@@ -265,11 +265,9 @@ def test_an_interrupt_keeps_what_is_finished_and_ends_the_worker(files, log):
     assert len(log.read_text().splitlines()) > before
 
 
-# Ablations, reference solution ---------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 def test_an_ablation_is_the_difference_of_two_runs(toy, tmp_path):
+    """An ablation would be stated against another run."""
     base = {"solver.name": "toy"}
     ablations = (
         Ablation("worse", {**base, "solver.factor": 1.02}, base),
@@ -285,6 +283,7 @@ def test_an_ablation_is_the_difference_of_two_runs(toy, tmp_path):
 
 
 def test_every_ablation_is_a_configuration_that_can_be_read():
+    """An ablation would be refused, or change nothing."""
     assert len({a.name for a in ABLATIONS}) == len(ABLATIONS)
     for ablation in ABLATIONS:
         simple, full = load("continental-average", ablation.settings), load("continental-average", ablation.against)
@@ -343,6 +342,7 @@ def test_every_ablation_runs(ablation):
 
 
 def test_ablations_are_picked_by_parts_of_their_names():
+    """`--ablations` would run others."""
     assert chosen_ablations("all") == ABLATIONS
     assert [a.name for a in chosen_ablations("polarisation, OZONE")] == [
         "no polarisation", "ozone as a vertical filter", "no ozone",
@@ -353,6 +353,7 @@ def test_ablations_are_picked_by_parts_of_their_names():
 
 
 def test_the_reference_solver_caches_each_sun(tmp_path, monkeypatch):
+    """Hours of Monte-Carlo would be computed again."""
     config = load({"version": 1, "climate": "pure-air", "wavelengths": {"list_nm": [550.0]}})
     reference_solver = ReferenceSolver(config, tmp_path / "rows", 0.05)
     directions = (np.array([10.0, 60.0]), np.array([0.0, 90.0]))

@@ -28,6 +28,7 @@ RIGHT = np.array([[0.02, 0.03], [0.04, 0.05]]) / 1.1
 
 
 def test_radiances_are_found_on_either_side_of_the_sun_and_have_their_errors(tmp_path):
+    """Mirror directions would not be found."""
     made = read_added(f"my code={table(tmp_path, ROWS)}")
     assert (made.name, made.suns(), made.wavelength_nm()) == ("my code", [5.0], [450.0, 550.0])
     config = scene_of(load(SCENE), made)
@@ -41,6 +42,7 @@ def test_radiances_are_found_on_either_side_of_the_sun_and_have_their_errors(tmp
 
 
 def test_absolute_radiances_are_divided_by_the_sun_that_sky_h5_holds(tmp_path):
+    """Absolute radiances would be compared in another unit."""
     at = load({**SCENE, "sun": {"elevation_deg": 5, "distance_au": 1.01}})
     irradiance = solar_irradiance(np.array([450.0, 550.0]), at.solar_spectrum, 1.01)
     text = "".join(
@@ -69,6 +71,7 @@ def test_absolute_radiances_are_divided_by_the_sun_that_sky_h5_holds(tmp_path):
     ],
 )  # fmt: skip
 def test_a_bad_table_is_one_sentence_with_file_line_and_column(tmp_path, text, says):
+    """A slip in a table would be a wrong error."""
     (tmp_path / "mine.csv").write_text(text)
     with pytest.raises(TwilightError) as found:
         read_added(str(tmp_path / "mine.csv"))
@@ -76,6 +79,7 @@ def test_a_bad_table_is_one_sentence_with_file_line_and_column(tmp_path, text, s
 
 
 def test_gaps_are_named_before_anything_is_computed(tmp_path):
+    """A gap would be found after hours."""
     made = read_added(table(tmp_path, "5,10,30,450,.1\n5,10,30,550,.1\n5,80,20,450,.1\n"))
     with pytest.raises(TwilightError, match="no radiance for sun 5, elevation 80, azimuth 20 deg and 550 nm"):
         scene_of(load(SCENE), made)

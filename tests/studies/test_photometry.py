@@ -41,9 +41,6 @@ def meter():
     return work.Photometer(load("continental-average", QUIET))
 
 
-# References -----------------------------------------------------------------------------------------------------
-
-
 def test_janiczek_deyoung_is_the_published_table():
     """Values of the polynomials; AMS Glossary: civil twilight ends at 3.5 to 2 lx, the night begins near 6e-4."""
     found = horizontal_illuminance_lux(np.array([60.0, 10.0, 0.0, -6.0, -12.0, -18.0]))
@@ -66,6 +63,7 @@ def test_koomen_falls_by_ten_in_two_degrees():
 
 
 def test_evening_finds_the_sun():
+    """Moments of measurements would be of other suns."""
     for site in KOOMEN_SITES:
         moment, azimuth = work.evening(site, -9.0)
         at = sun_position(moment, site.latitude_deg, site.longitude_deg, site.altitude_km)
@@ -73,11 +71,9 @@ def test_evening_finds_the_sun():
         assert 180.0 < azimuth < 360.0
 
 
-# Quadratures ----------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("sun", [-18.0, 3.0, 30.0, 85.0])
 def test_hemisphere_integrates_cosines_exactly(sun):
+    """Irradiances would be off by the quadrature."""
     elevation, azimuth, weight = work.hemisphere(sun)
     sine = np.sin(np.radians(elevation))
     assert weight.sum() == pytest.approx(np.pi, rel=1e-12)
@@ -88,6 +84,7 @@ def test_hemisphere_integrates_cosines_exactly(sun):
 
 
 def test_disc_rises_over_the_horizon():
+    """The disc would light the ground before it rises."""
     bare = replace(hazy_earth(), refractivity=0 * hazy_earth().refractivity)
     beam = prepare_beam(bare)
     point = np.zeros(1)
@@ -100,6 +97,7 @@ def test_disc_rises_over_the_horizon():
 
 
 def test_level_and_slope_of_made_up_points():
+    """Level and slope would be stated of other suns."""
     suns = np.array([-12.0, -10.0, -8.0, -6.0])
     points = [
         work.PhotometricPoint("a", "illuminance", "s", "ground", 0.0, h, 10 ** (0.2 + 0.01 * (h + 9.0)), 0.0, 1.0)
@@ -109,9 +107,6 @@ def test_level_and_slope_of_made_up_points():
     assert (level.low_deg, level.high_deg, level.count) == (-12, -5, 4)
     assert level.level_dex == pytest.approx(0.2) and level.slope_difference == pytest.approx(0.01)
     assert level.factor == pytest.approx(10**0.2)
-
-
-# The meter ------------------------------------------------------------------------------------------------------
 
 
 class Even:
@@ -168,9 +163,6 @@ def test_the_measured_curves_are_those_of_their_sources():
     assert np.array_equal(spectra, [[float(row[f"{w:g}"]) for w in nm] for row in rows])
 
 
-# The sky --------------------------------------------------------------------------------------------------------
-
-
 def test_illuminance_by_day_and_in_twilight(meter):
     """Within a factor 1.5 of Janiczek and DeYoung from 60 to -4 deg, and 0.9 to 1.25 with his slope from -5 to -12."""
     for sun in (60.0, 20.0, 0.0, -4.0):
@@ -198,6 +190,7 @@ def test_zenith_luminance_at_maryland(meter):
 
 
 def test_tables_and_picture(tmp_path):
+    """A table would have its columns exchanged."""
     rows = [("illuminance", "ground", 0.0, h, float(horizontal_illuminance_lux(h)), 0.0, 1.0) for h in (-6.0, -9.0)]
     for site in KOOMEN_SITES:
         for sun, computed, measured in ((-6.0, 0.5, 0.5), (-7.0, 0.1, np.nan)):
@@ -219,6 +212,7 @@ def test_tables_and_picture(tmp_path):
 
 @pytest.mark.slow
 def test_command_writes_tables_and_picture(tmp_path):
+    """The command would miss a file."""
     words = ["pure-air", "--quality", "draft", "--set", "night=null", "--output", str(tmp_path)]
     done = CliRunner().invoke(app, ["validate", "photometry", *words])
     assert done.exit_code == 0, done.output

@@ -1,7 +1,5 @@
 """The file of the Prague Sky Model: its bytes, its angles, its sums of products, and what readers find in it."""
 
-from __future__ import annotations
-
 import math
 import os
 import shutil
@@ -29,14 +27,9 @@ from twilight.transport.scattered_once import ScatteredOnce
 READER = os.environ.get("TWILIGHT_PRAGUE_READER", "")
 """Folder with PragueSkyModel.cpp and PragueSkyModel.h of github.com/PetrVevoda/pragueskymodel."""
 AXES = PragueAxes(
-    np.array([30.0, 80.0]),
-    np.array([0.0, 1.0]),
-    np.array([50.0]),
-    np.array([-12.0, -11.75, 0.0, 20.0]),
-    2,
-    440.0,
+    np.array([30.0, 80.0]), np.array([0.0, 1.0]), np.array([50.0]), np.array([-12.0, -11.75, 0.0, 20.0]), 2, 440.0,
     120.0,
-)
+)  # fmt: skip
 NODES = channel_nodes(2, 440.0, 120.0, 1)
 
 
@@ -115,6 +108,7 @@ def directions(count=200):
 )
 def test_angles_are_those_of_the_published_reader(view, sun, altitude, gamma, shadow, zero):
     # colour-science's tests of its reader, which are those of the reader in C++ (colour/phenomena/sky/tests)
+    """Other readers would find other skies (colour-science's figures)."""
     theta, azimuth = view
     found = angles_of(math.degrees(sun), 90.0 - math.degrees(theta), math.degrees(azimuth), altitude)
     np.testing.assert_allclose(np.array(found), [gamma, zero, shadow], atol=2e-7)
@@ -122,6 +116,7 @@ def test_angles_are_those_of_the_published_reader(view, sun, altitude, gamma, sh
 
 
 def test_least_squares_find_a_sum_of_products():
+    """The fit would not find a sky that it can hold."""
     random = np.random.default_rng(0)
     count, rank = 3000, 3
     sides = []
@@ -137,6 +132,7 @@ def test_least_squares_find_a_sum_of_products():
 
 
 def test_a_channel_s_nodes_are_exact_for_a_cubic_of_the_wavelength():
+    """Channels would be off their means."""
     nodes = channel_nodes(2, 320.0, 40.0, 2)
     for c in range(2):
         fine = 320.0 + 40.0 * c + (np.arange(4000) + 0.5) / 100.0
@@ -146,6 +142,7 @@ def test_a_channel_s_nodes_are_exact_for_a_cubic_of_the_wavelength():
 
 
 def test_a_visibility_is_koschmieder_s():
+    """A visibility would be of another haze."""
     for air in airs_of(["continental-average"], (25.0, 100.0)):
         assert ground_extinction_per_km(air.config(0.3, "draft")) == pytest.approx(3.912 / air.visibility_km, rel=1e-4)
         assert air.config(0.3, "draft").climate.ground.albedo == 0.3
@@ -159,6 +156,7 @@ def test_a_visibility_is_koschmieder_s():
 
 @pytest.mark.parametrize("sun", [-12.0, -11.75, 0.0, 20.0])
 def test_skies_are_those_that_went_in(made, sun):
+    """Readers would find other skies than were exported."""
     _, sky, medium = made
     e, a = directions()
     for v, b in ((0, 0), (1, 1)):
@@ -171,6 +169,7 @@ def test_skies_are_those_that_went_in(made, sun):
 
 
 def test_between_nodes_skies_are_mixed(made):
+    """Between nodes readers would jump."""
     _, sky, _ = made
     one = sky.radiance(20.0, 40.0, 30.0, 500.0, visibility_km=30.0, albedo=0.0)
     assert sky.radiance(20.0, 40.0, 30.0, 500.0, visibility_km=55.0, albedo=0.5) == pytest.approx(2.25 * one, rel=5e-3)
@@ -182,6 +181,7 @@ def test_between_nodes_skies_are_mixed(made):
 
 @pytest.mark.parametrize("elevation", [90.0, 30.0, 5.0, 1.0])
 def test_transmittance_is_that_of_the_air(made, elevation):
+    """The file's sun would be too bright."""
     _, sky, medium = made
     found = sky.transmittance(elevation, 500.0, visibility_km=30.0)
     z = np.linspace(0.0, medium.top_km, 60001)
@@ -192,6 +192,7 @@ def test_transmittance_is_that_of_the_air(made, elevation):
 
 
 def test_transmittance_of_a_path_in_the_lowest_air(made):
+    """Near objects would fade too soon."""
     _, sky, medium = made
     beta = medium.extinction_per_km[0, 0]
     assert sky.transmittance(0.0, 500.0, 5000.0, visibility_km=30.0) == pytest.approx(math.exp(-5 * beta), rel=5e-3)
@@ -199,6 +200,7 @@ def test_transmittance_of_a_path_in_the_lowest_air(made):
 
 
 def test_the_file_begins_as_the_format_says(made):
+    """Other readers would refuse the file."""
     path, sky, _ = made
     content = path.read_bytes()
     assert struct.unpack_from("<iddidd", content) == (2, 30.0, 80.0, 2, 0.0, 1.0)
@@ -209,6 +211,7 @@ def test_the_file_begins_as_the_format_says(made):
 
 
 def test_a_file_that_is_not_whole_is_refused(made, tmp_path):
+    """Half a file would be read."""
     content = made[0].read_bytes()
     for name, wrong in (("short", content[:5000]), ("tail", content + b"1"), ("text", b"what is this"), ("empty", b"")):
         (tmp_path / name).write_bytes(wrong)
@@ -236,6 +239,7 @@ int main(int, char** args) {
 
 @pytest.mark.slow
 def test_the_published_reader_finds_the_same(made, tmp_path):
+    """The published reader would find other skies."""
     if not (Path(READER) / "PragueSkyModel.cpp").is_file() or shutil.which("g++") is None:
         pytest.skip("TWILIGHT_PRAGUE_READER names no folder with PragueSkyModel.cpp, or there is no g++")
     (tmp_path / "main.cpp").write_text(MAIN)

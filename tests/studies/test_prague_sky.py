@@ -1,7 +1,5 @@
 """The sky of zones beside published values of the Prague sky model (docs/accuracy.md)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -31,13 +29,10 @@ def air():
         wavelength_nm=CHANNELS_NM,
         quality="draft",
         settings={
-            "atmosphere.profile": "us_standard",
-            "aerosol.optical_depth_550nm": AEROSOL_DEPTH,
-            "aerosol.stratosphere": "none",
-            "refraction.model": "none",
-            "ground.albedo": 0.5,
+            "atmosphere.profile": "us_standard", "aerosol.optical_depth_550nm": AEROSOL_DEPTH,
+            "aerosol.stratosphere": "none", "refraction.model": "none", "ground.albedo": 0.5,
         },
-    )
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SKIES)

@@ -1,7 +1,5 @@
 """Sweeps: axes, grouping, the dataset, failed tasks and full disks."""
 
-from __future__ import annotations
-
 import json
 import re
 
@@ -22,10 +20,9 @@ from twilight.studies.sweep.dimensions import IDLE_KEYS, SEVERAL_SUNS, SHAPE_KEY
 from twilight.studies.sweep.store import JOURNAL
 from twilight.studies.sweep.work import BENDING, DIRECT, RADIANCE, compute, forget
 
-# Axes -----------------------------------------------------------------------------------------------------------
-
 
 def test_ranges_hold_their_ends_and_even_steps(toy):
+    """An axis would miss its end."""
     axes = {
         a.name: [p[a.name] for p in a.points]
         for a in load_axes(
@@ -43,15 +40,14 @@ def test_ranges_hold_their_ends_and_even_steps(toy):
 
 
 def test_a_list_is_rendered_as_it_stands(toy):
+    """A list of scenes would become a product."""
     listed = [{"climate": "urban", "ground.albedo": 0.1}, {"ground.albedo": 0.3, "climate": "desert"}]
     cases = load_series({**BASE, "vary": {"list": listed}})
     assert [(c.config.climate.name, c.config.climate.ground.albedo) for c in cases] == [("urban", 0.1), ("desert", 0.3)]
 
 
-# Grouping -------------------------------------------------------------------------------------------------------
-
-
 def test_scenes_that_share_a_field_share_its_computation(toy):
+    """A sweep would cost a field for every sun."""
     vary = {"sun.elevation_deg": SUNS, "ground.albedo": [0, 0.5], "observer.altitude_km": [0, 2]}
     made = planned(vary)
     assert [d.name for d in made.dimensions] == ["ground_albedo", "sun_elevation_deg", "observer_altitude_km"]
@@ -67,6 +63,7 @@ def test_scenes_that_share_a_field_share_its_computation(toy):
 
 
 def test_a_long_day_is_divided_so_that_workers_have_something_to_do(toy):
+    """One worker would do all, or a chunk be too large."""
     made = planned({"sun.elevation_deg": {"from": 0, "to": -9, "count": 1000}})
     assert made.fields == 1 and len(made.tasks) == 16 and sum(t.skies for t in made.tasks) == 1000
     assert len({t.key for t in made.tasks}) == 16
@@ -79,6 +76,7 @@ def test_a_long_day_is_divided_so_that_workers_have_something_to_do(toy):
 
 
 def test_keys_of_tasks_follow_all_that_matters_and_nothing_else(toy):
+    """A sweep would be redone for a name, or not for another gas."""
     keys = {}
     for name, changes in {
         "base": {}, "name": {"name": "x"}, "output": {"output": {"width": 8}},
@@ -92,10 +90,8 @@ def test_keys_of_tasks_follow_all_that_matters_and_nothing_else(toy):
     assert len(set(keys.values())) == len(keys) - 2
 
 
-# Skies ----------------------------------------------------------------------------------------------------------
-
-
 def test_a_task_gives_what_run_gives(toy):
+    """A sweep's skies would differ from renders."""
     forget()
     made = planned({"observer.altitude_km": [0, 1], "ground.albedo": [0.3]}, sun={"elevations_deg": [5, -4]})
     (task,) = made.tasks
@@ -117,6 +113,7 @@ def test_a_task_gives_what_run_gives(toy):
 
 
 def test_many_wavelengths_are_done_in_blocks(toy):
+    """A refused sun would take the others with it."""
     nm = np.linspace(400, 700, 40)
     made = planned({"sun.elevation_deg": [-4, -20]}, wavelengths={"list_nm": nm.tolist()})
     done = compute(made.payload(made.tasks[0]), threads=1)
@@ -126,6 +123,7 @@ def test_many_wavelengths_are_done_in_blocks(toy):
 
 
 def test_times_and_places_become_coordinates(toy, client, tmp_path):
+    """Skies would lie under other times or places."""
     sun = {"start": "2026-12-21T16:30", "stop": "2026-12-21T17:00", "step_minutes": 15, "time_zone": "Europe/Berlin"}
     sun |= {"latitude_deg": 52.5, "longitude_deg": 13.4}
     made = planned({"sun.latitude_deg": [50, 54]}, sun=sun)
@@ -167,6 +165,7 @@ def models(annotation):
 
 
 def test_every_key_that_may_vary_has_a_label_for_an_axis():
+    """An axis would have no name or unit."""
     keys = varied_keys()
     assert {"aerosol.optical_depth_550nm", "sun.elevation_deg", "terrain.height_km"} <= {*keys} and len(keys) > 60
     for key in keys:
@@ -181,6 +180,7 @@ def test_every_key_that_may_vary_has_a_label_for_an_axis():
 
 
 def test_axes_and_legends_of_a_sweep_are_a_few_words(toy, client, tmp_path):
+    """A legend would be a paragraph."""
     swept(planned({"ground.albedo": [0.1, 0.3], "sun.elevation_deg": SUNS}), client, tmp_path / "a.zarr")
     with xr.open_zarr(tmp_path / "a.zarr") as data:
         said = {str(name): data[name].attrs.get("long_name", "") for name in data.variables}
@@ -190,6 +190,7 @@ def test_axes_and_legends_of_a_sweep_are_a_few_words(toy, client, tmp_path):
 
 
 def test_a_plan_says_what_is_there_already(toy, client, tmp_path, log):
+    """A plan would touch the journal, or forget what is done."""
     path, out = tmp_path / "scenes.yaml", tmp_path / "a.zarr"
     vary = {"solver.factor": [1, 2, 3], "sun.elevation_deg": SUNS}
 

@@ -1,7 +1,5 @@
 """Drawn airs: the same seed draws the same, parts by draw, turbidity beside them, and what the loader hands out."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np
@@ -64,6 +62,7 @@ def test_so_many_draws_are_held_out(toy, draws, validation, held):
 
 
 def test_a_plan_says_how_many_draws_are_held_out(tmp_path):
+    """A plan would compute, or not say the parts."""
     more = ["--output", str(tmp_path / "a.zarr"), "--plan", "--set", "texture.resolution_deg=15"]
     found = CliRunner().invoke(app, ["sweep", "sweep-drawn", *more])
     assert found.exit_code == 0 and "240 skies of 20 fields" in found.stdout and not list(tmp_path.iterdir())
@@ -138,6 +137,7 @@ def test_a_loader_s_processes_get_the_same_and_batches_hold_every_sky_once(writt
 
 
 def test_what_the_loader_cannot_read_is_one_sentence(toy, client, tmp_path):
+    """Another dataset would be trained with."""
     swept(planned({"ground.albedo": [0.1]}), client, tmp_path / "plain.zarr")
     for path, part, says in (
         (tmp_path / "none.zarr", "all", "is not the dataset of a sweep"),

@@ -1,7 +1,5 @@
 """Sweeps that go wrong: failed tasks, full disks, damaged journals and chunks."""
 
-from __future__ import annotations
-
 import resource
 
 import numpy as np
@@ -15,6 +13,7 @@ from twilight.studies.sweep.store import JOURNAL, open_store
 
 
 def test_failures_are_listed_and_do_not_stop_the_rest(toy, client, tmp_path, log):
+    """One air that fails would stop a night's sweep."""
     made = planned({"solver.factor": [1, 13, 2], "sun.elevation_deg": [*SUNS, -11.0]})
     outcome, failed = swept(made, client, tmp_path / "a.zarr")
     assert outcome.tasks == 2 and outcome.skies == 8
@@ -61,6 +60,7 @@ def test_a_full_disk_loses_only_the_task_at_hand(toy, client, tmp_path, log, lim
 
 
 def test_a_damaged_journal_and_another_sweep(toy, client, tmp_path, log):
+    """Another sweep's skies would be taken for these."""
     vary = {"solver.factor": [1, 2], "sun.elevation_deg": SUNS}
     path = tmp_path / "a.zarr"
     swept(planned(vary), client, path)
@@ -81,6 +81,7 @@ def test_a_damaged_journal_and_another_sweep(toy, client, tmp_path, log):
 
 
 def test_a_sweep_that_the_disk_cannot_hold_is_refused(toy, tmp_path, monkeypatch):
+    """A sweep would fill the disk after hours."""
     monkeypatch.setattr(
         "twilight.studies.sweep.store.shutil.disk_usage", lambda path: type("Usage", (), {"free": 10**6})
     )
@@ -91,6 +92,7 @@ def test_a_sweep_that_the_disk_cannot_hold_is_refused(toy, tmp_path, monkeypatch
 
 @pytest.mark.parametrize("damage", ("a bit", "cut", "deleted", "emptied"))
 def test_a_damaged_chunk_is_computed_again(toy, client, tmp_path, log, damage):
+    """A bit that flipped would stay in the dataset."""
     made = planned({"solver.factor": [1, 2, 3], "sun.elevation_deg": SUNS})
     path = tmp_path / "a.zarr"
     swept(made, client, path)
@@ -113,6 +115,7 @@ def test_a_damaged_chunk_is_computed_again(toy, client, tmp_path, log, damage):
 
 
 def test_a_slip_anywhere_along_an_axis_is_warned_of(toy):
+    """Metres in the middle of an axis would be taken for kilometres."""
     made = planned({"observer.altitude_km": [0.0, 4200.0, 1.0]})
     with pytest.warns(TwilightWarning, match="4200 m are 4.2 km") as said:
         warn_of_slips(*made.ends())

@@ -1,7 +1,5 @@
 """Sweeps on real clusters: what is left when workers, clients, schedulers or users stop one."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -47,6 +45,7 @@ def lines(path):
 
 
 def test_a_local_cluster_listens_to_this_machine_alone_and_shows_no_pages():
+    """Others on the network could run code in a sweep."""
     from urllib.error import HTTPError
     from urllib.request import urlopen
 
@@ -85,6 +84,7 @@ def assert_right(toy, out):
 
 
 def test_a_killed_worker_then_a_killed_client_lose_only_their_tasks(toy, slow_sweep, log):
+    """A killed process would cost finished skies."""
     path, out = slow_sweep
     process = start(command(path, out, "--workers", "2"), log)
     until(lambda: len(lines(log)) >= 3)
@@ -107,6 +107,7 @@ def test_a_killed_worker_then_a_killed_client_lose_only_their_tasks(toy, slow_sw
 
 @pytest.mark.slow
 def test_an_interrupt_stops_cleanly_and_a_dead_scheduler_is_a_sentence(toy, slow_sweep, log):
+    """Ctrl-C or a dead scheduler would hang a sweep."""
     path, out = slow_sweep
     process = start(command(path, out, "--workers", "1"), log)
     until(lambda: len(lines(out / JOURNAL)) >= 1)
@@ -148,6 +149,7 @@ def test_an_interrupt_stops_cleanly_and_a_dead_scheduler_is_a_sentence(toy, slow
 
 @pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_a_sentence(toy, slow_sweep):
+    """A wrong address would hang."""
     path, out = slow_sweep
     result = call("sweep", str(path), "--output", str(out), "--scheduler", "tcp://127.0.0.1:9")
     assert result.exit_code == 2 and "cannot be reached" in result.output, result.output

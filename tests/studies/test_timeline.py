@@ -1,7 +1,5 @@
 """An evening as a table: columns, the times at which they pass a value, presets, files."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
 
@@ -47,6 +45,7 @@ def evening(step_s: float = 300.0) -> list[datetime]:
 
 
 def test_a_crossing_is_found_to_the_second():
+    """A time would be off by a minute."""
     level = float(column("luminance@zenith").values(Slope(), work.moments_at([28.3], [-16.5], evening()[:1]))[0])
     at_start = float(sun_position(evening()[0], *PLACE).elevation_deg)
     threshold = float(level * np.exp(-7.25 - at_start))
@@ -63,6 +62,7 @@ def test_a_crossing_is_found_to_the_second():
 
 
 def test_a_day_without_dusk_says_so_once():
+    """A polar day would have a dusk."""
     start = datetime(2026, 6, 20, 0, 0, tzinfo=UTC)
     times = work.rows(start, start + timedelta(hours=30), timedelta(hours=1))
     made = work.timeline(Slope(), 80.0, 31.0, times, [column("illuminance")], [work.condition("illuminance < 1e-9")])
@@ -77,11 +77,13 @@ def test_a_day_without_dusk_says_so_once():
      ("illuminance@zenith > 3", "of a surface"), ("V@up > 3", "is none of zenith")],
 )  # fmt: skip
 def test_a_condition_that_is_none_is_refused(text, sentence):
+    """A misspelt condition would never be met."""
     with pytest.raises(TwilightError, match=sentence):
         work.condition(text)
 
 
 def test_steps_and_rows_are_checked():
+    """A table of a million rows would be begun."""
     assert work.step_of("90s") == timedelta(seconds=90) and work.step_of("0.5h") == timedelta(minutes=30)
     for text in ("1", "0s", "2 days", "-1min"):
         with pytest.raises(TwilightError, match="is not a duration"):
@@ -94,6 +96,7 @@ def test_steps_and_rows_are_checked():
 
 
 def test_every_preset_has_columns_conditions_and_a_source():
+    """A preset would be of nobody."""
     for preset in PRESETS.values():
         assert [column(text) for text in preset.columns] and [work.condition(text) for text in preset.conditions]
         assert any(f"({year}" in preset.about or f" {year}" in preset.about for year in range(1940, 2030))
@@ -112,6 +115,7 @@ def test_shades_begin_with_the_twilights_between_the_rows():
 
 
 def test_files_hold_what_the_table_holds(tmp_path):
+    """CSV and NetCDF would differ."""
     made = work.timeline(Slope(), *PLACE, evening(), [column("V@zenith"), column("CCT")], [work.condition("V > 5")])
     write_table(made, tmp_path / "a.csv", "a test")
     write_dataset(made, tmp_path / "a.nc", {"title": "a test"})
@@ -140,6 +144,8 @@ def test_clocks_of_crossings_do_not_overlap(tmp_path):
 
 
 def test_the_moon_is_named_where_a_threshold_is_not_reached_for_it():
+    """A moonlit night would be called too bright without a reason."""
+
     class Moonlit(Slope):
         def directions(self, moments, elevation, azimuth, sources=None):
             moon = 1.0 if sources is None or "moon" in sources else 0.0

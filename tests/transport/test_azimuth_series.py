@@ -1,7 +1,5 @@
 """Light as a series in azimuth: closed forms, and light that is no such series."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

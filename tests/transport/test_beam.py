@@ -64,6 +64,7 @@ def random_points(rng, count, refracting):
 
 @pytest.mark.parametrize("refraction", [True, False])
 def test_table_against_traced_rays(refraction):
+    """The table of the sunbeam would be off rays traced one by one."""
     medium = hazy()
     beam, profile = prepare_beam(medium, refraction=refraction), ray_profile(medium, refraction=refraction)
     errors = []
@@ -81,6 +82,7 @@ def test_table_against_traced_rays(refraction):
 
 
 def test_straight_beam_is_the_transmittance_with_no_bending():
+    """Straight light would bend, or lose another fraction than the column's."""
     beam = prepare_beam(pure_air(LEVELS, refractivity=0.0))
     # above the scale of the air the column is the vertical one times 1/cos
     out, bending = look_up(beam, 0.0, 0.0)
@@ -128,6 +130,7 @@ def test_spreading_restores_the_thin_zenith():
 
 
 def test_edge_of_the_shadow():
+    """The Earth's shadow would begin elsewhere."""
     medium = pure_air(LEVELS)
     beam, profile = prepare_beam(medium), ray_profile(medium)
     for z in (0.0, 0.5, 3.0, 20.0, 80.0):
@@ -207,6 +210,7 @@ def test_no_altitude_in_the_light_is_dark():
 
 
 def test_a_ray_from_within_rounding_of_a_level_is_that_from_the_level():
+    """A level hit within rounding would lose its ray."""
     profile = ray_profile(hazy())
     for level in (0.0, 2.0, 20.0):
         at_level = outward(profile, 0, level, 0.0, 1e9)
@@ -217,6 +221,7 @@ def test_a_ray_from_within_rounding_of_a_level_is_that_from_the_level():
 
 
 def test_bending_is_positive_and_largest_for_low_suns():
+    """Light would bend upwards."""
     beam = prepare_beam(pure_air(LEVELS))
     bendings = [look_up(beam, 10.0, chi)[1] for chi in (0.0, 40.0, 80.0, 88.0, 90.0, 92.0, 94.0)]
     assert bendings[0] == pytest.approx(0.0, abs=1e-8)
@@ -224,6 +229,7 @@ def test_bending_is_positive_and_largest_for_low_suns():
 
 
 def test_overhead_filter_dims_every_direction():
+    """An ozone filter would dim the zenith alone."""
     medium = replace(pure_air(LEVELS), overhead_absorption_optical_depth=np.array([0.0, 0.1, 2.0]))
     plain, filtered = prepare_beam(pure_air(LEVELS)), prepare_beam(medium)
     for z, chi in ((0.0, 10.0), (20.0, 92.0), (500.0, 100.0)):
@@ -256,14 +262,13 @@ def _extreme_media():
     levels[0] = 0.0
     middle = np.exp(-np.repeat(0.5 * (edges[1:] + edges[:-1]), 2) / 8.0)[:, None]
     yield replace(
-        pure_air(levels),
-        air_scattering_per_km=0.0115 * middle * np.ones(3),
-        refractivity=2.8e-4 * middle * np.ones(3),
+        pure_air(levels), air_scattering_per_km=0.0115 * middle * np.ones(3), refractivity=2.8e-4 * middle * np.ones(3)
     )
 
 
 @pytest.mark.parametrize("medium", list(_extreme_media()))
 def test_extremes_are_finite_and_not_negative(medium):
+    """Ducts, thin layers or space would make light infinite or negative."""
     beam = prepare_beam(medium)
     altitudes = [0.0, -1.0, 1e-6, 0.505, *medium.altitude_km[:20], medium.top_km, medium.top_km + 1e-6, 400.0, 36000.0]
     out = np.empty(3)

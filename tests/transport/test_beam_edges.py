@@ -148,6 +148,7 @@ def test_light_scattered_once_beside_a_layer(base, thickness, depth):
 @pytest.mark.slow
 @pytest.mark.parametrize(("base", "thickness", "depth"), [*SHELLS[2:], (8.0, 0.05, 0.5), (40.0, 3.0, 0.02)])
 def test_light_scattered_once_through_the_suns_that_graze_a_layer(base, thickness, depth):
+    """As above, while the sun sets on layers of every kind."""
     count, wrong = wrong_sky(base, thickness, depth, (0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.5, 1.0))
     assert count > 12
     assert wrong == []

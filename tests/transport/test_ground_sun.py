@@ -1,7 +1,5 @@
 """The sun at the ground by quadrature: closed forms, and the program's own traced rays."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """From high up the horizon dips: the sky's rows go below the horizontal, and the picture shows the true horizon."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -14,17 +12,17 @@ from twilight.scene.medium import climate_medium
 from twilight.sky import colour
 from twilight.transport.rays import ApparentRays, horizon_dip_deg
 
+pytestmark = pytest.mark.usefixtures("coarse_draft")
+
 SCENE = {
-    "solver.quality": "draft",
-    "solver.polarisation": False,
-    "texture.resolution_deg": 10,
-    "wavelengths": {"list_nm": [450.0, 550.0, 650.0]},
-    "sun": {"elevation_deg": -4.0},
-}
+    "solver.quality": "draft", "solver.polarisation": False, "texture.resolution_deg": 10,
+    "wavelengths": {"list_nm": [450.0, 550.0, 650.0]}, "sun": {"elevation_deg": -4.0},
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("altitude_km", (0.5, 10.0, 400.0))
 def test_the_dip_is_that_of_the_ray_that_touches_the_ground(altitude_km):
+    """The horizon would be drawn elsewhere."""
     medium = climate_medium(load_climate("pure-air"), [550.0])
     dip = horizon_dip_deg(medium, altitude_km)
     without_air = np.degrees(np.arccos(6371.0 / (6371.0 + altitude_km)))
@@ -34,6 +32,8 @@ def test_the_dip_is_that_of_the_ray_that_touches_the_ground(altitude_km):
 
 
 def test_rows_bracket_the_horizon_from_high_up_and_are_those_of_the_texture_else():
+    """The limb would be smeared, or the ground's sky change."""
+
     def rows(altitude_km, **more):
         config = load("pure-air", {**SCENE, "observer.altitude_km": altitude_km, **more})
         return texture_rows(resolve(config))
@@ -48,6 +48,7 @@ def test_rows_bracket_the_horizon_from_high_up_and_are_those_of_the_texture_else
 
 
 def test_the_picture_from_ten_kilometres_shows_the_horizon_below_zero():
+    """From an airliner the horizon would be level."""
     config = load("pure-air", {**SCENE, "observer.altitude_km": 10.0})
     sky = run(resolve(config))
     picture, _ = render_view(sky, width=400)

@@ -203,13 +203,6 @@ def test_haze_takes_more_blue():
         assert np.allclose(one / other, expected, rtol=2e-4)
 
 
-@pytest.mark.parametrize("name", ["cells", "preetham", "sunsky"])
-def test_other_solvers_refuse(name):
-    """A solver that ignored the screen would give another evening without a word."""
-    with pytest.raises(TwilightError, match=r"horizon\.screen: the solver .* zones, montecarlo, tables and compact do"):
-        resolve(load(scene({"clouds": {}}, solver={"name": name})))
-
-
 def test_an_export_knows_the_horizon_of_its_configuration(tmp_path, monkeypatch):
     """Tables for renderers would be of another evening than the configuration that they were made from."""
 

@@ -30,6 +30,7 @@ def ask(field, sun, distance, **more):
 
 
 def test_limits_of_a_segment(field):
+    """A segment of no length would glow, or the longest not be the sky."""
     light, passed = ask(field, 10.0, 0.0)
     assert np.abs(light).max() == 0.0 and (passed == 1.0).all()
     whole, _ = ask(field, 10.0, np.inf)
@@ -60,6 +61,7 @@ def reference(air):
 
 @pytest.mark.parametrize("sun", [20.0, -4.0])
 def test_zones_against_the_reference_solution(field, reference, sun):
+    """Air before objects would be too bright or too clear."""
     found, seen = reference.inscatter_with_error(sun, ELEVATION, AZIMUTH, DISTANCE)
     light, passed = ask(field, sun, DISTANCE)
     scale = field.radiance(sun, ELEVATION, AZIMUTH, observer_altitude_km=ALTITUDE).max()

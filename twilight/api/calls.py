@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from os import PathLike
-from typing import Any, Unpack, overload
+from typing import TYPE_CHECKING, Any, Unpack, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,10 @@ from twilight.engine import solve as solve_scene
 from twilight.engine.night import check_stars
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
-from twilight.show.page import Page
 from twilight.solvers.base import Solver
+
+if TYPE_CHECKING:
+    from twilight.show.page import Page
 
 
 @overload
@@ -226,7 +228,7 @@ def solver(name: str) -> Solver:
     return solvers.load(name)
 
 
-def view(self: Field, **options: Any) -> Page:
+def view(self: Field, **options: Any) -> "Page":
     """The field in a browser, for any sun and direction; takes a minute or more.
 
     Parameters

@@ -33,7 +33,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from statistics import NormalDist
 
 import numpy as np
 
@@ -92,6 +91,8 @@ class Screen:
         cover: float, top_km: float, top_spread_km: float, from_km: float, angstrom_exponent: float = 0.0
     ) -> Screen:
         """Clouds that let 1 - cover of grazing beams pass; mean altitude and standard deviation of their tops [km]."""
+        from statistics import NormalDist  # start-up
+
         spread = max(top_spread_km, EDGE_KM)
         normal = NormalDist(top_km, spread)
         z = tuple(top_km + spread * x for x in CLOUD_SPREADS)

@@ -65,7 +65,9 @@ def _read(file: Path) -> tuple[tuple[str, ...], frozenset[str]]:
 
     The text is searched, not parsed: parsing all files takes half a second, at every start of the program.
     """
-    text = _FOR_TYPES.sub("", file.read_text(encoding="utf-8"))
+    text = file.read_text(encoding="utf-8")
+    if "TYPE_CHECKING" in text:
+        text = _FOR_TYPES.sub("", text)
     found: list[str] = []
     for whole, module, names in _IMPORT.findall(text):
         if whole:
@@ -82,6 +84,7 @@ def _name(file: Path) -> str:
     return file.relative_to(_PACKAGE).as_posix() if file.is_relative_to(_PACKAGE) else file.name
 
 
+@functools.cache
 def _file(module: str) -> Path | None:
     """The source of a module; None where there is none of that name."""
     if module != _PACKAGE.name and not module.startswith(f"{_PACKAGE.name}."):

@@ -11,7 +11,6 @@ import types
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from difflib import get_close_matches
 from typing import Annotated, Any, Literal, TypeVar, Union, dataclass_transform, get_args, get_origin
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, Tag, ValidationError
@@ -185,6 +184,8 @@ def _said_once(where: str, sentence: str) -> str:
 
 def unknown(name: str, known: Iterable[str], what: str = "key") -> str:
     """`x is not a key; did you mean y? Allowed are ...`; without the question where nothing is like it."""
+    from difflib import get_close_matches  # start-up
+
     names = [str(k) for k in known]
     near = get_close_matches(name, names, n=1)
     hint = f"; did you mean {near[0].rsplit('.', 1)[-1]}?" if near else ";"

@@ -5,7 +5,6 @@ Small matrix products on one thread.
 
 import functools
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
@@ -24,6 +23,8 @@ def in_slices(work: Callable[[int, int], None], n: int) -> None:
     if threads == 1 or n < 2:
         work(0, n)
         return
+    from concurrent.futures import ThreadPoolExecutor  # start-up
+
     n_slices = min(n, threads * SLICES_PER_THREAD)
     edges = [n * i // n_slices for i in range(n_slices + 1)]
     pool = ThreadPoolExecutor(threads)

@@ -13,6 +13,8 @@ def main() -> None:
     An interrupt during its imports gives no traceback either, nor does an output that cannot be written (exit code 2,
     and 1 where its reader has left) or a working directory that is gone (2).
     """
+    # numpy's matrix products are small here: a second thread of theirs only waits, which takes processor time
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         _check_surroundings()
         from twilight.cli.app import app

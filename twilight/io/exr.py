@@ -202,12 +202,11 @@ def _channel(component: str, wavelength_nm: float) -> str:
 def _stokes(sky: Sky, spectra: np.ndarray, renderer: str, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Q and U of an environment map whose I is `spectra` (height, width', W); the ground is unpolarised."""
     elevation, azimuth = environment_directions(renderer, width)
-    elevation, azimuth = np.broadcast_arrays(elevation, azimuth - (sky.sun_azimuth_deg or 0.0))
-    above = elevation >= sky.elevation_edges_deg[0]
-    q, u = np.zeros_like(spectra), np.zeros_like(spectra)
-    fraction = sky.sample_fractional_stokes(elevation[above], azimuth[above])
-    q[above], u[above] = fraction[..., 0, :] * spectra[above], fraction[..., 1, :] * spectra[above]
-    return q, u
+    lowest = sky.elevation_edges_deg[0]
+    azimuth = azimuth - (sky.sun_azimuth_deg or 0.0)
+    q, u = np.moveaxis(sky.sample_fractional_stokes(np.maximum(elevation, lowest), azimuth), -2, 0)
+    above = (elevation >= lowest)[..., None]
+    return q * spectra * above, u * spectra * above
 
 
 WHAT = "a complete OpenEXR file"

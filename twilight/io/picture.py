@@ -260,7 +260,7 @@ def save_pixels(pixels: np.ndarray, path: str | Path, sky: Sky, facts: Mapping[s
     for name, value in texts.items():
         info.add_itxt(name, value, zip=len(value) > 1000)
     with whole_file(path) as temporary:
-        Image.fromarray(pixels).save(temporary, format="PNG", pnginfo=info, optimize=False)
+        Image.fromarray(pixels).save(temporary, format="PNG", pnginfo=info, compress_level=4)
     return Path(path)
 
 
@@ -339,7 +339,8 @@ def _noise(shape: tuple[int, ...], first_row: int) -> np.ndarray:
     for first in range(0, height, ROWS_AT_ONCE):
         y = np.arange(float(first), float(min(first + ROWS_AT_ONCE, height)))[:, None, None]
         phase = 0.06711056 * (x[:, None] + shift) + 0.00583715 * (y + first_row + shift)
-        out[first : first + ROWS_AT_ONCE] = np.mod(52.9829189 * np.mod(phase, 1.0), 1.0)
+        steps = 52.9829189 * (phase - np.floor(phase))
+        out[first : first + ROWS_AT_ONCE] = steps - np.floor(steps)
     return out
 
 
@@ -386,7 +387,7 @@ def polarisation_maps(sky: Sky, width: int = WIDTH) -> tuple[np.ndarray, np.ndar
     elevation, azimuth = view_directions("fisheye", width)
     w = int(np.argmin(np.abs(sky.wavelength_nm - WAVELENGTH_NM)))
     above = elevation >= 0.0
-    q, u = np.moveaxis(sky.sample_fractional_stokes(elevation[above], azimuth[above])[..., w], -1, 0)
+    q, u = sky.sample_fractional_stokes(elevation[above], azimuth[above], slice(w, w + 1))[..., 0].T
     degree, angle = np.full(above.shape, np.nan), np.full(above.shape, np.nan)
     degree[above], angle[above] = np.hypot(q, u), 0.5 * np.degrees(np.arctan2(u, q))
     return degree, angle, float(sky.wavelength_nm[w])

@@ -30,6 +30,7 @@ from typing import IO, Any
 
 import llvmlite.binding as llvm
 import numpy as np
+from numba.core import environment
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult
@@ -237,6 +238,17 @@ def _load_known_index(file: Any) -> dict[Any, Any]:
 
 
 IndexDataCacheFile._load_index = _load_known_index  # type: ignore[method-assign]
+
+_rebuild = environment._rebuild_env
+
+
+def _environment(module: str, *of: Any) -> Any:
+    """What numba keeps beside machine code, of a function of a module; of one of its own that is not loaded, without
+    the names of that module, which compiled code does not read."""
+    return _rebuild(module if module in sys.modules else __name__, *of)
+
+
+environment._rebuild_env = _environment
 
 
 @functools.cache

@@ -278,11 +278,11 @@ class Sky(SkyLight):
             moon=None if self.moon is None else self.moon.dimmed(0.5),
         )
 
-    def sample_fractional_stokes(self, elevation_deg, azimuth_deg) -> np.ndarray:
-        """`fractional_stokes` in any direction, (..., 2, W)."""
-        both = self.fractional_stokes
+    def sample_fractional_stokes(self, elevation_deg, azimuth_deg, part: slice = slice(None)) -> np.ndarray:
+        """`fractional_stokes` in any direction, (..., 2, W), at a part of the wavelengths."""
+        both = self.fractional_stokes[..., part]
         table = SkyTable.of_signed(self.elevation_deg, self.azimuth_deg, both.reshape(*both.shape[:2], -1))
-        fractions = table.light(elevation_deg, azimuth_deg)
+        fractions = _read(table, np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
         return fractions.reshape(*fractions.shape[:-1], 2, -1)
 
     # Directions -------------------------------------------------------------------------------------------------
@@ -363,11 +363,8 @@ class Sky(SkyLight):
 
         Elevations (n, 1) with azimuths (1, m), the rows and columns of a picture, are fastest.
         """
-        elevation, azimuth = np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float)
         table = SkyTable.of_samples(self.elevation_deg, self.azimuth_deg, np.asarray(values))
-        if elevation.ndim == azimuth.ndim == 2 and elevation.shape[1] == azimuth.shape[0] == 1:
-            return table.on_grid(elevation[:, 0], azimuth[0])
-        return table.light(elevation, azimuth)
+        return _read(table, np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
 
     # Integrals --------------------------------------------------------------------------------------------------
 
@@ -390,3 +387,10 @@ class Sky(SkyLight):
     def irradiance(self, horizontal: bool = True, direct: bool = False) -> np.ndarray:
         """Spectral irradiance [W m^-2 nm^-1], (W,): ``irradiance_factor`` times ``solar_irradiance``."""
         return self.irradiance_factor(horizontal, direct) * self.solar_irradiance
+
+
+def _read(table: SkyTable, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+    """Values of a table in broadcast directions, (..., K)."""
+    if elevation_deg.ndim == azimuth_deg.ndim == 2 and elevation_deg.shape[1] == azimuth_deg.shape[0] == 1:
+        return table.on_grid(elevation_deg[:, 0], azimuth_deg[0])
+    return table.light(elevation_deg, azimuth_deg)

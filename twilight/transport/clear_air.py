@@ -1,10 +1,11 @@
-"""The light of every clear sky, from one file: this module and `data/compact/clear-air.npz` need numpy alone.
+"""The light of every clear sky, from one file: `data/compact/clear-air.npz`, this module and the two that it stands on,
+`shells` and `diffuse`, need numpy alone.
 
     L / F0 = sum_k P_k(angle from the sun) Q_k  +  M,        M = M_0 exp(sum_n c_n v_n(sun, elevation, azimuth))
 
 Q_k, of scattering by air and each aerosol, are integrals along refracted lines of sight through spherical shells
 (`Shells`); P_k are the phase functions, their forward peaks widened (`_widened`).  M_0 are orders of scattering, the
-first and the last with their direction (`Skies._diffuse`).  c_n, one set for each wavelength, air and observer, for
+first and the last with their direction (`diffuse`).  c_n, one set for each wavelength, air and observer, for
 every sun, are the mean of some small networks of what names the air (`Air.inputs`) and of ln M_0 under all suns; v_n
 are principal components of ln(M / M_0) in air that `zones` has solved.  Q / M and U / M are sums of the same kind.
 
@@ -41,11 +42,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from twilight.transport.diffuse import ABSORPTION, AIR, EXTINCTION, HIGH, LOW, diffuse_light, seen_along
+from twilight.transport.shells import ALTITUDE_KM, DARK, EARTH_RADIUS_KM, Line, Shells, single, sublayers, summed
+
 if TYPE_CHECKING:
     from twilight.atmosphere.screen import Screen
 
 FORMAT = "twilight clear air 2"
-EARTH_RADIUS_KM = 6371.0
 SUN_DEG = np.concatenate(
     [[-18, -16.5, -15, -13.5], np.arange(-12, 3), [3.5, 5, 7.5, 10, 15], np.arange(20.0, 91.0, 10.0)]
 )
@@ -55,41 +58,10 @@ AZIMUTH_DEG = np.array([0, 6, 12, 20, 30, 45, 60, 80, 100, 120, 140, 160, 180.0]
 """Nodes over the sky, from the sun [deg]."""
 NODES = (SUN_DEG.size, ELEVATION_DEG.size, AZIMUTH_DEG.size)
 BASE_ELEVATION_DEG, BASE_AZIMUTH_DEG = ELEVATION_DEG[[0, 3, 6, 10, 14]], AZIMUTH_DEG[[0, 6, 12]]
-ALTITUDE_KM = np.concatenate(
-    [
-        *([0, 0.02, 0.06, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 1.7], np.arange(2, 6, 0.5), np.arange(6.0, 16.0)),
-        *([16, 17.5, 19, 20.5, 22, 24, 26, 28, 30, 33], np.arange(36.0, 81.0, 3.0), [82, 86, 90, 95, 100]),
-    ]
-)
-"""Boundaries of the L layers above the ground [km]."""
-BOUNDARY_KM = np.array(
-    [0, 0.25, 0.7, 1.35, 2, 3, 4.5, 6, 8, 10, 12, 14, 16, 19, 22, 26, 30, 36, 42, 48, 54, 63, 72, 82, 100]
-)
-"""Boundaries of the layers of diffuse light; all are in ALTITUDE_KM."""
-ZENITH_DEG = np.concatenate([[0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5], np.arange(89.0, 113.0), [115, 118, 122]])
-"""Local solar zenith angles of diffuse light [deg]."""
-ORDERS = 4
-"""Legendre orders of the phase functions in the first scattering of diffuse light."""
-AZIMUTHS = 8
-"""Azimuths of rays of diffuse light over half a turn."""
-SCATTERINGS, MOST_RATIO = 8, 0.95
-"""Orders of scattering that are followed; the largest ratio of two of which a geometric series is summed."""
-DECAY_DEG, DECAY = 88.0, 1.1
-"""`_log_reference` falls from this zenith angle on, from 8 deg beyond it on by so much a degree."""
-SUBLAYERS = 4
-"""Parts of each layer in which n r is linear; with 6 the sunbeam differs by less than 0.1 %."""
-STEEPEST_DEG, RAYS_FROM_ABOVE, RAYS_FROM_BELOW = 0.03, 90, 100
-"""Of the table of sunbeams of an altitude: elevation of the lowest ray from above beside the horizontal one; counts."""
-LEAST_SPREAD = 0.05
-"""Least d(true)/d(apparent zenith angle) of a sunbeam: beyond it the beam would be focused."""
 SCREEN_ERROR = 0.1
 """Error at 95 % of a sky, as a part of what a screen takes of ln(light), by `benchmarks/clear_air.py screen`."""
-DARKEST_PASSED = 1e-6
-"""Least part of a sunbeam that passes a screen, so that it has a logarithm, which is interpolated."""
 SPARED_DEG = 2.5
 """How far above the highest sun whose beams a screen dims anywhere it takes less than 0.1 % of any sky [deg]."""
-DARK_LOG, DARK = -700.0, 1e-35
-"""Logarithm of the sunbeam in the shadow of the Earth; least radiance over F0 whose logarithm is taken [sr^-1]."""
 MOST_DEGREE = 16
 """Degree to which phase functions are followed at most; what is beyond is their forward peak."""
 PEAK_DEGREE, PEAK_ANGLES, LEAST_PEAK_DEPTH = 400, 161, 1e-4
@@ -107,9 +79,6 @@ NEGLIGIBLE = 1e-3
 """Fraction of M that is added to every Q_k before its logarithm is interpolated: in the shadow it falls without end."""
 DARKEST_TERM = 1e-3
 """Light of a wavelength, of that of the brightest one, below which it does not count in the error of a sky."""
-AIR, ABSORPTION, EXTINCTION, LOW, HIGH = range(5)
-"""Rows of `Air.depth`: scattering by air, absorption by gases, extinction by aerosol, its scattering below and above
-12 km."""
 
 
 class Air(NamedTuple):
@@ -161,12 +130,12 @@ class Air(NamedTuple):
 
         def slabs(depth: np.ndarray, some: tuple[int, ...]) -> np.ndarray:
             place = np.abs(ALTITUDE_KM[None] - SLAB_KM[list(some), None]).argmin(axis=1)
-            return np.diff(_summed(depth)[place], axis=0)
+            return np.diff(summed(depth)[place], axis=0)
 
         def below(depth: np.ndarray) -> np.ndarray:
             k = int(np.clip(np.searchsorted(ALTITUDE_KM, observer_km) - 1, 0, ALTITUDE_KM.size - 2))
             part = (observer_km - ALTITUDE_KM[k]) / (ALTITUDE_KM[k + 1] - ALTITUDE_KM[k])
-            return (_summed(depth)[k] + part * depth[k])[None]
+            return (summed(depth)[k] + part * depth[k])[None]
 
         sums = [d[AIR].sum(axis=0), total.sum(axis=0), d[ABSORPTION].sum(axis=0) + 1e-4, particles.sum(axis=0) + 1e-4]
         sums += [absorbed.sum(axis=0) + 1e-4, ((1.0 - f[1]) * d[HIGH]).sum(axis=0) + 1e-5]
@@ -181,11 +150,6 @@ class Air(NamedTuple):
         rows += [np.full((1, n), observer_km), np.full((1, n), np.sqrt(observer_km))]
         rows += [below(total), np.sqrt(below(d[AIR])), np.sqrt(below(particles))]
         return np.concatenate(rows).T
-
-
-def _summed(depth: np.ndarray) -> np.ndarray:
-    """Optical depths (..., L + 1, W) below the boundaries of layers, from those of the layers (..., L, W)."""
-    return np.concatenate([np.zeros_like(depth[..., :1, :]), np.cumsum(depth, axis=-2)], axis=-2)
 
 
 @dataclass(frozen=True)
@@ -230,7 +194,7 @@ class Model:
         """Inputs of the networks (W, F), from those that name the air (W, F') and ln M_0 under all suns (W, B)."""
         base = (log_base - self.base_mean) @ self.base_vectors.T
         inputs = (np.concatenate([air, base], axis=1) - self.input_mean) / self.input_scale
-        return _single(np.clip(inputs, -OUTERMOST, OUTERMOST))
+        return single(np.clip(inputs, -OUTERMOST, OUTERMOST))
 
     def at_nodes(self, air: np.ndarray, log_base: np.ndarray) -> np.ndarray:
         """ln(M / M_0), Q / M, U / M and the spread of ln M at the nodes, (4, W, suns, elevations, azimuths)."""
@@ -252,317 +216,6 @@ def _outputs(layers: tuple, hidden: np.ndarray) -> np.ndarray:
     return hidden @ layers[-1][0] + layers[-1][1]
 
 
-def _single(x: np.ndarray) -> np.ndarray:
-    """In single precision, real or complex."""
-    return x.astype(np.complex64 if np.iscomplexobj(x) else np.float32, copy=False)
-
-
-class Beams(NamedTuple):
-    """Geometry of shells: rays from the sun to each boundary, R in all, those to boundary k from start[k] on.
-
-    zenith_rad, apparent_rad (R,): true and apparent solar zenith angles; log_factor (R,): ln of the beam's spreading
-    path_km (R, L): ways in the layers
-    """
-
-    start: np.ndarray
-    zenith_rad: np.ndarray
-    apparent_rad: np.ndarray
-    log_factor: np.ndarray
-    path_km: np.ndarray
-
-
-def sublayers(boundary_km: np.ndarray) -> np.ndarray:
-    """Boundaries of the equal parts of layers (L + 1,), (SUBLAYERS L + 1,)."""
-    part = np.arange(SUBLAYERS) / SUBLAYERS
-    low, high = boundary_km[:-1, None], boundary_km[1:, None]
-    return np.append((low + part * (high - low)).ravel(), boundary_km[-1])
-
-
-def _through_layers(
-    x: np.ndarray, slope: np.ndarray, index: np.ndarray, b: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Path [km] and angle at the Earth's centre [rad] of rays in each layer, (B, L), on one side of their lowest point:
-    s = sqrt(x^2 - b^2) / (dx/dr), phi = n arccos(b / x) / (dx/dr), b (B,) = n r sin(zenith angle) being Bouguer's
-    invariant [km] and x = n r, linear in r."""
-    b = b[:, None]
-    beyond = np.maximum(x[None], b)
-    path = np.diff(np.sqrt(np.maximum(beyond * beyond - b * b, 0.0)), axis=1) / slope
-    angle = np.diff(np.arccos(np.minimum(b / beyond, 1.0)), axis=1) * (index / slope)
-    shape = (len(b), -1, SUBLAYERS)
-    return path.reshape(shape).sum(axis=2), angle.reshape(shape).sum(axis=2)
-
-
-@functools.lru_cache(maxsize=8)
-def _parts(boundary: bytes, refractivity: bytes, radius_km: float) -> tuple[np.ndarray, ...]:
-    """n, n r [km] at the boundaries of parts of layers, d(n r)/d r and mean n of the parts."""
-    n, radius = 1.0 + np.frombuffer(refractivity), radius_km + sublayers(np.frombuffer(boundary))
-    return n, n * radius, np.diff(n * radius) / np.diff(radius), 0.5 * (n[1:] + n[:-1])
-
-
-@functools.lru_cache(maxsize=512)
-def _rays_to(k: int, boundary: bytes, refractivity: bytes, radius_km: float) -> tuple[np.ndarray, ...]:
-    """Rays from the sun to boundary k: true and apparent zenith angles, ln of the spreading, ways in layers (R, L)."""
-    n, x, slope, index = _parts(boundary, refractivity, radius_km)
-    edge, right, m, j = x[::SUBLAYERS], 0.5 * np.pi, RAYS_FROM_BELOW // 4, SUBLAYERS * k
-    apparent = np.append(right - np.radians(np.geomspace(STEEPEST_DEG, 90.0, RAYS_FROM_ABOVE)[::-1]), right)
-    down = apparent.size
-    if k:
-        even, grazing = np.linspace(0.0, 1.0, 3 * m + 1)[1:], 1.0 - np.geomspace(1e-4, 0.5, m)
-        below = right + np.arccos(edge[0] / edge[k]) * np.unique(np.concatenate([even, grazing]))
-        apparent = np.concatenate([apparent, below])
-    b = edge[k] * np.sin(apparent)
-    path, angle = np.zeros((2, apparent.size, edge.size - 1))
-    if j < slope.size:
-        path[:down, k:], angle[:down, k:] = _through_layers(x[j:], slope[j:], index[j:], b[:down])
-    if k:
-        path[down:], angle[down:] = _through_layers(x, slope, index, b[down:])
-        path[down:, :k] *= 2.0  # layers below the point twice, down and up again
-        angle[down:, :k] *= 2.0
-    true = angle.sum(axis=1) + np.arcsin(np.minimum(b / edge[-1], 1.0))
-    spread, sine = np.maximum(np.gradient(true, apparent), LEAST_SPREAD), np.sin(apparent)
-    factor = n[j] ** 2 * sine / np.maximum(np.sin(true), 1e-9) / spread
-    factor[sine < 1e-6] = 1.0
-    return true, apparent, np.log(factor), path
-
-
-@functools.lru_cache(maxsize=8)
-def _beams(boundary: bytes, refractivity: bytes, radius_km: float) -> Beams:
-    rows = [_rays_to(k, boundary, refractivity, radius_km) for k in range(np.frombuffer(boundary).size)]
-    start = np.cumsum([0, *(row[0].size for row in rows)])
-    return Beams(start, *(np.concatenate(part) for part in zip(*rows, strict=True)))
-
-
-class Line(NamedTuple):
-    """Lines of sight (E,) through the layers above the observer: way [km] (E, K), angle from the observer at the
-    Earth's centre (E, K + 1) [rad] and optical depth (E, K + 1, W) at each boundary."""
-
-    path: np.ndarray
-    angle: np.ndarray
-    depth: np.ndarray
-
-    def zenith(self, sun_deg: np.ndarray | float, azimuth_deg: np.ndarray, middle: bool = False) -> np.ndarray:
-        """True solar zenith angles [rad] at boundaries, or in the middle of layers, (suns, E, A, K + 1)."""
-        sun = np.radians(90.0 - np.atleast_1d(sun_deg))[:, None, None, None]
-        angle = 0.5 * (self.angle[:, 1:] + self.angle[:, :-1]) if middle else self.angle
-        aside = np.sin(angle)[:, None] * np.cos(np.radians(azimuth_deg))[:, None]
-        return np.arccos(np.clip(np.cos(angle)[:, None] * np.cos(sun) + aside * np.sin(sun), -1.0, 1.0))
-
-
-class Shells:
-    """Light scattered once in refracting spherical shells, for one observer, by closed forms.
-
-    The sunbeam at a point is exp(-tau) n^2 sin(i) / (sin(chi) d chi / d i), i the apparent and chi the true solar
-    zenith angle, tabulated for each altitude over chi.  Along a line of sight ln(transmittance x sunbeam) is linear in
-    each layer, in its part outside the shadow of the ground.
-
-    boundary_km (L + 1,): altitudes above the ground, the observer's among them; extinction, peak (L, W), scattering
-    (S, L, W) [km^-1]: without scattering in forward peaks, that in peaks, and of each of S kinds; refractivity
-    (SUBLAYERS L + 1,); screen: what dims the sunbeam beyond the horizon, and the powers (W,) of its T
-    """
-
-    def __init__(
-        self,
-        boundary_km: np.ndarray,
-        extinction: np.ndarray,
-        scattering: np.ndarray,
-        peak: np.ndarray,
-        refractivity: np.ndarray,
-        observer_km: float = 0.0,
-        radius_km: float = EARTH_RADIUS_KM,
-        screen: tuple[Screen, np.ndarray] | None = None,
-    ):
-        self.boundary_km, self.extinction, self.scattering, self.peak = boundary_km, extinction, scattering, peak
-        self.screen = screen
-        self.first = int(np.argmin(np.abs(boundary_km - observer_km)))
-        parts = (np.asarray(boundary_km, float).tobytes(), np.asarray(refractivity, float).tobytes())
-        self._geometry = (*parts, float(radius_km))
-
-    @functools.cached_property
-    def beams(self) -> Beams:
-        """All sunbeams, computed when they are first asked for."""
-        return _beams(*self._geometry)
-
-    @functools.cached_property
-    def _tables(self) -> tuple[np.ndarray, np.ndarray]:
-        """Zenith angles that go on rising from boundary to boundary, (R,), and -ln of the sunbeams, (R, W)."""
-        b = self.beams
-        key = b.zenith_rad + 4.0 * np.repeat(np.arange(self.boundary_km.size), np.diff(b.start))
-        depth = b.path_km @ self.extinction - b.log_factor[:, None]
-        if self.screen is not None:
-            screen, powers = self.screen
-            depth -= np.log(np.maximum(screen.at(self._least_km(screen)), DARKEST_PASSED))[:, None] * powers
-        return key, depth
-
-    def _least_km(self, screen: Screen) -> np.ndarray:
-        """Least altitudes (R,) of the sunbeams on the part of their way that counts for a screen [km]."""
-        b, x = self.beams, _parts(*self._geometry)[1]
-        at_end = np.repeat(x[::SUBLAYERS], np.diff(b.start))
-        near, far = (at_end * np.cos(b.apparent_rad) + s for s in (screen.from_km, screen.to_km))
-        along = np.where(near > 0.0, near, np.where(far < 0.0, far, 0.0))
-        highest = np.maximum.accumulate(x)
-        return np.interp(np.hypot(at_end * np.sin(b.apparent_rad), along), highest, sublayers(self.boundary_km))
-
-    def _place(self, k: Any, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The ray before each zenith angle at boundaries k, and the part of the way to the next, 0 to 1."""
-        b = self.beams
-        i = np.searchsorted(self._tables[0], zenith_rad + 4.0 * k) - 1
-        i = np.minimum(np.maximum(i, b.start[k]), b.start[np.asarray(k) + 1] - 2)
-        f = (zenith_rad - b.zenith_rad[i]) / (b.zenith_rad[i + 1] - b.zenith_rad[i])
-        return i, np.minimum(np.maximum(f, 0.0), 1.0)
-
-    def log_sunbeam(self, k: Any, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """ln of the sunbeam over F0 at boundaries k for true solar zenith angles (...,), (..., W), and how far these
-        are from the shadow of the ground [rad]: negative within it, where the logarithm is that at its edge."""
-        i, f = self._place(k, zenith_rad)
-        depth = self._tables[1]
-        here = depth[i]
-        out = (here - depth[i + 1]) * f[..., None] - here
-        return np.maximum(out, DARK_LOG), self.beams.zenith_rad[self.beams.start[np.asarray(k) + 1] - 1] - zenith_rad
-
-    def apparent_elevation_deg(self, sun_elevation_deg: float) -> float:
-        """Apparent elevation [deg] of a sun of true elevation; of one in the shadow as far above it as at its edge."""
-        true, apparent = _rays_to(self.first, *self._geometry)[:2]
-        lifted = np.interp(np.radians(90.0 - sun_elevation_deg), true, true - apparent)
-        return sun_elevation_deg + float(np.degrees(lifted))
-
-    def line(self, elevation_deg: np.ndarray) -> Line:
-        """Lines of sight (E,), by their apparent elevations [deg]."""
-        j, (_, x, slope, index) = SUBLAYERS * self.first, _parts(*self._geometry)
-        invariant = x[j] * np.cos(np.radians(elevation_deg))
-        path, angle = _through_layers(x[j:], slope[j:], index[j:], invariant)
-        depth = _summed(path[:, :, None] * self.extinction[self.first :])
-        return Line(path, np.concatenate([np.zeros((len(path), 1)), np.cumsum(angle, axis=1)], axis=1), depth)
-
-    def sunlit(self, zenith: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """Transmittance x sunbeam in layers (E, A, K, W), from zenith angles (E, A, K + 1) and depths (E, K + 1, W)."""
-        logs, edge = self.log_sunbeam(np.arange(self.first, self.boundary_km.size), zenith)
-        logs = np.maximum(logs - depth[:, None], DARK_LOG)
-        return log_mean(logs[:, :, :-1], logs[:, :, 1:]) * lit_fraction(edge[:, :, :-1], edge[:, :, 1:])[..., None]
-
-    def scattered_once(self, sun_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
-        """Integrals of scattering coefficient x transmittance x sunbeam along lines of sight, (S, E, A, W); times phase
-        functions [sr^-1] they are light scattered once, L / F0."""
-        line = self.line(elevation_deg)
-        return self.integrated(line, self.sunlit(line.zenith(sun_deg, azimuth_deg)[0], line.depth))
-
-    def integrated(self, line: Line, mean: np.ndarray) -> np.ndarray:
-        """Sums of scattering (S, E, A, W) along lines of sight, of light in layers (E, A, K, W)."""
-        weight = line.path[None, :, :, None] * self.scattering[:, None, self.first :]
-        return np.einsum("sekw,eakw->seaw", weight, mean, optimize=True)
-
-
-def log_mean(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Mean of an exponential between two points, from its logarithms at both."""
-    drop, a, b = first - last, np.exp(first), np.exp(last)
-    small = np.abs(drop) < 1e-3
-    return np.where(small, 0.5 * (a + b), (a - b) / np.where(small, 1.0, drop))
-
-
-def lit_fraction(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Fraction of a segment outside a shadow, from the distances of its ends to the edge, which are negative within."""
-    low, high = np.minimum(first, last), np.maximum(first, last)
-    return np.clip(high / np.maximum(high - low, 1e-12), 0.0, 1.0) * (high > 0.0)
-
-
-def _log_reference(zenith_deg: np.ndarray) -> np.ndarray:
-    """About the logarithm of the light of the sky over that of day, by which diffuse light is interpolated."""
-    beyond = np.maximum(np.asarray(zenith_deg, float) - DECAY_DEG, 0.0)
-    return -np.where(beyond < 8.0, DECAY * beyond**2 / 16.0, DECAY * (beyond - 4.0))
-
-
-class Exchange(NamedTuple):
-    """How the rays from one layer bring light to it from all layers: P pairs of zenith angles (chi, chi') of each layer
-    that they cross, in order of layers.
-
-    groups: for each layer, the first and after the last of its n segments in the order of `_exchanges`, and operators
-        (P, ORDERS n) of them: the mean over azimuths of P_l(ray . sun) x linear interpolation from chi' to the part's
-        own angles; and the same times cos(azimuth)
-    columns, rows (P,): indices of (layer, chi') and of chi of each pair; starts: of the pairs of each (layer, chi)
-    """
-
-    groups: list[tuple[int, int, np.ndarray, np.ndarray]]
-    columns: np.ndarray
-    rows: np.ndarray
-    starts: np.ndarray
-
-    def summed(self, factors: np.ndarray, light: np.ndarray) -> np.ndarray:
-        """Light (C, ..., W) that factors (P, ..., W) make of light ((L + 1) C, W)."""
-        here = light[self.columns].reshape(-1, *[1] * (factors.ndim - 2), light.shape[-1])
-        rows = np.add.reduceat(factors * here, self.starts, axis=0)
-        return rows.reshape(-1, ZENITH_DEG.size, *rows.shape[1:]).sum(axis=0)
-
-
-@functools.lru_cache(maxsize=2)
-def _exchanges(segments: bytes) -> tuple[np.ndarray, list[Exchange]]:
-    """Segments in order of the layers that rays start from and cross, (N,); and for each layer that rays start from,
-    from the lowest up, the ground last."""
-    table = np.frombuffer(segments).reshape(6, -1)
-    sequence = np.lexsort((table[1], table[0]))
-    count, azimuth = ZENITH_DEG.size, np.cos((np.arange(AZIMUTHS) + 0.5) * np.pi / AZIMUTHS)
-    chi, at_nodes = np.radians(ZENITH_DEG)[:, None, None], np.exp(-_log_reference(ZENITH_DEG))
-    out: list[Exchange] = []
-    for k in range(BOUNDARY_KM.size):
-        before, after = np.searchsorted(table[0, sequence], [k, k + 1])
-        own = sequence[before:after]
-        layer, (phi, mu) = table[1, own].astype(int), table[3:5, own, None]
-        local = np.cos(chi) * np.cos(phi) + np.sin(chi) * np.sin(phi) * azimuth
-        zenith = np.minimum(np.degrees(np.arccos(np.clip(local, -1.0, 1.0))), ZENITH_DEG[-1] - 1e-6)  # C N A
-        toward_sun = mu * np.cos(chi) + np.sqrt(1.0 - mu * mu) * np.sin(chi) * azimuth
-        below = np.clip(np.searchsorted(ZENITH_DEG, zenith, side="right") - 1, 0, count - 2)
-        f = (zenith - ZENITH_DEG[below]) / (ZENITH_DEG[below + 1] - ZENITH_DEG[below])
-        reference = np.exp(_log_reference(zenith)) / AZIMUTHS
-        parts = np.stack([(1.0 - f) * reference * at_nodes[below], f * reference * at_nodes[below + 1]])
-        # pairs: where any segment of the layer has a part in them
-        place = (layer[:, None] * count + np.arange(count)[:, None, None]) * count + np.stack([below, below + 1])
-        number = np.zeros(BOUNDARY_KM.size * count * count, int)
-        number[place] = 1
-        used = np.flatnonzero(number)
-        number[used] = np.arange(used.size)
-        columns = used // count**2 * count + used % count
-        # operators of each layer in a row: its pairs times its segments
-        layers, segment, own_layer = np.unique(layer, return_index=True, return_inverse=True)
-        edges = np.append(segment, own.size)
-        bounds = np.searchsorted(used, np.append(layers, BOUNDARY_KM.size) * count**2)
-        sizes = np.diff(edges)
-        base = np.concatenate([[0], np.cumsum(np.diff(bounds) * sizes)])
-        shift = (base[:-1] - bounds[:-1] * sizes)[own_layer] + np.arange(own.size) - segment[own_layer]
-        index = (number[place] * sizes[own_layer][:, None] + shift[:, None]).ravel()
-        rows, x = np.empty((2, ORDERS, base[-1]), np.float32), toward_sun
-        for order, series in enumerate((np.ones_like(x), x, 1.5 * x * x - 0.5, (2.5 * x * x - 1.5) * x)):
-            for n, by in enumerate((series, series * azimuth)):
-                rows[n, order] = np.bincount(index, (parts * by).ravel(), minlength=base[-1])
-        groups: list[tuple[int, int, np.ndarray, np.ndarray]] = []
-        for n, (i, j) in enumerate(pairwise(edges)):
-            some = rows[:, :, base[n] : base[n + 1]].reshape(2, ORDERS, -1, j - i)
-            upright, turned = np.swapaxes(some, 1, 2).reshape(2, -1, ORDERS * (j - i))
-            groups.append((before + i, before + j, upright, turned))
-        starts = np.searchsorted(used // count, np.unique(used // count))
-        out.append(Exchange(groups, columns, used // count % count, starts))
-    return sequence, out
-
-
-def _positive(first: np.ndarray, further: np.ndarray) -> np.ndarray:
-    """The sum of the first term of a series, at least 0, and further ones; never negative, without a kink."""
-    ratio = further / np.maximum(first, 1e-35)
-    return first * np.where(ratio.real > 0.0, 1.0 + ratio, np.exp(np.minimum(ratio, 0.0)))
-
-
-def _factors(group: tuple, every: np.ndarray, aside: np.ndarray, sources: np.ndarray, out: np.ndarray) -> None:
-    """Sums over the segments of one layer, operators times weights of the segments, into out (P, 7 W)."""
-    first, last, upright, turned = group
-    n, w = last - first, aside.shape[1]
-    here = sources[:, :, first:last].reshape(3, ORDERS * n, w)
-
-    def times(operators: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        return (operators @ weights.view(np.float32)).view(weights.dtype)
-
-    both = times(upright[:, :n], every[first:last])
-    out[:, : 2 * w], out[:, 3 * w : 4 * w] = both[:, : 2 * w], both[:, 2 * w :]
-    out[:, 2 * w : 3 * w] = times(turned[:, :n], aside[first:last])
-    out[:, 4 * w : 5 * w] = times(upright[:, n:], here[0, n:])
-    out[:, 5 * w : 6 * w], out[:, 6 * w :] = times(upright, here[1]), times(turned, here[2])
-
-
 class Skies:
     """The skies of an air seen by one observer, under every sun; observer_km: above the ground, 0 to 15."""
 
@@ -575,7 +228,6 @@ class Skies:
         per_km, d, of_aerosols = 1.0 / np.diff(ALTITUDE_KM)[:, None], air.depth, air.aerosol_depth
         self.peak_fraction = air.peaks(air.moments)
         peak = np.einsum("kw,klw->lw", self.peak_fraction, of_aerosols)
-        asymmetry = np.einsum("kw,klw->lw", air.moments[:, :, 1] - self.peak_fraction, of_aerosols)
         ln = np.interp(sublayers(boundary), sublayers(ALTITUDE_KM), np.log(air.refractivity))
         self.shells = Shells(
             boundary,
@@ -587,12 +239,8 @@ class Skies:
             air.radius_km,
         )
         self._peak_depth = self.shells.beams.path_km @ self.shells.peak
-        self._scattering = ((d[AIR] + of_aerosols.sum(axis=0) - peak) * per_km)[layer][self.shells.first :]
-        self._forward = _single(
-            (3.0 * asymmetry * per_km)[layer][self.shells.first :] / np.maximum(self._scattering, 1e-30)
-        )
         self.nodes = self.shells.line(ELEVATION_DEG)
-        self._diffuse = self._diffuse_light()
+        self._diffuse = diffuse_light(air, self.shells, model.segments)
         self.inputs, self.log_base = air.inputs(observer_km), self._log_base()
         *fitted, self._spread = model.at_nodes(self.inputs, self.log_base)
         self._fitted, self._taken = np.array(fitted), np.zeros(SUN_DEG.size)
@@ -603,7 +251,7 @@ class Skies:
         made, made.shells = copy.copy(self), copy.copy(self.shells)
         made.shells.screen = screen, powers
         made.shells.__dict__.pop("_tables")
-        made._diffuse = made._diffuse_light()
+        made._diffuse = diffuse_light(self.air, made.shells, self.model.segments)
         taken = (self.log_base - made._log_base()).real.reshape(len(powers), SUN_DEG.size, -1)
         made._taken = np.percentile(taken, 95, axis=(0, 2))
         return made
@@ -615,116 +263,11 @@ class Skies:
         first = self.shells.beams.zenith_rad[dims].min(initial=np.pi)
         return 90.0 - float(np.degrees(first)) + SPARED_DEG
 
-    def _coefficients(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of the layers between BOUNDARY_KM, by the similarity rule: extinction [km^-1], albedo (L, W); and (2 l + 1) x
-        moment l of what scatters the sunbeam x its coefficient, over scattering, (ORDERS, L, W)."""
-        air, rho = self.air, self.air.depolarisation
-        place = np.searchsorted(ALTITUDE_KM, BOUNDARY_KM - 1e-9)
-        d = np.diff(_summed(np.concatenate([air.depth, air.aerosol_depth]))[:, place], axis=1)
-        of_aerosols, moments = d[len(air.depth) :], air.moments
-        forwards = np.einsum("kw,klw->lw", moments[:, :, 1], of_aerosols)
-        scattering = d[AIR] + of_aerosols.sum(axis=0) - forwards
-        extinction = d[AIR] + d[ABSORPTION] + d[EXTINCTION] - forwards
-        of_air = [np.ones_like(rho), np.zeros_like(rho), (1.0 - rho) / (5.0 * (2.0 + rho)), np.zeros_like(rho)]
-        first = []
-        for order in range(ORDERS):
-            of_aerosol = np.einsum("kw,klw->lw", moments[:, :, order] - self.peak_fraction, of_aerosols)
-            first.append((2 * order + 1) * (of_air[order] * d[AIR] + of_aerosol) / scattering)
-        return extinction / np.diff(BOUNDARY_KM)[:, None], scattering / extinction, np.array(first)
-
-    def _diffuse_light(self) -> np.ndarray:
-        """Light scattered at least once, over F0, in layers between BOUNDARY_KM at ZENITH_DEG, (3, L, C, W): its mean
-        intensity J, and V, the mean of its radiance times the direction it comes from, upwards and towards the sun.
-
-            J_next(z, chi) = sum_rays w sum_segments T (1 - exp(-tau)) albedo sum_chi' G(chi, chi') J(z', chi')
-        """
-        extinction, albedo, phases = self._coefficients()
-        zenith = np.radians(ZENITH_DEG)
-        places = np.array([int(np.argmin(np.abs(self.shells.boundary_km - z))) for z in BOUNDARY_KM])
-        beam, edge = self.shells.log_sunbeam(places[:, None], zenith)
-        direct = log_mean(beam[:-1], beam[1:]) * lit_fraction(edge[:-1], edge[1:])[..., None]  # L C W
-        on_ground = np.maximum(np.cos(zenith), 0.0) * (edge[0] > 0.0)
-        layer = self.model.segments[1].astype(int)
-        length, _, cosine, weight = self.model.segments[2:].astype(float)
-        top = layer == BOUNDARY_KM.size - 1
-        clear = np.zeros((1, extinction.shape[1]))
-        depth = np.where(top[:, None], 60.0, np.concatenate([extinction, clear])[layer] * length[:, None])
-        passed, ray = np.cumsum(depth, axis=0) - depth, np.cumsum(weight > 0.0) - 1
-        passed -= passed[weight > 0.0][ray]
-        reaches = np.exp(-passed) * -np.expm1(-depth) * np.concatenate([albedo, clear + 1.0])[layer]
-        order, exchanges = _exchanges(self.model.segments.astype(float).tobytes())
-        reaches = _single(reaches * weight[weight > 0.0][ray, None])[order]
-        up, layer = cosine.astype(np.float32)[order, None], layer[order]
-        aside, n = reaches * np.sqrt(1.0 - up * up), reaches.shape[1]
-        ground_alone = np.eye(ORDERS)[:, :1, None] * np.ones(n)  # (ORDERS, 1, W)
-        of_order = _single(np.concatenate([phases, ground_alone], axis=1))[:, layer]  # ORDERS N W
-        every = np.concatenate([reaches, reaches * up, of_order[0] * reaches], axis=1)
-        sources = np.stack([of_order * part for part in (reaches, reaches * up, aside)])
-        ground = self.air.ground_albedo / np.pi * np.exp(beam[0]) * on_ground[:, None]
-        light = _single(np.concatenate([direct / (4.0 * np.pi), ground[None]])).reshape(-1, n)
-        first: list[np.ndarray] = []
-        vector: list[list[np.ndarray]] = []
-        flows, factors, pairs = list(first), list(first), list(first)
-        for k, one in enumerate(exchanges):
-            made, place = np.empty((one.columns.size, 7 * n), reaches.dtype), 0
-            for group in one.groups:
-                _factors(group, every, aside, sources, made[place : place + len(group[2])])
-                place += len(group[2])
-            made = made.reshape(len(made), 7, n)  # of any order: J, V upwards, aside; of the first: J in two parts, V
-            zeroth, further, *flow = np.moveaxis(one.summed(made[:, 3:], light), 1, 0)
-            first.append(_positive(zeroth, further))
-            vector.append(flow)
-            flows.append(np.ascontiguousarray(made[:, 1:3]))
-            factors.append(made[:, 0].T.copy())
-            pairs.append((k * ZENITH_DEG.size + one.rows) * len(light) + one.columns)
-        now = np.array(first)
-        now[-1] *= self.air.ground_albedo
-        total = self._later_orders(np.concatenate(factors, axis=1), np.concatenate(pairs), now.reshape(-1, n))
-        more = [one.summed(f, total) for one, f in zip(exchanges, flows, strict=True)]
-        directed = np.moveaxis(np.array(vector), 1, 0) + np.moveaxis(np.array(more), 2, 0)
-        return np.concatenate([total.reshape(1, *now.shape), directed])[:, :-1]
-
-    def _later_orders(self, factors: np.ndarray, pairs: np.ndarray, first: np.ndarray) -> np.ndarray:
-        """Light of all orders ((L + 1) C, W) from the first one, by factors (W, P) at pairs in ((L + 1) C)^2."""
-        out, count = np.empty_like(first), len(first)
-        for w, albedo in enumerate(self.air.ground_albedo):
-            matrix = np.zeros(count * count, factors.dtype)
-            matrix[pairs] = factors[w]
-            matrix = matrix.reshape(count, count)
-            matrix[-ZENITH_DEG.size :] *= _single(np.asarray(albedo))
-            now = total = np.ascontiguousarray(first[:, w])
-            for _ in range(SCATTERINGS - 1):
-                before, now = now, matrix @ now
-                total = total + now
-            ratio = np.clip(now / np.maximum(before, 1e-30), 0.0, MOST_RATIO)
-            out[:, w] = total + now * ratio / (1.0 - ratio)
-        return out
-
     def base_at(
         self, sun_deg: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, line: Line
     ) -> np.ndarray:
-        """M_0 under suns (S,) in directions, (S, E, A, W): the last scattering has its direction, J + 3 g V.e."""
-        extinction = self.shells.extinction[self.shells.first :]
-        inside = line.path[:, :, None] * extinction
-        seen = np.where(
-            np.abs(inside) > 1e-6, -np.expm1(-inside) / np.maximum(extinction, 1e-30), line.path[:, :, None]
-        )
-        weight = np.exp(-line.depth[:, :-1]) * seen * self._scattering
-        zenith = line.zenith(sun_deg, azimuth_deg, middle=True)
-        degrees = np.minimum(np.degrees(zenith), ZENITH_DEG[-1] - 1e-6)
-        k = np.clip(np.searchsorted(ZENITH_DEG, degrees, side="right") - 1, 0, ZENITH_DEG.size - 2)
-        f = ((degrees - ZENITH_DEG[k]) / (ZENITH_DEG[k + 1] - ZENITH_DEG[k]))[..., None].astype(np.float32)
-        scaled = _single(self._diffuse * np.exp(-_log_reference(ZENITH_DEG))[:, None])
-        middle = 0.5 * (self.shells.boundary_km[1:] + self.shells.boundary_km[:-1])[self.shells.first :]
-        layer = np.searchsorted(BOUNDARY_KM, middle) - 1
-        mean, up, aside = (part[layer, k] * (1.0 - f) + part[layer, k + 1] * f for part in scaled)
-        sun, elevation = np.radians(90.0 - np.atleast_1d(sun_deg))[:, None, None], np.radians(elevation_deg)[:, None]
-        upwards = np.sin(elevation + 0.5 * (line.angle[:, 1:] + line.angle[:, :-1]))[:, None]
-        from_sun = np.cos(sun) * np.sin(elevation) + np.sin(sun) * np.cos(elevation) * np.cos(np.radians(azimuth_deg))
-        towards = (from_sun[..., None] - np.cos(zenith) * upwards) / np.maximum(np.sin(zenith), 1e-3)
-        further = up * upwards[..., None].astype(np.float32) + aside * towards[..., None].astype(np.float32)
-        source = _positive(mean, self._forward * further) * np.exp(_log_reference(degrees))[..., None]
-        return np.maximum(np.einsum("ekw,seakw->seaw", weight, source, optimize=True), DARK)
+        """M_0 under suns (S,) in directions along lines of sight, (S, E, A, W)."""
+        return seen_along(self.air, self.shells, self._diffuse, sun_deg, elevation_deg, azimuth_deg, line)
 
     def _log_base(self) -> np.ndarray:
         """ln M_0 under all suns, an input of the network, (W, B)."""
@@ -740,10 +283,10 @@ class Skies:
         base = self.base_at(np.array([sun_elevation_deg]), ELEVATION_DEG, AZIMUTH_DEG, line)[0]
         multiple = np.log(base) + log_ratio
         mean = shells.sunlit(line.zenith(sun_elevation_deg, AZIMUTH_DEG)[0], line.depth)
-        single = np.log(np.maximum(shells.integrated(line, mean), DARK) + NEGLIGIBLE * np.exp(multiple))
+        once = np.log(np.maximum(shells.integrated(line, mean), DARK) + NEGLIGIBLE * np.exp(multiple))
         peaks = self._widened(sun_elevation_deg, mean[:, 0]) if len(air.aerosol_depth) else None
         apparent = shells.apparent_elevation_deg(sun_elevation_deg)
-        sky = Sky(apparent, air, np.concatenate([multiple[None], single]), np.array(polarised), peaks)
+        sky = Sky(apparent, air, np.concatenate([multiple[None], once]), np.array(polarised), peaks)
         light = sky.light(ELEVATION_DEG, AZIMUTH_DEG, widen=False).real[..., 0, :]
         spread = np.abs(np.einsum("s,wsea->eaw", weight, self._spread)) * np.exp(multiple.real) / light
         # terms of bands of gases that let no light through have no part in the sky
@@ -784,7 +327,7 @@ class Skies:
             small, 0.5 * none * x * mixed, (np.exp(-x * (1.0 - mixed)) - none) / np.where(small, 1.0, mixed * x) - none
         )
         series = (np.where(f > 1e-6, f, 0.0)[..., None] * moments)[:, None] * g + (1.0 - none) * followed[:, None]
-        return x[..., 0], np.swapaxes(_single(series) @ _legendre_terms().T, -1, -2)
+        return x[..., 0], np.swapaxes(single(series) @ _legendre_terms().T, -1, -2)
 
     @functools.cached_property
     def _peaks(self) -> tuple[np.ndarray, np.ndarray]:
@@ -823,7 +366,7 @@ class Sky(NamedTuple):
         air, rho = self.air, self.air.depolarisation
         rows = splines(np.log(ELEVATION_DEG + 1.5), np.log(elevation_deg + 1.5))
         even, odd = azimuth_splines(azimuth_deg)
-        multiple, *single = np.exp(_interpolated(self.logarithms, rows, even, on_grid))
+        multiple, *once = np.exp(_interpolated(self.logarithms, rows, even, on_grid))
         sun, e, a = (np.radians(x) for x in (self.sun_elevation_deg, elevation_deg, azimuth_deg))
         e, a = (e[:, None], a[None]) if on_grid else (e, a)
         cosine = np.clip(np.sin(e) * np.sin(sun) + np.cos(e) * np.cos(sun) * np.cos(a), -1.0, 1.0)
@@ -841,12 +384,12 @@ class Sky(NamedTuple):
                 np.maximum(phase * dimmed + more[row, j] * (1.0 - part) + more[row, j + 1] * part, 0.0)
                 for phase, more in zip(widened, added, strict=True)
             ]
-        stokes = [multiple + sum(phase * q for phase, q in zip([phases[0], *widened], single, strict=True))]
+        stokes = [multiple + sum(phase * q for phase, q in zip([phases[0], *widened], once, strict=True))]
         if n_stokes > 1:
             rayleigh = -3.0 / (16.0 * np.pi) * (1.0 - rho) / (1.0 + 0.5 * rho) * (1.0 - cosine[..., None] ** 2)
-            polarised = rayleigh * single[0] + sum(
+            polarised = rayleigh * once[0] + sum(
                 phase * (ratio[i] * (1.0 - f) + ratio[i + 1] * f) * q
-                for phase, ratio, q in zip(phases[1:], air.polarising, single[1:], strict=True)
+                for phase, ratio, q in zip(phases[1:], air.polarising, once[1:], strict=True)
             )
             # across the line of sight, the sun's direction has these components in the vertical plane and beside it
             vertical = np.cos(e) * np.sin(sun) - np.sin(e) * np.cos(sun) * np.cos(a)

@@ -14,18 +14,18 @@ import numpy as np
 
 from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
-from twilight.transport.clear_air import (
+from twilight.transport.shells import (
     ALTITUDE_KM,
     DARK_LOG,
     SUBLAYERS,
     Line,
     Shells,
     _parts,
-    _summed,
     _through_layers,
     lit_fraction,
     log_mean,
     sublayers,
+    summed,
 )
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ class ShellsBelow(Shells):
         falling = np.arange(order.size) < first
         passed = falling | (invariant_km > edges[0])[:, None]
         path, angle = path[:, order] * passed, angle[:, order] * passed
-        depth = _summed(path[:, :, None] * self.extinction[order])
+        depth = summed(path[:, :, None] * self.extinction[order])
         before = before_rad[:, None]
         line = Line(path, np.concatenate([before, before + np.cumsum(angle, axis=1)], axis=1), depth)
         boundary = np.concatenate([np.arange(first + 1)[::-1], np.arange(1, edges.size)])

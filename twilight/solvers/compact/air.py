@@ -9,18 +9,9 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.numerics.phase import TABLE, PhaseFunction, table_angles_rad
-from twilight.transport.clear_air import (
-    AIR,
-    ALTITUDE_KM,
-    ANGLES_DEG,
-    EXTINCTION,
-    HIGH,
-    LOW,
-    MOST_DEGREE,
-    PEAK_DEGREE,
-    Air,
-    sublayers,
-)
+from twilight.transport.clear_air import ANGLES_DEG, MOST_DEGREE, PEAK_DEGREE, Air
+from twilight.transport.diffuse import AIR, EXTINCTION, HIGH, LOW
+from twilight.transport.shells import ALTITUDE_KM, sublayers
 
 SPLIT_KM = 12.0
 """Altitude above the ground up to which the aerosol has the lower one of two mean phase functions [km]."""

@@ -1,0 +1,247 @@
+"""Light scattered once in refracting spherical shells, by closed forms and numpy alone."""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from twilight.atmosphere.screen import Screen
+
+EARTH_RADIUS_KM = 6371.0
+ALTITUDE_KM = np.concatenate(
+    [
+        *([0, 0.02, 0.06, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 1.7], np.arange(2, 6, 0.5), np.arange(6.0, 16.0)),
+        *([16, 17.5, 19, 20.5, 22, 24, 26, 28, 30, 33], np.arange(36.0, 81.0, 3.0), [82, 86, 90, 95, 100]),
+    ]
+)
+"""Boundaries of the L layers above the ground [km]."""
+SUBLAYERS = 4
+"""Parts of each layer in which n r is linear; with 6 the sunbeam differs by less than 0.1 %."""
+STEEPEST_DEG, RAYS_FROM_ABOVE, RAYS_FROM_BELOW = 0.03, 90, 100
+"""Of the table of sunbeams of an altitude: elevation of the lowest ray from above beside the horizontal one; counts."""
+LEAST_SPREAD = 0.05
+"""Least d(true)/d(apparent zenith angle) of a sunbeam: beyond it the beam would be focused."""
+DARKEST_PASSED = 1e-6
+"""Least part of a sunbeam that passes a screen, so that it has a logarithm, which is interpolated."""
+DARK_LOG, DARK = -700.0, 1e-35
+"""Logarithm of the sunbeam in the shadow of the Earth; least radiance over F0 whose logarithm is taken [sr^-1]."""
+
+
+def summed(depth: np.ndarray) -> np.ndarray:
+    """Optical depths (..., L + 1, W) below the boundaries of layers, from those of the layers (..., L, W)."""
+    return np.concatenate([np.zeros_like(depth[..., :1, :]), np.cumsum(depth, axis=-2)], axis=-2)
+
+
+def single(x: np.ndarray) -> np.ndarray:
+    """In single precision, real or complex."""
+    return x.astype(np.complex64 if np.iscomplexobj(x) else np.float32, copy=False)
+
+
+class Beams(NamedTuple):
+    """Geometry of shells: rays from the sun to each boundary, R in all, those to boundary k from start[k] on.
+
+    zenith_rad, apparent_rad (R,): true and apparent solar zenith angles; log_factor (R,): ln of the beam's spreading
+    path_km (R, L): ways in the layers
+    """
+
+    start: np.ndarray
+    zenith_rad: np.ndarray
+    apparent_rad: np.ndarray
+    log_factor: np.ndarray
+    path_km: np.ndarray
+
+
+def sublayers(boundary_km: np.ndarray) -> np.ndarray:
+    """Boundaries of the equal parts of layers (L + 1,), (SUBLAYERS L + 1,)."""
+    part = np.arange(SUBLAYERS) / SUBLAYERS
+    low, high = boundary_km[:-1, None], boundary_km[1:, None]
+    return np.append((low + part * (high - low)).ravel(), boundary_km[-1])
+
+
+def _through_layers(
+    x: np.ndarray, slope: np.ndarray, index: np.ndarray, b: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Path [km] and angle at the Earth's centre [rad] of rays in each layer, (B, L), on one side of their lowest point:
+    s = sqrt(x^2 - b^2) / (dx/dr), phi = n arccos(b / x) / (dx/dr), b (B,) = n r sin(zenith angle) being Bouguer's
+    invariant [km] and x = n r, linear in r."""
+    b = b[:, None]
+    beyond = np.maximum(x[None], b)
+    path = np.diff(np.sqrt(np.maximum(beyond * beyond - b * b, 0.0)), axis=1) / slope
+    angle = np.diff(np.arccos(np.minimum(b / beyond, 1.0)), axis=1) * (index / slope)
+    shape = (len(b), -1, SUBLAYERS)
+    return path.reshape(shape).sum(axis=2), angle.reshape(shape).sum(axis=2)
+
+
+@functools.lru_cache(maxsize=8)
+def _parts(boundary: bytes, refractivity: bytes, radius_km: float) -> tuple[np.ndarray, ...]:
+    """n, n r [km] at the boundaries of parts of layers, d(n r)/d r and mean n of the parts."""
+    n, radius = 1.0 + np.frombuffer(refractivity), radius_km + sublayers(np.frombuffer(boundary))
+    return n, n * radius, np.diff(n * radius) / np.diff(radius), 0.5 * (n[1:] + n[:-1])
+
+
+@functools.lru_cache(maxsize=512)
+def _rays_to(k: int, boundary: bytes, refractivity: bytes, radius_km: float) -> tuple[np.ndarray, ...]:
+    """Rays from the sun to boundary k: true and apparent zenith angles, ln of the spreading, ways in layers (R, L)."""
+    n, x, slope, index = _parts(boundary, refractivity, radius_km)
+    edge, right, m, j = x[::SUBLAYERS], 0.5 * np.pi, RAYS_FROM_BELOW // 4, SUBLAYERS * k
+    apparent = np.append(right - np.radians(np.geomspace(STEEPEST_DEG, 90.0, RAYS_FROM_ABOVE)[::-1]), right)
+    down = apparent.size
+    if k:
+        even, grazing = np.linspace(0.0, 1.0, 3 * m + 1)[1:], 1.0 - np.geomspace(1e-4, 0.5, m)
+        below = right + np.arccos(edge[0] / edge[k]) * np.unique(np.concatenate([even, grazing]))
+        apparent = np.concatenate([apparent, below])
+    b = edge[k] * np.sin(apparent)
+    path, angle = np.zeros((2, apparent.size, edge.size - 1))
+    if j < slope.size:
+        path[:down, k:], angle[:down, k:] = _through_layers(x[j:], slope[j:], index[j:], b[:down])
+    if k:
+        path[down:], angle[down:] = _through_layers(x, slope, index, b[down:])
+        path[down:, :k] *= 2.0  # layers below the point twice, down and up again
+        angle[down:, :k] *= 2.0
+    true = angle.sum(axis=1) + np.arcsin(np.minimum(b / edge[-1], 1.0))
+    spread, sine = np.maximum(np.gradient(true, apparent), LEAST_SPREAD), np.sin(apparent)
+    factor = n[j] ** 2 * sine / np.maximum(np.sin(true), 1e-9) / spread
+    factor[sine < 1e-6] = 1.0
+    return true, apparent, np.log(factor), path
+
+
+@functools.lru_cache(maxsize=8)
+def _beams(boundary: bytes, refractivity: bytes, radius_km: float) -> Beams:
+    rows = [_rays_to(k, boundary, refractivity, radius_km) for k in range(np.frombuffer(boundary).size)]
+    start = np.cumsum([0, *(row[0].size for row in rows)])
+    return Beams(start, *(np.concatenate(part) for part in zip(*rows, strict=True)))
+
+
+class Line(NamedTuple):
+    """Lines of sight (E,) through the layers above the observer: way [km] (E, K), angle from the observer at the
+    Earth's centre (E, K + 1) [rad] and optical depth (E, K + 1, W) at each boundary."""
+
+    path: np.ndarray
+    angle: np.ndarray
+    depth: np.ndarray
+
+    def zenith(self, sun_deg: np.ndarray | float, azimuth_deg: np.ndarray, middle: bool = False) -> np.ndarray:
+        """True solar zenith angles [rad] at boundaries, or in the middle of layers, (suns, E, A, K + 1)."""
+        sun = np.radians(90.0 - np.atleast_1d(sun_deg))[:, None, None, None]
+        angle = 0.5 * (self.angle[:, 1:] + self.angle[:, :-1]) if middle else self.angle
+        aside = np.sin(angle)[:, None] * np.cos(np.radians(azimuth_deg))[:, None]
+        return np.arccos(np.clip(np.cos(angle)[:, None] * np.cos(sun) + aside * np.sin(sun), -1.0, 1.0))
+
+
+class Shells:
+    """Light scattered once in refracting spherical shells, for one observer, by closed forms.
+
+    The sunbeam at a point is exp(-tau) n^2 sin(i) / (sin(chi) d chi / d i), i the apparent and chi the true solar
+    zenith angle, tabulated for each altitude over chi.  Along a line of sight ln(transmittance x sunbeam) is linear in
+    each layer, in its part outside the shadow of the ground.
+
+    boundary_km (L + 1,): altitudes above the ground, the observer's among them; extinction, peak (L, W), scattering
+    (S, L, W) [km^-1]: without scattering in forward peaks, that in peaks, and of each of S kinds; refractivity
+    (SUBLAYERS L + 1,); screen: what dims the sunbeam beyond the horizon, and the powers (W,) of its T
+    """
+
+    def __init__(
+        self,
+        boundary_km: np.ndarray,
+        extinction: np.ndarray,
+        scattering: np.ndarray,
+        peak: np.ndarray,
+        refractivity: np.ndarray,
+        observer_km: float = 0.0,
+        radius_km: float = EARTH_RADIUS_KM,
+        screen: tuple[Screen, np.ndarray] | None = None,
+    ):
+        self.boundary_km, self.extinction, self.scattering, self.peak = boundary_km, extinction, scattering, peak
+        self.screen = screen
+        self.first = int(np.argmin(np.abs(boundary_km - observer_km)))
+        parts = (np.asarray(boundary_km, float).tobytes(), np.asarray(refractivity, float).tobytes())
+        self._geometry = (*parts, float(radius_km))
+
+    @functools.cached_property
+    def beams(self) -> Beams:
+        """All sunbeams, computed when they are first asked for."""
+        return _beams(*self._geometry)
+
+    @functools.cached_property
+    def _tables(self) -> tuple[np.ndarray, np.ndarray]:
+        """Zenith angles that go on rising from boundary to boundary, (R,), and -ln of the sunbeams, (R, W)."""
+        b = self.beams
+        key = b.zenith_rad + 4.0 * np.repeat(np.arange(self.boundary_km.size), np.diff(b.start))
+        depth = b.path_km @ self.extinction - b.log_factor[:, None]
+        if self.screen is not None:
+            screen, powers = self.screen
+            depth -= np.log(np.maximum(screen.at(self._least_km(screen)), DARKEST_PASSED))[:, None] * powers
+        return key, depth
+
+    def _least_km(self, screen: Screen) -> np.ndarray:
+        """Least altitudes (R,) of the sunbeams on the part of their way that counts for a screen [km]."""
+        b, x = self.beams, _parts(*self._geometry)[1]
+        at_end = np.repeat(x[::SUBLAYERS], np.diff(b.start))
+        near, far = (at_end * np.cos(b.apparent_rad) + s for s in (screen.from_km, screen.to_km))
+        along = np.where(near > 0.0, near, np.where(far < 0.0, far, 0.0))
+        highest = np.maximum.accumulate(x)
+        return np.interp(np.hypot(at_end * np.sin(b.apparent_rad), along), highest, sublayers(self.boundary_km))
+
+    def _place(self, k: Any, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The ray before each zenith angle at boundaries k, and the part of the way to the next, 0 to 1."""
+        b = self.beams
+        i = np.searchsorted(self._tables[0], zenith_rad + 4.0 * k) - 1
+        i = np.minimum(np.maximum(i, b.start[k]), b.start[np.asarray(k) + 1] - 2)
+        f = (zenith_rad - b.zenith_rad[i]) / (b.zenith_rad[i + 1] - b.zenith_rad[i])
+        return i, np.minimum(np.maximum(f, 0.0), 1.0)
+
+    def log_sunbeam(self, k: Any, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ln of the sunbeam over F0 at boundaries k for true solar zenith angles (...,), (..., W), and how far these
+        are from the shadow of the ground [rad]: negative within it, where the logarithm is that at its edge."""
+        i, f = self._place(k, zenith_rad)
+        depth = self._tables[1]
+        here = depth[i]
+        out = (here - depth[i + 1]) * f[..., None] - here
+        return np.maximum(out, DARK_LOG), self.beams.zenith_rad[self.beams.start[np.asarray(k) + 1] - 1] - zenith_rad
+
+    def apparent_elevation_deg(self, sun_elevation_deg: float) -> float:
+        """Apparent elevation [deg] of a sun of true elevation; of one in the shadow as far above it as at its edge."""
+        true, apparent = _rays_to(self.first, *self._geometry)[:2]
+        lifted = np.interp(np.radians(90.0 - sun_elevation_deg), true, true - apparent)
+        return sun_elevation_deg + float(np.degrees(lifted))
+
+    def line(self, elevation_deg: np.ndarray) -> Line:
+        """Lines of sight (E,), by their apparent elevations [deg]."""
+        j, (_, x, slope, index) = SUBLAYERS * self.first, _parts(*self._geometry)
+        invariant = x[j] * np.cos(np.radians(elevation_deg))
+        path, angle = _through_layers(x[j:], slope[j:], index[j:], invariant)
+        depth = summed(path[:, :, None] * self.extinction[self.first :])
+        return Line(path, np.concatenate([np.zeros((len(path), 1)), np.cumsum(angle, axis=1)], axis=1), depth)
+
+    def sunlit(self, zenith: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        """Transmittance x sunbeam in layers (E, A, K, W), from zenith angles (E, A, K + 1) and depths (E, K + 1, W)."""
+        logs, edge = self.log_sunbeam(np.arange(self.first, self.boundary_km.size), zenith)
+        logs = np.maximum(logs - depth[:, None], DARK_LOG)
+        return log_mean(logs[:, :, :-1], logs[:, :, 1:]) * lit_fraction(edge[:, :, :-1], edge[:, :, 1:])[..., None]
+
+    def scattered_once(self, sun_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+        """Integrals of scattering coefficient x transmittance x sunbeam along lines of sight, (S, E, A, W); times phase
+        functions [sr^-1] they are light scattered once, L / F0."""
+        line = self.line(elevation_deg)
+        return self.integrated(line, self.sunlit(line.zenith(sun_deg, azimuth_deg)[0], line.depth))
+
+    def integrated(self, line: Line, mean: np.ndarray) -> np.ndarray:
+        """Sums of scattering (S, E, A, W) along lines of sight, of light in layers (E, A, K, W)."""
+        weight = line.path[None, :, :, None] * self.scattering[:, None, self.first :]
+        return np.einsum("sekw,eakw->seaw", weight, mean, optimize=True)
+
+
+def log_mean(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Mean of an exponential between two points, from its logarithms at both."""
+    drop, a, b = first - last, np.exp(first), np.exp(last)
+    small = np.abs(drop) < 1e-3
+    return np.where(small, 0.5 * (a + b), (a - b) / np.where(small, 1.0, drop))
+
+
+def lit_fraction(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Fraction of a segment outside a shadow, from the distances of its ends to the edge, which are negative within."""
+    low, high = np.minimum(first, last), np.maximum(first, last)
+    return np.clip(high / np.maximum(high - low, 1e-12), 0.0, 1.0) * (high > 0.0)
