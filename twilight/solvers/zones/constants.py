@@ -209,7 +209,7 @@ MAX_SUNLIT_STEP_KM: Tuned[float, "km", ANY, "test_sunlight_between_the_altitudes
     "largest interval between altitudes of that table at the ground"] = 0.1
 SUNLIT_STEP_GROWTH: Tuned[float, "1", ANY, "test_sunlight_between_the_altitudes_of_its_table",
     "growth of that largest interval with height above the ground"] = 0.02
-PHASE_NODES: Tuned[int, "1", COARSE, "test_light_scattered_once_is_that_of_the_cells_solver",
+PHASE_NODES: Tuned[int, "1", COARSE, "test_published_stokes_vectors",
     "cosines of the scattering angle, from -1 to 1, at which phase functions of sunlight are tabulated"] = 2049
 GEOMETRY_STEPS: Tuned[int, "1", ANY, "test_refinement_converges",
     "geocentric angles at which the solar zenith angle and the azimuth along rays are tabulated"] = 160
