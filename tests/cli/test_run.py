@@ -51,7 +51,7 @@ def test_what_is_left_out_moves_the_sky_by_less_than_stated(climate, settings, l
     assert make_plan(everything).climate == everything.climate
     short, full = (run(resolve(config)).sun_normalised_radiance for config in (planned, everything))
     moved = np.abs(short / full - 1.0).max()
-    assert moved <= tolerance + 5e-6  # rounding of single precision
+    assert moved <= tolerance + 1e-4  # the grids of `zones` follow the levels of the air
     if tolerance:
         assert moved > 0.0
 
