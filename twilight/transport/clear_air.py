@@ -6,8 +6,8 @@
 Q_k, of scattering by air and each aerosol, are integrals along refracted lines of sight through spherical shells
 (`Shells`); P_k are the phase functions, their forward peaks widened (`_widened`).  M_0 are orders of scattering, the
 first and the last with their direction (`diffuse`).  c_n, one set for each wavelength, air and observer, for
-every sun, are the mean of some small networks of what names the air (`Air.inputs`) and of ln M_0 under all suns; v_n
-are principal components of ln(M / M_0) in air that `zones` has solved.  Q / M and U / M are sums of the same kind.
+every sun, are the mean of some small networks of what names the air (`network_inputs`) and of ln M_0 under all suns;
+v_n are principal components of ln(M / M_0) in air that `zones` has solved.  Q / M and U / M are sums of the same kind.
 
     skies = Skies(Model.load("clear-air.npz"), Air(**numpy.load("air.npz")), observer_km=0.0)
     light = skies.sky(-4.0).light(elevation_deg, azimuth_deg, n_stokes=3)       # (E, A, 3, W) [sr^-1]
@@ -42,8 +42,22 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from twilight.transport.diffuse import ABSORPTION, AIR, EXTINCTION, HIGH, LOW, diffuse_light, seen_along
-from twilight.transport.shells import ALTITUDE_KM, DARK, EARTH_RADIUS_KM, Line, Shells, single, sublayers, summed
+from twilight.transport.diffuse import diffuse_light, seen_along
+from twilight.transport.shells import (
+    ABSORPTION,
+    AIR,
+    ALTITUDE_KM,
+    DARK,
+    EXTINCTION,
+    HIGH,
+    LOW,
+    Air,
+    Line,
+    Shells,
+    single,
+    sublayers,
+    summed,
+)
 
 if TYPE_CHECKING:
     from twilight.atmosphere.screen import Screen
@@ -62,8 +76,6 @@ SCREEN_ERROR = 0.1
 """Error at 95 % of a sky, as a part of what a screen takes of ln(light), by `benchmarks/clear_air.py screen`."""
 SPARED_DEG = 2.5
 """How far above the highest sun whose beams a screen dims anywhere it takes less than 0.1 % of any sky [deg]."""
-MOST_DEGREE = 16
-"""Degree to which phase functions are followed at most; what is beyond is their forward peak."""
 PEAK_DEGREE, PEAK_ANGLES, LEAST_PEAK_DEPTH = 400, 161, 1e-4
 """Of the widened peaks: degree, angles of tables, optical depth of scattering in peaks below which they stay."""
 SLAB_KM = np.array([0, 0.25, 0.7, 1.35, 2, 3, 4.5, 6, 8, 10, 12, 15, 19, 24, 30, 39, 60, 100])
@@ -71,8 +83,6 @@ COARSE_SLABS, ABSORPTION_SLABS = (0, 4, 8, 11, 13, 15, 17), (*range(0, 18, 2), 1
 """Slabs whose optical depths are inputs of the network; of air's scattering and of the aerosol's absorption these."""
 MOMENTS, ANGLES_DEG = (1, 2, 3, 4, 6, 8, 12), (60.0, 90.0, 120.0, 150.0, 180.0)
 """Legendre moments, and angles at which logarithms of phase functions, are inputs [deg]."""
-STEP = 1e-6
-"""Imaginary part of an air whose light's derivative is asked for: an error of its square."""
 OUTERMOST = 5.0
 """Standard deviations from the mean at which inputs are cut off."""
 NEGLIGIBLE = 1e-3
@@ -81,75 +91,36 @@ DARKEST_TERM = 1e-3
 """Light of a wavelength, of that of the brightest one, below which it does not count in the error of a sky."""
 
 
-class Air(NamedTuple):
-    """Air at W wavelengths in the L layers between ALTITUDE_KM, with K aerosols.
+def network_inputs(air: Air, observer_km: float) -> np.ndarray:
+    """Inputs of the network that name the air, (W, F)."""
+    d, f = air.depth, air.peaks(air.mixed_moments)
+    absorbed = np.maximum(d[EXTINCTION] - d[LOW] - d[HIGH], 0.0)
+    particles = (1.0 - f[0]) * d[LOW] + (1.0 - f[1]) * d[HIGH]
+    total = d[AIR] + d[ABSORPTION] + d[EXTINCTION] - f[0] * d[LOW] - f[1] * d[HIGH]  # extinction without peaks
+    every, n = tuple(range(SLAB_KM.size)), air.degree.size
 
-    depth (5, L, W): vertical optical depths, rows AIR to HIGH; aerosol_depth (K, L, W): of scattering by each aerosol
-    degree (W,): to which phase functions are followed, 12 to 16; a fraction stands between two
-    moments (K, W, 401): Legendre moments of the phase functions, the first is 1
-    mixed_moments (2, W, 18), mixed_phase (2, W, 6): of the mean phase functions below and above 12 km; their
-        integral of 2 pi P12 sin^3, and ln P at ANGLES_DEG
-    log_phase, polarising (K, N, W): ln P [sr^-1] and P12 / P at angles pi (n / (N - 1))^2
-    depolarisation, ground_albedo, ground_refractivity (W,)
-    refractivity (SUBLAYERS L + 1,): n - 1 at the boundaries of the parts of layers; radius_km: of the ground
-    """
+    def slabs(depth: np.ndarray, some: tuple[int, ...]) -> np.ndarray:
+        place = np.abs(ALTITUDE_KM[None] - SLAB_KM[list(some), None]).argmin(axis=1)
+        return np.diff(summed(depth)[place], axis=0)
 
-    depth: np.ndarray
-    aerosol_depth: np.ndarray
-    degree: np.ndarray
-    moments: np.ndarray
-    mixed_moments: np.ndarray
-    mixed_phase: np.ndarray
-    log_phase: np.ndarray
-    polarising: np.ndarray
-    depolarisation: np.ndarray
-    ground_albedo: np.ndarray
-    ground_refractivity: np.ndarray
-    refractivity: np.ndarray
-    radius_km: float = EARTH_RADIUS_KM
+    def below(depth: np.ndarray) -> np.ndarray:
+        k = int(np.clip(np.searchsorted(ALTITUDE_KM, observer_km) - 1, 0, ALTITUDE_KM.size - 2))
+        part = (observer_km - ALTITUDE_KM[k]) / (ALTITUDE_KM[k + 1] - ALTITUDE_KM[k])
+        return (summed(depth)[k] + part * depth[k])[None]
 
-    def towards(self, direction: Air) -> Air:
-        """The same air with an imaginary part of STEP times a direction, for derivatives of light along it."""
-        arrays = {key: getattr(self, key) + 1j * STEP * getattr(direction, key) for key in Air._fields[:-2]}
-        return self._replace(**arrays)
-
-    def peaks(self, moments: np.ndarray) -> np.ndarray:
-        """Fraction of phase functions in their forward peaks (..., W): the moment after the last that is followed."""
-        whole = self.degree.real.astype(int)
-        rest, row = self.degree - whole, np.arange(whole.size)
-        after = moments[:, row, np.minimum(whole + 2, MOST_DEGREE + 1)]
-        return np.clip((1.0 - rest) * moments[:, row, whole + 1] + rest * after, 0.0, 0.999)
-
-    def inputs(self, observer_km: float) -> np.ndarray:
-        """Inputs of the network that name the air, (W, F)."""
-        d, f = self.depth, self.peaks(self.mixed_moments)
-        absorbed = np.maximum(d[EXTINCTION] - d[LOW] - d[HIGH], 0.0)
-        particles = (1.0 - f[0]) * d[LOW] + (1.0 - f[1]) * d[HIGH]
-        total = d[AIR] + d[ABSORPTION] + d[EXTINCTION] - f[0] * d[LOW] - f[1] * d[HIGH]  # extinction without peaks
-        every, n = tuple(range(SLAB_KM.size)), self.degree.size
-
-        def slabs(depth: np.ndarray, some: tuple[int, ...]) -> np.ndarray:
-            place = np.abs(ALTITUDE_KM[None] - SLAB_KM[list(some), None]).argmin(axis=1)
-            return np.diff(summed(depth)[place], axis=0)
-
-        def below(depth: np.ndarray) -> np.ndarray:
-            k = int(np.clip(np.searchsorted(ALTITUDE_KM, observer_km) - 1, 0, ALTITUDE_KM.size - 2))
-            part = (observer_km - ALTITUDE_KM[k]) / (ALTITUDE_KM[k + 1] - ALTITUDE_KM[k])
-            return (summed(depth)[k] + part * depth[k])[None]
-
-        sums = [d[AIR].sum(axis=0), total.sum(axis=0), d[ABSORPTION].sum(axis=0) + 1e-4, particles.sum(axis=0) + 1e-4]
-        sums += [absorbed.sum(axis=0) + 1e-4, ((1.0 - f[1]) * d[HIGH]).sum(axis=0) + 1e-5]
-        rows = [np.sqrt(np.maximum(slabs(particles, every), 0.0))]
-        rows += [np.sqrt(np.maximum(slabs(absorbed, ABSORPTION_SLABS), 0.0))]
-        rows += [np.sqrt(np.maximum(slabs(d[ABSORPTION], every), 0.0)), np.log(slabs(d[AIR], COARSE_SLABS))]
-        rows.append(np.log(sums))
-        for k, phase in enumerate(self.mixed_phase):
-            scaled = (self.mixed_moments[k] - f[k][:, None]) / (1.0 - f[k][:, None])
-            rows += [scaled[:, MOMENTS].T, phase[:, :1].T, f[k][None], phase[:, 1:].T]
-        rows += [self.ground_albedo[None], 1e4 * self.ground_refractivity[None]]
-        rows += [np.full((1, n), observer_km), np.full((1, n), np.sqrt(observer_km))]
-        rows += [below(total), np.sqrt(below(d[AIR])), np.sqrt(below(particles))]
-        return np.concatenate(rows).T
+    sums = [d[AIR].sum(axis=0), total.sum(axis=0), d[ABSORPTION].sum(axis=0) + 1e-4, particles.sum(axis=0) + 1e-4]
+    sums += [absorbed.sum(axis=0) + 1e-4, ((1.0 - f[1]) * d[HIGH]).sum(axis=0) + 1e-5]
+    rows = [np.sqrt(np.maximum(slabs(particles, every), 0.0))]
+    rows += [np.sqrt(np.maximum(slabs(absorbed, ABSORPTION_SLABS), 0.0))]
+    rows += [np.sqrt(np.maximum(slabs(d[ABSORPTION], every), 0.0)), np.log(slabs(d[AIR], COARSE_SLABS))]
+    rows.append(np.log(sums))
+    for k, phase in enumerate(air.mixed_phase):
+        scaled = (air.mixed_moments[k] - f[k][:, None]) / (1.0 - f[k][:, None])
+        rows += [scaled[:, MOMENTS].T, phase[:, :1].T, f[k][None], phase[:, 1:].T]
+    rows += [air.ground_albedo[None], 1e4 * air.ground_refractivity[None]]
+    rows += [np.full((1, n), observer_km), np.full((1, n), np.sqrt(observer_km))]
+    rows += [below(total), np.sqrt(below(d[AIR])), np.sqrt(below(particles))]
+    return np.concatenate(rows).T
 
 
 @dataclass(frozen=True)
@@ -241,7 +212,7 @@ class Skies:
         self._peak_depth = self.shells.beams.path_km @ self.shells.peak
         self.nodes = self.shells.line(ELEVATION_DEG)
         self._diffuse = diffuse_light(air, self.shells, model.segments)
-        self.inputs, self.log_base = air.inputs(observer_km), self._log_base()
+        self.inputs, self.log_base = network_inputs(air, observer_km), self._log_base()
         *fitted, self._spread = model.at_nodes(self.inputs, self.log_base)
         self._fitted, self._taken = np.array(fitted), np.zeros(SUN_DEG.size)
 

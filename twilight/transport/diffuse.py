@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import functools
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from twilight.transport.shells import ALTITUDE_KM, DARK, Line, Shells, lit_fraction, log_mean, single, summed
+from twilight.transport.shells import (
+    ABSORPTION,
+    AIR,
+    ALTITUDE_KM,
+    DARK,
+    EXTINCTION,
+    Air,
+    Line,
+    Shells,
+    lit_fraction,
+    log_mean,
+    single,
+    summed,
+)
 
-if TYPE_CHECKING:
-    from twilight.transport.clear_air import Air
-
-AIR, ABSORPTION, EXTINCTION, LOW, HIGH = range(5)
-"""Rows of `Air.depth`: scattering by air, absorption by gases, extinction by aerosol, its scattering below and above
-12 km."""
 BOUNDARY_KM = np.array(
     [0, 0.25, 0.7, 1.35, 2, 3, 4.5, 6, 8, 10, 12, 14, 16, 19, 22, 26, 30, 36, 42, 48, 54, 63, 72, 82, 100]
 )

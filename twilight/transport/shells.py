@@ -1,4 +1,4 @@
-"""Light scattered once in refracting spherical shells, by closed forms and numpy alone."""
+"""Air in spherical shells, and the light that it scatters once, by closed forms and numpy alone."""
 
 from __future__ import annotations
 
@@ -26,6 +26,13 @@ LEAST_SPREAD = 0.05
 """Least d(true)/d(apparent zenith angle) of a sunbeam: beyond it the beam would be focused."""
 DARKEST_PASSED = 1e-6
 """Least part of a sunbeam that passes a screen, so that it has a logarithm, which is interpolated."""
+MOST_DEGREE = 16
+"""Degree to which phase functions are followed at most; what is beyond is their forward peak."""
+STEP = 1e-6
+"""Imaginary part of an air whose light's derivative is asked for: an error of its square."""
+AIR, ABSORPTION, EXTINCTION, LOW, HIGH = range(5)
+"""Rows of `Air.depth`: scattering by air, absorption by gases, extinction by aerosol, its scattering below and above
+12 km."""
 DARK_LOG, DARK = -700.0, 1e-35
 """Logarithm of the sunbeam in the shadow of the Earth; least radiance over F0 whose logarithm is taken [sr^-1]."""
 
@@ -38,6 +45,46 @@ def summed(depth: np.ndarray) -> np.ndarray:
 def single(x: np.ndarray) -> np.ndarray:
     """In single precision, real or complex."""
     return x.astype(np.complex64 if np.iscomplexobj(x) else np.float32, copy=False)
+
+
+class Air(NamedTuple):
+    """Air at W wavelengths in the L layers between ALTITUDE_KM, with K aerosols.
+
+    depth (5, L, W): vertical optical depths, rows AIR to HIGH; aerosol_depth (K, L, W): of scattering by each aerosol
+    degree (W,): to which phase functions are followed, 12 to 16; a fraction stands between two
+    moments (K, W, 401): Legendre moments of the phase functions, the first is 1
+    mixed_moments (2, W, 18), mixed_phase (2, W, 6): of the mean phase functions below and above 12 km; their
+        integral of 2 pi P12 sin^3, and ln P at ANGLES_DEG
+    log_phase, polarising (K, N, W): ln P [sr^-1] and P12 / P at angles pi (n / (N - 1))^2
+    depolarisation, ground_albedo, ground_refractivity (W,)
+    refractivity (SUBLAYERS L + 1,): n - 1 at the boundaries of the parts of layers; radius_km: of the ground
+    """
+
+    depth: np.ndarray
+    aerosol_depth: np.ndarray
+    degree: np.ndarray
+    moments: np.ndarray
+    mixed_moments: np.ndarray
+    mixed_phase: np.ndarray
+    log_phase: np.ndarray
+    polarising: np.ndarray
+    depolarisation: np.ndarray
+    ground_albedo: np.ndarray
+    ground_refractivity: np.ndarray
+    refractivity: np.ndarray
+    radius_km: float = EARTH_RADIUS_KM
+
+    def towards(self, direction: Air) -> Air:
+        """The same air with an imaginary part of STEP times a direction, for derivatives of light along it."""
+        arrays = {key: getattr(self, key) + 1j * STEP * getattr(direction, key) for key in Air._fields[:-2]}
+        return self._replace(**arrays)
+
+    def peaks(self, moments: np.ndarray) -> np.ndarray:
+        """Fraction of phase functions in their forward peaks (..., W): the moment after the last that is followed."""
+        whole = self.degree.real.astype(int)
+        rest, row = self.degree - whole, np.arange(whole.size)
+        after = moments[:, row, np.minimum(whole + 2, MOST_DEGREE + 1)]
+        return np.clip((1.0 - rest) * moments[:, row, whole + 1] + rest * after, 0.0, 0.999)
 
 
 class Beams(NamedTuple):

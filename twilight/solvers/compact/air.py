@@ -9,9 +9,8 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.numerics.phase import TABLE, PhaseFunction, table_angles_rad
-from twilight.transport.clear_air import ANGLES_DEG, MOST_DEGREE, PEAK_DEGREE, Air
-from twilight.transport.diffuse import AIR, EXTINCTION, HIGH, LOW
-from twilight.transport.shells import ALTITUDE_KM, sublayers
+from twilight.transport.clear_air import ANGLES_DEG, PEAK_DEGREE
+from twilight.transport.shells import AIR, ALTITUDE_KM, EXTINCTION, HIGH, LOW, MOST_DEGREE, Air, sublayers
 
 SPLIT_KM = 12.0
 """Altitude above the ground up to which the aerosol has the lower one of two mean phase functions [km]."""
