@@ -10,8 +10,7 @@ It runs
     twilight compare configs/compare.yaml --set solver.name=zones \
         --reference benchmarks/results/reference/continental-average.csv
 
-with the solvers in SOLVERS, and Haber's system by itself with HABER_AZIMUTH_CELLS.  Finished rows are kept in
-out/benchmark-compare (those of --solvers beside it).
+with the solvers in SOLVERS.  Finished rows are kept in out/benchmark-compare (those of --solvers beside it).
 """
 
 from __future__ import annotations
@@ -28,41 +27,26 @@ from twilight.studies.compare.report import draw, read_points
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = results.FOLDER / "compare.csv"
 CLIMATE = "continental-average"
-SOLVERS = (
-    "zones,compact,cells:draft,cells:standard,cells:haber2005,montecarlo:draft,tables:standard,tables:fine,preetham,cie,sunsky,"
-    "sasktran2"
-)
-HABER = "cells:haber2005"
-HABER_AZIMUTH_CELLS = 60
-"""S of Haber's system here, said in the row's quality: with the preset's 120 these rows take an hour of the processor.
-How far cells of this size are from finer ones: `sizes` of results/three_papers.csv."""
+SOLVERS = "zones,compact,cells:standard,montecarlo:draft,tables:standard,tables:fine,preetham,cie,sunsky,sasktran2"
+"""With the 120 azimuths of `cells:haber2005` rows take an hour of the processor; how far cells are from finer ones:
+`sizes` of results/three_papers.csv."""
 
 
 def run(solvers: str = "") -> None:
     """Compare and copy the table; solvers: of these alone, all other rows of the table stay."""
     folder = ROOT / "out" / f"benchmark-compare{'-some' if solvers else ''}"
-    chosen = (solvers or SOLVERS).split(",")
-    others = [name for name in chosen if name != HABER]
-    if others:
-        compare(",".join(others), folder, "solver.name=zones")
-        if solvers:
-            merge(folder / "compare.csv", TABLE)
-        else:
-            results.stamp(folder / "compare.csv", TABLE, "python benchmarks/compare.py")
-    if HABER in chosen:
-        folder = folder.with_name(folder.name + "-haber")
-        compare(HABER, folder, "solver.name=cells", f"solver.azimuth_cells={HABER_AZIMUTH_CELLS}")
-        made = folder / "compare.csv"
-        text = made.read_text(encoding="utf-8")
-        made.write_text(text.replace("cells,haber2005,", f"cells,haber2005 at S = {HABER_AZIMUTH_CELLS},"), "utf-8")
-        merge(made, TABLE)
+    compare(solvers or SOLVERS, folder)
+    if solvers:
+        merge(folder / "compare.csv", TABLE)
+    else:
+        results.stamp(folder / "compare.csv", TABLE, "python benchmarks/compare.py")
 
 
-def compare(solvers: str, folder: Path, *settings: str) -> None:
+def compare(solvers: str, folder: Path) -> None:
     """One comparison with the reference of the climate, written to a folder."""
     command = [
         *(sys.executable, "-c", "from twilight.cli import main; main()", "compare", "configs/compare.yaml"),
-        *(word for setting in settings for word in ("--set", setting)),
+        *("--set", "solver.name=zones"),
         *("--reference", f"benchmarks/results/reference/{CLIMATE}.csv"),
         *("--solvers", solvers, "--output", str(folder), "--repeats", "1", "--time-limit", "1200"),
     ]

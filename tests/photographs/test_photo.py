@@ -167,9 +167,9 @@ def test_the_disc_is_taken_where_it_is_seen():
 def test_a_light_beside_a_sun_that_is_given_is_no_disc():
     """A glow at 12 deg under a sun said to stand at -4 deg: the sky's symmetry tells where that is, and a sentence."""
     shot = photograph(latlong(), 147.3, noise=0.01)
-    azimuth, _, note = place_sun(shot, None, None, (-4.0, -4.0))
+    azimuth, _, note, disc = place_sun(shot, None, None, (-4.0, -4.0))
     assert re.search(r"by the symmetry of the sky; the light at 11\.\d deg is not taken for its disc", note)
-    assert azimuth == pytest.approx(147.3, abs=3.0)
+    assert azimuth == pytest.approx(147.3, abs=3.0) and disc is None
     assert "by the sun's disc (" in place_sun(shot, None, None, (12.5, 12.5))[2]
 
 

@@ -97,7 +97,7 @@ def compare_with_sky(
             sky = frame.sky
             if config.output.polariser_deg is not None:
                 sky = sky.through_polariser(config.output.polariser_deg)
-            azimuth, _, note = place_sun(photograph, sky.sun_azimuth_deg, sun_azimuth)
+            azimuth, _, note, _ = place_sun(photograph, sky.sun_azimuth_deg, sun_azimuth)
             apparent = (
                 sky.sun_elevation_deg if sky.apparent_sun_elevation_deg is None else sky.apparent_sun_elevation_deg
             )

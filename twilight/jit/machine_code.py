@@ -243,9 +243,10 @@ _rebuild = environment._rebuild_env
 
 
 def _environment(module: str, *of: Any) -> Any:
-    """What numba keeps beside machine code, of a function of a module; of one of its own that is not loaded, without
-    the names of that module, which compiled code does not read."""
-    return _rebuild(module if module in sys.modules else __name__, *of)
+    """What numba keeps beside machine code, of a function of a module; of one of numba's own that is not loaded,
+    without the names of that module, which compiled code does not read: loading it takes scipy.linalg with it."""
+    loaded = module in sys.modules or not module.startswith("numba.")
+    return _rebuild(module if loaded else __name__, *of)
 
 
 environment._rebuild_env = _environment

@@ -33,10 +33,14 @@ ORDERS = 4
 """Legendre orders of the phase functions in the first scattering of diffuse light."""
 AZIMUTHS = 8
 """Azimuths of rays of diffuse light over half a turn."""
-SCATTERINGS, MOST_RATIO = 8, 0.95
-"""Orders of scattering that are followed; the largest ratio of two of which a geometric series is summed."""
-DECAY_DEG, DECAY = 88.0, 1.1
-"""`_log_reference` falls from this zenith angle on, from 8 deg beyond it on by so much a degree."""
+SCATTERINGS = 8
+"""Orders of scattering that are followed; the rest is a geometric series."""
+MOST_RATIO = 0.95
+"""Largest ratio of two orders of which that series is summed."""
+DECAY_DEG = 88.0
+"""Zenith angle from which on `_log_reference` falls [deg]."""
+DECAY = 1.1
+"""Fall of `_log_reference` for each degree, from 8 deg beyond DECAY_DEG on."""
 
 
 def _log_reference(zenith_deg: np.ndarray) -> np.ndarray:

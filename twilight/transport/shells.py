@@ -20,8 +20,12 @@ ALTITUDE_KM = np.concatenate(
 """Boundaries of the L layers above the ground [km]."""
 SUBLAYERS = 4
 """Parts of each layer in which n r is linear; with 6 the sunbeam differs by less than 0.1 %."""
-STEEPEST_DEG, RAYS_FROM_ABOVE, RAYS_FROM_BELOW = 0.03, 90, 100
-"""Of the table of sunbeams of an altitude: elevation of the lowest ray from above beside the horizontal one; counts."""
+STEEPEST_DEG = 0.03
+"""Of the sunbeams to an altitude, elevation of the lowest one from above, beside the horizontal one [deg]."""
+RAYS_FROM_ABOVE = 90
+"""Sunbeams from above to an altitude, at elevations in a geometric series."""
+RAYS_FROM_BELOW = 100
+"""About the sunbeams that come to an altitude from below its horizon; a quarter of them close to the ground's edge."""
 LEAST_SPREAD = 0.05
 """Least d(true)/d(apparent zenith angle) of a sunbeam: beyond it the beam would be focused."""
 DARKEST_PASSED = 1e-6
@@ -30,11 +34,20 @@ MOST_DEGREE = 16
 """Degree to which phase functions are followed at most; what is beyond is their forward peak."""
 STEP = 1e-6
 """Imaginary part of an air whose light's derivative is asked for: an error of its square."""
-AIR, ABSORPTION, EXTINCTION, LOW, HIGH = range(5)
-"""Rows of `Air.depth`: scattering by air, absorption by gases, extinction by aerosol, its scattering below and above
-12 km."""
-DARK_LOG, DARK = -700.0, 1e-35
-"""Logarithm of the sunbeam in the shadow of the Earth; least radiance over F0 whose logarithm is taken [sr^-1]."""
+AIR = 0
+"""Row of `Air.depth`: scattering by air."""
+ABSORPTION = 1
+"""Row of `Air.depth`: absorption by gases."""
+EXTINCTION = 2
+"""Row of `Air.depth`: extinction by aerosol."""
+LOW = 3
+"""Row of `Air.depth`: scattering by aerosol below 12 km."""
+HIGH = 4
+"""Row of `Air.depth`: scattering by aerosol above 12 km."""
+DARK_LOG = -700.0
+"""Logarithm of the sunbeam in the shadow of the Earth; exp(-745) is 0."""
+DARK = 1e-35
+"""Least radiance over F0 whose logarithm is taken [sr^-1]; single precision ends at 1e-38."""
 
 
 def summed(depth: np.ndarray) -> np.ndarray:

@@ -184,21 +184,26 @@ def _placed(
         low, high, at = sun_range(scene)
         remarks.append(f"the sun's height: {low:.2f} deg by Exif time and place")
     known_azimuth = None if at is None else float(at.azimuth_deg)
-    azimuth, error, note = place_sun(photograph, known_azimuth, says.sun_azimuth_deg, (low, high))
+    azimuth, error, note, disc = place_sun(photograph, known_azimuth, says.sun_azimuth_deg, (low, high))
     remarks.append(note)
-    disc = None if says.sun_azimuth_deg is not None else photograph.sun if "by the sun's disc" in note else None
-    if disc is not None and disc.true_elevation_deg is not None:
+    if disc is not None:
         tilt = photograph.errors_deg[1]
         if low == high and tilt > DISC_PITCH_DEG:
-            turn = low - float(disc.true_elevation_deg)
+            turn = low - disc
             photograph = photograph.turned(
                 turn, 0.0, (*photograph.errors_deg[:1], DISC_PITCH_DEG, photograph.errors_deg[2])
             )
             remarks.append(f"camera: turned by {turn:+.1f} deg so that the sun's disc stands where the sun does")
         elif low < high:
-            found = float(np.clip(round(float(disc.true_elevation_deg), 2), low, high))
-            low, high = (found, found) if tilt == 0.0 else (max(low, found - 3 * tilt), min(high, found + 3 * tilt))
-            remarks.append(f"the sun's height: {found:.2f} deg by its disc in the photograph")
+            found = round(disc, 2)
+            nearest = min(max(found, low), high)
+            if nearest == found:
+                remarks.append(f"the sun's height: {found:.2f} deg by its disc in the photograph")
+            else:
+                remarks.append(
+                    f"the sun's height: {nearest:g} deg, of those searched the nearest to its disc ({found:.2f})"
+                )
+            low, high = max(low, nearest - 3.0 * tilt), min(high, nearest + 3.0 * tilt)
     remarks += check_sky(name, photograph, photograph.seen(azimuth, low if low == high else None))
     return Shown(name, photograph, low if low == high else np.nan, azimuth), (low, high), error, remarks
 

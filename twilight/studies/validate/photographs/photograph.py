@@ -12,6 +12,7 @@ import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -207,13 +208,23 @@ def spectra_of(xyz: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
     return np.maximum(xyz @ np.linalg.inv(of_lines) @ (0.1 * lines), 0.0)
 
 
+class PlacedSun(NamedTuple):
+    """The sun's azimuth in the camera's azimuths and its standard error [deg], a sentence on where it is from, and true
+    elevation of the disc that was taken for it [deg]; None: by other means, or of no known elevation."""
+
+    azimuth_deg: float
+    error_deg: float
+    sentence: str
+    disc_elevation_deg: float | None = None
+
+
 def place_sun(
     photograph: Photograph,
     known_deg: float | None,
     given_deg: float | None,
     between_deg: tuple[float, float] = (-np.inf, np.inf),
-) -> tuple[float, float, str]:
-    """The sun's azimuth in the camera's azimuths, its standard error, and a sentence on where it is from.
+) -> PlacedSun:
+    """The sun's azimuth in a photograph.
 
     known_deg: from north, by place and time, which counts where the camera's azimuth is known, or by a compass where
     the sky says nothing; given_deg: what a caller says, which comes first.  between_deg: true elevations of the sun; a
@@ -221,11 +232,11 @@ def place_sun(
     Errors: TwilightError as `find_sun_azimuth`.
     """
     if given_deg is not None:
-        return given_deg % 360.0, 0.0, f"sun azimuth {given_deg % 360.0:.2f} deg, as given"
+        return PlacedSun(given_deg % 360.0, 0.0, f"sun azimuth {given_deg % 360.0:.2f} deg, as given")
     compass = photograph.errors_deg[0]
     north = known_deg is not None and photograph.camera.orientation.azimuth_deg is not None
     if north and compass == 0.0:
-        return known_deg or 0.0, 0.0, f"sun azimuth {known_deg:.2f} deg, by place and time"
+        return PlacedSun(known_deg or 0.0, 0.0, f"sun azimuth {known_deg:.2f} deg, by place and time")
     far, other = NO_DISC_DEG + 3.0 * photograph.errors_deg[1], ""
     try:
         sun = photograph.sun
@@ -238,16 +249,14 @@ def place_sun(
         if not north:
             raise
     if sun is None or (north and sun.method != "disc" and sun.uncertainty_deg >= NARROW_ERROR_DEG):
-        return (
-            known_deg or 0.0,
-            compass,
-            f"sun azimuth {known_deg:.1f} +- {compass:.0f} deg, by time and compass{other}",
-        )
+        note = f"sun azimuth {known_deg:.1f} +- {compass:.0f} deg, by time and compass{other}"
+        return PlacedSun(known_deg or 0.0, compass, note)
     by = "the sun's disc" if sun.method == "disc" else "the symmetry of the sky"
     note = f"sun azimuth {sun.azimuth_deg:.2f} +- {sun.uncertainty_deg:.2f} deg by {by}"
     if sun.elevation_deg is not None:
         note += f" (disc at elevation {sun.elevation_deg:.1f} deg)"
-    return sun.azimuth_deg, sun.uncertainty_deg, note + other
+    disc = sun.true_elevation_deg if sun.method == "disc" else None
+    return PlacedSun(sun.azimuth_deg, sun.uncertainty_deg, note + other, disc)
 
 
 def read_photograph(
