@@ -38,8 +38,6 @@ from twilight.sky import colour
 from twilight.solvers.compact.air import air_of, limited
 from twilight.solvers.compact.field import SHIPPED, ClearAirField, load_model
 from twilight.transport.clear_air import FORMAT, NODES, SUN_DEG, Model
-from twilight.transport.diffuse import BOUNDARY_KM
-from twilight.transport.shells import EARTH_RADIUS_KM, SUBLAYERS, sublayers
 
 HELD_OUT = 10
 """One air in so many judges the fit."""
@@ -81,13 +79,6 @@ COLUMNS = (
     *("climate", "sun_elevation_deg", "median_percent", "p95_percent", "max_percent", "reference_percent"),
     *("excess_percent", "estimated_percent", "p95_degree_of_polarisation"),
 )
-POLAR, POWER = 8, 3
-"""Rays of diffuse light a side; Gauss's rule runs over this root of their cosine: light of deep twilight comes along
-the horizon."""
-REFRACTIVITY, REFRACTIVITY_SCALE_KM = 2.8e-4, 8.0
-"""n - 1 at the ground, and its scale height [km], of the air that bends rays between scatterings."""
-LONGEST = 0.02
-"""Longest segment of a ray, as an angle at the Earth's centre [rad]."""
 PICTURED = (("urban", 10.0), ("desert", 1.0), ("continental-average", -4.0), ("maritime-tropical", -9.0))
 """Climates and suns of the picture."""
 PICTURED_NM = np.linspace(385.0, 735.0, 8)
@@ -198,7 +189,6 @@ def _without_networks(data: Data, train: np.ndarray) -> tuple[Model, np.ndarray]
     inputs = np.concatenate([data.inputs, (data.log_base - base_mean) @ base_vectors.T], axis=1)
     model = Model(
         (),
-        segments(),
         inputs[train].mean(axis=0),
         inputs[train].std(axis=0) + 1e-6,
         base_mean,
@@ -333,55 +323,6 @@ def calibrate(path: Path) -> None:
     )
     model = load_model(path)
     save(replace(model, error=model.error * factor), path)
-
-
-def segments() -> np.ndarray:
-    """Segments of rays between scatterings (6, N), bent by air of `REFRACTIVITY`."""
-    node, rule = np.polynomial.legendre.leggauss(POLAR)
-    root, rows = 0.5 * (node + 1.0), []
-    up, weight = root**POWER, 0.5 * POWER * root ** (POWER - 1) * rule
-    both = np.concatenate([-up[::-1], up]), 0.5 * np.concatenate([weight[::-1], weight])
-    for k in range(BOUNDARY_KM.size):
-        ground = k == BOUNDARY_KM.size - 1
-        for c, w in zip(*((up, 2.0 * up * weight) if ground else both), strict=True):
-            ray = _segments_of(float(c), None if ground else k)
-            rows += [(k, *segment, c, 0.0 if n else w) for n, segment in enumerate(ray)]
-    return np.array(rows).T.astype(np.float32)
-
-
-def _segments_of(cosine: float, layer: int | None) -> list[tuple[int, float, float]]:
-    """Layer, length [km] and angle at the Earth's centre from the ray's start to its middle [rad] of the parts of a ray
-    in one layer each; the ground counts as the layer above the uppermost.  layer: where it starts, in the middle; None:
-    from the ground"""
-    part = sublayers(BOUNDARY_KM)
-    radius = EARTH_RADIUS_KM + part
-    index = 1.0 + REFRACTIVITY * np.exp(-part / REFRACTIVITY_SCALE_KM)
-    x, mean = index * radius, 0.5 * (index[1:] + index[:-1])
-    slope = np.diff(x) / np.diff(radius)
-    first = 0 if layer is None else SUBLAYERS * layer + SUBLAYERS // 2
-    b = x[first] * np.sqrt(1.0 - cosine * cosine)
-    beyond = np.maximum(x, b)
-    path = np.diff(np.sqrt(beyond * beyond - b * b)) / slope
-    angle = np.diff(np.arccos(b / beyond)) * mean / slope
-    passed = list(range(first, path.size))
-    hit = cosine < 0.0 and bool(b < x[0])
-    if cosine < 0.0:
-        below = [i for i in range(first - 1, -1, -1) if path[i] > 0.0]
-        passed = below if hit else below + below[::-1] + passed
-    groups: list[list[tuple[int, float, float]]] = []
-    total = spanned = 0.0  # angles of the ray so far, and of the last group, which is of one layer and at most LONGEST
-    for i in passed:
-        if not groups or groups[-1][0][0] != i // SUBLAYERS or spanned + angle[i] > LONGEST:
-            groups.append([])
-            spanned = 0.0
-        groups[-1].append((i // SUBLAYERS, float(path[i]), total + 0.5 * float(angle[i])))
-        spanned += angle[i]
-        total += float(angle[i])
-    out = []
-    for group in groups:
-        length = sum(one[1] for one in group)
-        out.append((group[0][0], length, sum(one[1] * one[2] for one in group) / length))
-    return [*out, (BOUNDARY_KM.size - 1, 0.0, total)] if hit else out
 
 
 def climates(model: Model) -> None:

@@ -26,8 +26,8 @@ from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 from twilight.solvers.compact.air import air_of
-from twilight.solvers.compact.field import shipped_model
-from twilight.transport.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, Skies
+from twilight.transport.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, Skies, Sky
+from twilight.transport.shells import DARK
 
 HUMIDITIES = (0, 50, 70, 80, 90, 95)
 """Classes of OPAC [%]."""
@@ -198,7 +198,8 @@ def sample(path: Path, number: int) -> None:
 def approximate(path: Path, number: int) -> None:
     """Write what the model computes of a drawn air: inputs of the network, M_0, light scattered once."""
     medium, observers = drawn(number)
-    skies = [Skies(shipped_model(), air_of(medium), above) for above in observers]
+    air = air_of(medium)
+    skies = [Skies(None, air, above) for above in observers]
     write(
         path,
         base=np.array([s.base_at(SUN_DEG, ELEVATION_DEG, AZIMUTH_DEG, s.nodes) for s in skies], np.float32),
@@ -210,8 +211,10 @@ def approximate(path: Path, number: int) -> None:
 
 def _single_scattering(skies: Skies, sun_deg: float) -> np.ndarray:
     """Light scattered once at the nodes, (E, A, W)."""
-    sky = skies.sky(sun_deg)
-    return sky.light(ELEVATION_DEG, AZIMUTH_DEG, widen=False)[..., 0, :] - np.exp(sky.logarithms[0])
+    once = skies.shells.scattered_once(sun_deg, ELEVATION_DEG, AZIMUTH_DEG)
+    logarithms = np.log(np.concatenate([np.zeros_like(once[:1]), once]) + DARK)
+    apparent = skies.shells.apparent_elevation_deg(sun_deg)
+    return Sky(apparent, skies.air, logarithms, once[:0], None).light(ELEVATION_DEG, AZIMUTH_DEG)[..., 0, :]
 
 
 def write(path: Path, **arrays: np.ndarray) -> None:

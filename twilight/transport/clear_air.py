@@ -4,8 +4,8 @@
     L / F0 = sum_k P_k(angle from the sun) Q_k  +  M,        M = M_0 exp(sum_n c_n v_n(sun, elevation, azimuth))
 
 Q_k, of scattering by air and each aerosol, are integrals along refracted lines of sight through spherical shells
-(`Shells`); P_k are the phase functions, their forward peaks widened (`_widened`).  M_0 are orders of scattering, the
-first and the last with their direction (`diffuse`).  c_n, one set for each wavelength, air and observer, for
+(`Shells`); P_k are the phase functions, their forward peaks widened (`_widened`).  M_0 are orders of scattering
+in fewer layers and directions (`diffuse`).  c_n, one set for each wavelength, air and observer, for
 every sun, are the mean of some small networks of what names the air (`network_inputs`) and of ln M_0 under all suns;
 v_n are principal components of ln(M / M_0) in air that `zones` has solved.  Q / M and U / M are sums of the same kind.
 
@@ -15,12 +15,9 @@ v_n are principal components of ln(M / M_0) in air that `zones` has solved.  Q /
 Several airs over one Earth are one `Air` whose wavelengths stand side by side.  Derivatives: give
 the air an imaginary part of `STEP` times a direction (`Air.towards`); that of the light is STEP x its derivative.
 
-The file is a zip of arrays (.npy), W wavelengths, S = 32 suns `SUN_DEG`, E = 15 and A = 13 nodes over the sky:
+The file is a zip of arrays (.npy), S = 32 suns `SUN_DEG`, E = 15 and A = 13 nodes over the sky:
 
-    format "twilight clear air 2"; provenance: how it was fitted, as JSON
-    segments (6, N): of rays between scatterings: layer they start from and layer they cross (of `BOUNDARY_KM`, the
-        ground last), length [km], angle at the Earth's centre from start to middle [rad], cosine of the ray's zenith
-        angle, its weight in the mean over directions at the ray's first segment and 0 at the others
+    format "twilight clear air 3"; provenance: how it was fitted, as JSON
     base_mean (480,), base_vectors (48, 480): components of ln M_0 at `BASE_ELEVATION_DEG` x `BASE_AZIMUTH_DEG`
     input_mean, input_scale (138,): of the inputs: 90 of the air, then 48 components
     layers (members, 5), weights: sizes of each network's layers; then its weights (I, O) and offsets (O,) in a row.
@@ -62,7 +59,9 @@ from twilight.transport.shells import (
 if TYPE_CHECKING:
     from twilight.atmosphere.screen import Screen
 
-FORMAT = "twilight clear air 2"
+FORMAT = "twilight clear air 3"
+LEAST_REFRACTIVITY = 1e-30
+"""Least n - 1, so that it has a logarithm."""
 SUN_DEG = np.concatenate(
     [[-18, -16.5, -15, -13.5], np.arange(-12, 3), [3.5, 5, 7.5, 10, 15], np.arange(20.0, 91.0, 10.0)]
 )
@@ -128,7 +127,6 @@ class Model:
     """What the file holds (above); members: for each network its layers, as (weights (I, O), offsets (O,))."""
 
     members: tuple[tuple[tuple[np.ndarray, np.ndarray], ...], ...]
-    segments: np.ndarray
     input_mean: np.ndarray
     input_scale: np.ndarray
     base_mean: np.ndarray
@@ -190,7 +188,7 @@ def _outputs(layers: tuple, hidden: np.ndarray) -> np.ndarray:
 class Skies:
     """The skies of an air seen by one observer, under every sun; observer_km: above the ground, 0 to 15."""
 
-    def __init__(self, model: Model, air: Air, observer_km: float = 0.0):
+    def __init__(self, model: Model | None, air: Air, observer_km: float = 0.0):
         self.model, self.air = model, air
         boundary = ALTITUDE_KM
         if np.abs(boundary - observer_km).min() > 1e-4:
@@ -199,7 +197,8 @@ class Skies:
         per_km, d, of_aerosols = 1.0 / np.diff(ALTITUDE_KM)[:, None], air.depth, air.aerosol_depth
         self.peak_fraction = air.peaks(air.moments)
         peak = np.einsum("kw,klw->lw", self.peak_fraction, of_aerosols)
-        ln = np.interp(sublayers(boundary), sublayers(ALTITUDE_KM), np.log(air.refractivity))
+        ln = np.log(np.maximum(air.refractivity, LEAST_REFRACTIVITY))
+        ln = np.interp(sublayers(boundary), sublayers(ALTITUDE_KM), ln)
         self.shells = Shells(
             boundary,
             ((d[AIR] + d[ABSORPTION] + d[EXTINCTION] - peak) * per_km)[layer],
@@ -211,10 +210,9 @@ class Skies:
         )
         self._peak_depth = self.shells.beams.path_km @ self.shells.peak
         self.nodes = self.shells.line(ELEVATION_DEG)
-        self._diffuse = diffuse_light(air, self.shells, model.segments)
+        self._diffuse = diffuse_light(air, self.shells)
         self.inputs, self.log_base = network_inputs(air, observer_km), self._log_base()
-        *fitted, self._spread = model.at_nodes(self.inputs, self.log_base)
-        self._fitted, self._taken = np.array(fitted), np.zeros(SUN_DEG.size)
+        self._taken = np.zeros(SUN_DEG.size)
 
     def behind(self, screen: Screen, powers: np.ndarray) -> Skies:
         """The same behind a screen, whose altitudes are above the ground and whose T has these powers (W,): every Q_k
@@ -222,10 +220,15 @@ class Skies:
         made, made.shells = copy.copy(self), copy.copy(self.shells)
         made.shells.screen = screen, powers
         made.shells.__dict__.pop("_tables")
-        made._diffuse = diffuse_light(self.air, made.shells, self.model.segments)
+        made._diffuse = diffuse_light(self.air, made.shells)
         taken = (self.log_base - made._log_base()).real.reshape(len(powers), SUN_DEG.size, -1)
         made._taken = np.percentile(taken, 95, axis=(0, 2))
         return made
+
+    @functools.cached_property
+    def _fitted(self) -> np.ndarray:
+        """`Model.at_nodes`."""
+        return self.model.at_nodes(self.inputs, self.log_base)
 
     def lowest_spared_deg(self, screen: Screen) -> float:
         """Sun elevation [deg] from which on a screen takes nothing (0.1 %) of a sky: `SPARED_DEG` above the highest one
@@ -250,7 +253,7 @@ class Skies:
         """The sky under one sun, from -18 to 90 deg."""
         air, shells, line = self.air, self.shells, self.nodes
         weight = splines(SUN_DEG, np.array([sun_elevation_deg]))[0]
-        log_ratio, *polarised = np.einsum("s,pwsea->peaw", weight, self._fitted)
+        log_ratio, *polarised, spread = np.einsum("s,pwsea->peaw", weight, self._fitted)
         base = self.base_at(np.array([sun_elevation_deg]), ELEVATION_DEG, AZIMUTH_DEG, line)[0]
         multiple = np.log(base) + log_ratio
         mean = shells.sunlit(line.zenith(sun_elevation_deg, AZIMUTH_DEG)[0], line.depth)
@@ -259,7 +262,7 @@ class Skies:
         apparent = shells.apparent_elevation_deg(sun_elevation_deg)
         sky = Sky(apparent, air, np.concatenate([multiple[None], once]), np.array(polarised), peaks)
         light = sky.light(ELEVATION_DEG, AZIMUTH_DEG, widen=False).real[..., 0, :]
-        spread = np.abs(np.einsum("s,wsea->eaw", weight, self._spread)) * np.exp(multiple.real) / light
+        spread = np.abs(spread) * np.exp(multiple.real) / light
         # terms of bands of gases that let no light through have no part in the sky
         brightest = light.max(axis=(0, 1))
         counted = spread[..., brightest > DARKEST_TERM * brightest.max()]
