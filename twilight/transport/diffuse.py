@@ -22,9 +22,12 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.transport.shells import (
+    AIR,
     ALTITUDE_KM,
     DARK,
     EARTH_RADIUS_KM,
+    HIGH,
+    LOW,
     SUBLAYERS,
     Air,
     Line,
@@ -238,7 +241,7 @@ def harmonics(up: np.ndarray, aside: np.ndarray) -> list[np.ndarray]:
     """Harmonics of directions by their parts upwards and towards the sun, of degree 0 to DEGREE, each with its orders:
     those of one degree, times each other for two directions and summed, are the mean of the Legendre polynomials of the
     angle between the first direction and the second or its mirror image."""
-    out, x, y = [], aside, np.sqrt(np.maximum(1.0 - up * up - aside * aside, 0.0))
+    x, y = aside, np.sqrt(np.maximum(1.0 - up * up - aside * aside, 0.0))
     # sin^m cos(m azimuth), sin^m sin(m azimuth), and the Legendre functions over sin^m
     cosine, sine = np.ones_like(x), np.zeros_like(x)
     functions = {}
@@ -413,11 +416,9 @@ def _last_scattering(air: Air, shells: Shells, line: Line) -> tuple[np.ndarray, 
     middle = 0.5 * (shells.boundary_km[1:] + shells.boundary_km[:-1])[shells.first :]
     own = np.searchsorted(ALTITUDE_KM, middle) - 1
     peak, moments = air.peaks(air.mixed_moments), air.mixed_moments
-    of_air, low, high = air.depth[0], air.depth[3], air.depth[4]
-    by_moment = [
-        (2 * n + 1) * (low * (moments[0, :, n] - peak[0]) + high * (moments[1, :, n] - peak[1]))
-        for n in range(DEGREE + 1)
-    ]
+    of_air, low, high = air.depth[AIR], air.depth[LOW], air.depth[HIGH]
+    followed = moments - peak[..., None]
+    by_moment = [(2 * n + 1) * (low * followed[0, :, n] + high * followed[1, :, n]) for n in range(DEGREE + 1)]
     by_moment[0] = by_moment[0] + of_air
     by_moment.append(of_air * (1.0 - air.depolarisation) / (2.0 + air.depolarisation))
     per_km = np.array(by_moment)[:, own] / np.diff(ALTITUDE_KM)[own, None]
