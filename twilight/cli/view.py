@@ -30,6 +30,14 @@ def view(
             "the air lets it go up to there. Without it from the ground to an orbit at 1000 km.",
         ),
     ] = None,
+    sliders: Annotated[
+        bool,
+        options.flag(
+            "--sliders",
+            "Aerosol, ozone, ground albedo and altitude are sliders too; the solver compact computes the sky in the "
+            "browser.",
+        ),
+    ] = False,
     quality: Annotated[str | None, options.QUALITY] = None,
     settings: Annotated[list[str] | None, options.SETTINGS] = None,
     output: Annotated[Path | None, option("FILE.html", "Without it, out/NAME.html.")] = None,
@@ -38,6 +46,11 @@ def view(
     options.check_suffix(output, "--output", ".html", ".htm")
     chosen, names = options.settings_of(settings)
     options.put_options(chosen, names, {"solver.quality": (quality, "--quality")})
+    if sliders:
+        for name, value in (("--beside", beside), ("--altitudes-km", altitudes_km)):
+            if value is not None:
+                raise TwilightError(f"{name}: a page with --sliders shows one sky, at any altitude; leave it out")
+        options.put_options(chosen, names, {"solver.name": (chosen.get("solver.name", "compact"), "--sliders")})
     altitudes = None if altitudes_km is None else options.parse_numbers(altitudes_km, "--altitudes-km", 0.0, 40000.0)
     scenes = [scene] if beside is None else [scene, beside]
     airs = [_scene(name_given, chosen, names) for name_given in scenes]
@@ -48,6 +61,28 @@ def view(
     path = output or Path("out") / f"{'-'.join(options.file_stem(name, 'sky') for name in title)}.html"
 
     from twilight.base.whole_files import check_file
+
+    check_file(path)
+    if sliders:
+        from twilight.show.sliders import view_air
+
+        page = view_air(airs[0][0], name=title[0], start=_start(airs[0][1]))
+    else:
+        page = _tabulated(scenes, airs, title, altitudes, quality, settings)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    page.save(path)
+    print(f"wrote {path}: {path.stat().st_size / 1e6:.1f} MB, every sun from +90 to -18 deg; open it in a browser")
+
+
+def _tabulated(
+    scenes: list[str],
+    airs: list[tuple[Any, Any]],
+    title: list[str],
+    altitudes: list[float] | None,
+    quality: str | None,
+    settings: list[str] | None,
+) -> Any:
+    """The page of fields that are solved and put into tables."""
     from twilight.engine import solve
     from twilight.show.skies import check_altitudes, ground_to_orbit, view_fields
 
@@ -56,7 +91,6 @@ def view(
         altitudes = list(ground_to_orbit(first.medium))
     for name, (air, _) in zip(title, airs, strict=True):
         check_altitudes(air, altitudes, name)
-    check_file(path)
     config = airs[0][1]
     with progress_bar() as bar:
         from twilight.base.progress import part_of
@@ -65,7 +99,7 @@ def view(
         for k, (air, config_of_it) in enumerate(airs):
             part = part_of(bar, 0.4 * k / len(airs), 0.4 / len(airs), f"{title[k]}: field")
             solved.append(solve(air, progress=part, cached=config_of_it is not None))
-        page = view_fields(
+        return view_fields(
             solved,
             names=title,
             scenes=[
@@ -78,9 +112,6 @@ def view(
             progress=part_of(bar, 0.4, 0.6, "tables"),
             **({} if config is None else {"solar_spectrum": config.solar_spectrum}),
         )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    page.save(path)
-    print(f"wrote {path}: {path.stat().st_size / 1e6:.1f} MB, every sun from +90 to -18 deg; open it in a browser")
 
 
 def _render_words(scene: str, quality: str | None, settings: list[str] | None) -> str:

@@ -63,6 +63,11 @@ class Pack:
         self._add(name, np.shape(values), np.ascontiguousarray(values, "<f4").tobytes())
         self.arrays[name] |= {"kind": "float32"}
 
+    def file(self, name: str, content: bytes) -> None:
+        """Add the bytes of a file."""
+        self._add(name, (), content)
+        self.arrays[name] |= {"kind": "file"}
+
     def _add(self, name: str, shape: tuple[int, ...], content: bytes) -> None:
         start = sum(map(len, self.parts))
         self.arrays[name] = {"shape": list(shape), "start": start, "bytes": len(content)}
@@ -134,18 +139,19 @@ def spectra_at(solved: Field, altitude_km: float, nodes: PageNodes, progress: Pr
     return tables.between(LOWEST_SUN_DEG, 90.0, part_of(progress, 0.0, 1.0, f"{altitude_km:g} km"))
 
 
-SCRIPTS = "state vector sun moon tables space night projection gpu exposure overlay probe command controls main".split()
+SCRIPTS = "state vector sun moon tables space night projection gpu air exposure overlay probe command controls main".split()
 """In the order in which they are read; all of them have one scope."""
 SHADERS = ("whole.vert", "sky.frag", "stars.vert", "stars.frag", "linear.frag", "blur.frag", "tone.frag")
 
 
+def program_text(name: str) -> str:
+    """A file of the page's program."""
+    return resources.files("twilight").joinpath("show/web", name).read_text(encoding="utf-8")
+
+
 @lru_cache(maxsize=1)
 def _program() -> dict[str, str]:
-    folder = resources.files("twilight").joinpath("show/web")
-
-    def text(name: str) -> str:
-        return folder.joinpath(name).read_text(encoding="utf-8")
-
+    text = program_text
     shaders = {name: text(name) for name in (*SHADERS, "projection.glsl", "space.glsl", "table.glsl", "tone.glsl")}
     shaders["tone.glsl"] = shaders["tone.glsl"].replace("//#include constants.glsl", tones.shader_constants())
     script = "\n".join(text(f"{name}.js") for name in SCRIPTS)

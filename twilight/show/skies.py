@@ -88,7 +88,7 @@ def view_fields(
     names = names or [solved.medium.name or f"field {i + 1}" for i, solved in enumerate(fields)]
     asked = check_altitudes(fields[0].scene, altitudes_km, names[0])
     altitudes, orbit_km = within_air(fields[0].medium, asked)
-    pack = Pack(_about("field", names, scenes or [], start or {}))
+    pack = Pack(about_page("field", names, scenes or [], start or {}))
     pack.header |= {
         "altitude_km": list(altitudes),
         "ground_km": min(solved.medium.bottom_km for solved in fields),
@@ -114,7 +114,7 @@ def view_fields(
         _check_suns(solved, names[k])
         fraction = part_of(tell, k / len(fields), 1.0 / len(fields), names[k])
         _add_field(pack, k, solved, Channels(solved.medium.wavelength_nm, solar_spectrum), altitudes, nodes, fraction)
-    _add_tones(pack)
+    add_tones(pack)
     pack.numbers("zodiacal", np.log(night.zodiacal_table()))
     pack.numbers("stars", _stars())
     return Page(pack, f"{' and '.join(names)}: sky")
@@ -139,7 +139,7 @@ def _add_field(
     light = [one.light_at_nodes()[kept][:, nodes.every_second_row()][:, :, ::2] for one in spectra]
     colours = MoonColours.of(np.stack(light), channels)
     pack.header["fields"].append(
-        _facts(channels)
+        channel_facts(channels)
         | {
             "sun_node_deg": suns.tolist(),
             "spectrum_sun_deg": suns[kept].tolist(),
@@ -199,7 +199,8 @@ def _add_spectrum(pack: Pack, name: str, logs: list[np.ndarray]) -> None:
     pack.logarithm(name, np.moveaxis(np.stack(logs)[:, :, :, column], -1, 0))
 
 
-def _add_tones(pack: Pack) -> None:
+def add_tones(pack: Pack) -> None:
+    """What the page's tones need."""
     pack.header["tone"] = tones.header()
     for name, values in tones.eye_tables().items():
         pack.numbers(name, values)
@@ -235,7 +236,7 @@ def view_sky(sky: Sky, *, name: str = "", start: dict[str, Any] | None = None) -
     """
     configuration = sky.provenance.get("configuration") or {}
     name = name or str((configuration.get("climate") or {}).get("name") or "sky")
-    pack = Pack(_about("sky", [name], [], {"sun": sky.sun_elevation_deg} | (start or {})))
+    pack = Pack(about_page("sky", [name], [], {"sun": sky.sun_elevation_deg} | (start or {})))
     rows = np.linspace(0.0, 90.0, GRID_ROWS)
     columns = np.arange(GRID_COLUMNS) * (360.0 / GRID_COLUMNS)
     channels = Channels(sky.wavelength_nm, sky.solar_spectrum)
@@ -257,14 +258,15 @@ def view_sky(sky: Sky, *, name: str = "", start: dict[str, Any] | None = None) -
         "distance_au": sky.distance_au,
     }
     single = {"sun_node_deg": [sky.sun_elevation_deg], "spectrum_sun_deg": [sky.sun_elevation_deg], "lift_deg": [[0.0]]}
-    pack.header["fields"].append(_facts(channels) | single | {"horizon_deg": [0.0], "haze_deg": [0.0]})
+    pack.header["fields"].append(channel_facts(channels) | single | {"horizon_deg": [0.0], "haze_deg": [0.0]})
     pack.logarithm("sky0", np.moveaxis(light, -1, 0)[:, None, None])
     pack.logarithm("spectrum0", np.moveaxis(np.log(np.maximum(spectra, FAINTEST)), -1, 0)[:, None, None])
-    _add_tones(pack)
+    add_tones(pack)
     return Page(pack, f"{name}: sky")
 
 
-def _about(kind: str, names: Sequence[str], scenes: Sequence[str], start: dict[str, Any]) -> dict[str, Any]:
+def about_page(kind: str, names: Sequence[str], scenes: Sequence[str], start: dict[str, Any]) -> dict[str, Any]:
+    """The header of every page."""
     return {
         "program": f"twilight {__version__}",
         "kind": kind,
@@ -275,7 +277,8 @@ def _about(kind: str, names: Sequence[str], scenes: Sequence[str], start: dict[s
     }
 
 
-def _facts(channels: Channels) -> dict[str, Any]:
+def channel_facts(channels: Channels) -> dict[str, Any]:
+    """What every page says of a field's wavelengths."""
     return {"wavelength_nm": channels.wavelength_nm.tolist(), "solar_irradiance": channels.solar_irradiance.tolist()}
 
 

@@ -5,6 +5,7 @@ const clampState = () => {
   state.azimuth = around(state.azimuth, 360);
   state.altitude = clamp(state.altitude, HEAD.altitude_km[0], HEAD.highest_km);
   state.sun = clamp(state.sun, lowestSun(), HEAD.sun_deg[1]);
+  for (const name of AMOUNTS) state[name] = clamp(state[name], 0, HEAD.air?.most[name] ?? 0);
   state.hours = clamp(state.hours, 0, 24);
   state.moonElevation = clamp(state.moonElevation, -18, 90);
   state.moonAzimuth = clamp(state.moonAzimuth, -180, 180);
@@ -15,6 +16,7 @@ const SUN_SCALE_DEG = 4;
 const SCALES = {
   sun: { to: (e) => Math.asinh(e / SUN_SCALE_DEG), from: (p) => SUN_SCALE_DEG * Math.sinh(p) },
   fov: { to: Math.log10, from: (p) => 10 ** p },
+  aerosol: { to: Math.sqrt, from: (p) => p * p }, stratosphere: { to: Math.sqrt, from: (p) => p * p },
   altitude: { to: (z) => Math.sqrt(z - HEAD.altitude_km[0]), from: (p) => p * p + HEAD.altitude_km[0] },
 };
 const positionOf = (name, value) => (SCALES[name] ? SCALES[name].to(value) : value);
@@ -25,6 +27,7 @@ const byPosition = (name) => (value, step) => valueAt(name, positionOf(name, val
 const STEPS = {
   sun: { fine: 0.1, coarse: 1 }, hours: { fine: 1 / 60, coarse: 0.5 }, split: { fine: 0.01, coarse: 0.1 },
   ev: { fine: 0.1, coarse: 1 }, bias: { fine: 0.1, coarse: 1 }, moonElevation: { fine: 0.1, coarse: 1 }, moonAzimuth: { fine: 1, coarse: 10 },
+  aerosol: { fine: 0.01, coarse: 0.1, move: byPosition("aerosol") }, stratosphere: { fine: 0.005, coarse: 0.05, move: byPosition("stratosphere") }, ozone: { fine: 1, coarse: 20 }, albedo: { fine: 0.01, coarse: 0.1 },
   fov: { fine: 0.01, coarse: 0.1, move: byPosition("fov") }, altitude: { fine: 0.1, coarse: 1, move: byPosition("altitude") },
 };
 // Values in steps of a tenth or a minute stay on them.
@@ -38,9 +41,10 @@ const minus = (text) => text.replace("-", "\u2212");
 const SHOWN = {
   sun: (v) => minus(`${v.toFixed(2)}°`), hours: (v) => clockText(v).slice(0, 5), fov: (v) => `${v < 10 ? v.toFixed(1) : v.toFixed(0)}°`,
   moonElevation: (v) => minus(`${v.toFixed(1)}°`), moonAzimuth: (v) => minus(`${v.toFixed(0)}°`),
+  aerosol: (v) => v.toFixed(3), stratosphere: (v) => v.toFixed(4), ozone: (v) => `${v.toFixed(0)} DU`, albedo: (v) => v.toFixed(2),
   altitude: (v) => `${v.toFixed(v < 10 ? 2 : 0)} km`, split: (v) => `${Math.round(100 * v)} %`, ev: (v) => minus(v.toFixed(2)), bias: (v) => minus(`${v.toFixed(2)} EV`),
 };
-const CONTROLS = ["mode", "sun", "latitude", "longitude", "zone", "hours", "speed", "path", "date", "projection", "fov", "altitude",
+const CONTROLS = [...AMOUNTS, "mode", "sun", "latitude", "longitude", "zone", "hours", "speed", "path", "date", "projection", "fov", "altitude",
   "split", "labels", "tone", "exposure", "ev", "bias", "disc", "night", "stars", "moon", "moonElevation", "moonAzimuth"];
 
 function set(changes) {
@@ -65,7 +69,7 @@ function showState() {
   }
   byId("run").textContent = state.running ? "stop the clock" : "run the clock";
   document.querySelectorAll("[data-mode]").forEach((e) => { e.hidden = HEAD.kind === "sky" || e.dataset.mode !== state.mode; });
-  byId("moon-place").hidden = !state.moon || state.mode === "clock" || HEAD.kind === "sky";
+  byId("moon-place").hidden = !state.moon || state.mode === "clock" || HEAD.kind !== "field";
   document.querySelectorAll("[data-tone]").forEach((e) => {
     e.hidden = e.dataset.tone !== state.tone || (e.dataset.exposure !== undefined && e.dataset.exposure !== state.exposure);
   });
@@ -93,13 +97,14 @@ function paintSun() {
 
 function startControls() {
   byId("names").textContent = HEAD.names.join(" | ");
-  document.querySelectorAll("[data-for]").forEach((e) => { e.hidden = e.dataset.for !== HEAD.kind; });
+  document.querySelectorAll("[data-for]").forEach((e) => { e.hidden = !e.dataset.for.split(" ").includes(HEAD.kind); });
   document.querySelector('[data-if="altitudes"]').hidden = HEAD.highest_km === HEAD.altitude_km[0];
   document.querySelector('[data-if="two"]').hidden = byId("divider").hidden = HEAD.fields.length < 2;
   byId("copy").hidden = byId("command").hidden = !HEAD.scenes.length;
   [byId("sun").min, byId("sun").max] = HEAD.sun_deg.map((e) => positionOf("sun", e));
   byId("altitude").min = 0;
   byId("altitude").max = positionOf("altitude", HEAD.highest_km);
+  startSliders();
   paintSun();
   for (const name of CONTROLS) {
     const c = byId(name);
@@ -205,7 +210,7 @@ function startKeys() {
 // The sun's elevation, or the clock.
 function moveSun(sign, size) {
   const name = state.mode === "clock" ? "hours" : "sun";
-  if (HEAD.kind === "field") stepBy(name, sign * STEPS[name][size]);
+  if (HEAD.kind !== "sky") stepBy(name, sign * STEPS[name][size]);
 }
 
 function saveScreenshot() {

@@ -145,7 +145,7 @@ function drawLight(into, aspect, sun, sky, discs) {
   gl.uniform1i(p.at("uFields"), HEAD.fields.length);
   gl.uniform1i(p.at("uZodiac"), slots.uZodiac.unit);
   gl.uniform1f(p.at("uEdge"), HEAD.space?.edge_km ?? 1);
-  gl.uniform1i(p.at("uGrid"), HEAD.kind === "sky" ? 1 : 0);
+  gl.uniform1i(p.at("uGrid"), HEAD.kind !== "field" ? 1 : 0);
   gl.uniform3fv(p.at("uSun"), sun.direction);
   gl.uniform2f(p.at("uSunSide"), Math.sin(sun.azimuth * DEG), Math.cos(sun.azimuth * DEG));
   gl.uniform1f(p.at("uSunRadius"), 0.26656 / sun.distance * DEG);

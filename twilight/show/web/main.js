@@ -7,6 +7,7 @@ function draw(seconds) {
   const width = Math.max(1, Math.round(canvas.clientWidth * ratio)), height = Math.max(1, Math.round(canvas.clientHeight * ratio));
   if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
   const aspect = width / height, sun = theSun(), sky = HEAD.kind === "field" ? celestial(sun) : null;
+  if (HEAD.kind === "air") followSliders();
   uploadTables(sun);
   drawLight(target("light", width, height), aspect, sun, sky, true);
   shot = exposureNow(aspect, sun, sky, seconds);
@@ -25,6 +26,7 @@ function statusOf(sun) {
   if (moon) words.push(`moon ${minus(moon.elevation.toFixed(2))}°, ${azimuthText(moon.azimuth)}`);
   if (sun.shown !== sun.elevation && !inSpace()) words.push(`light of ${minus(sun.shown.toFixed(0))}°`);
   words.push(shot.adapted === undefined ? `EV100 ${minus(shot.ev.toFixed(1))}` : `eye adapted to ${shot.adapted.toPrecision(2)} cd m⁻²`);
+  if (HEAD.kind === "air") words.push(`radiance ±${(100 * sliders.error).toFixed(1)} %`);
   return words.join(", ");
 }
 
@@ -53,6 +55,7 @@ const loaded = {};
 async function start() {
   try {
     await readTables();
+    if (HEAD.kind === "air") await startAir();
     loaded.tables_ms = performance.now();
     startGpu();
     if (HEAD.start.azimuth === undefined) state.azimuth = theSun().azimuth;
@@ -68,7 +71,7 @@ async function start() {
     byId("message").hidden = true;
     byId("panel").hidden = false;
     window.twilight = {
-      state, head: HEAD, loaded, set, draw: () => draw(null), sunAt, daysSince, theSun, theMoon: () => theMoon(theSun()), command: renderCommand,
+      state, head: HEAD, loaded, sliders, set, draw: () => draw(null), sunAt, daysSince, theSun, theMoon: () => theMoon(theSun()), command: renderCommand,
       light: () => ({ width: canvas.width, height: canvas.height, values: readLight(targets.light) }),
       at: (elevation, azimuth) => { draw(null); return figuresOf(direction(elevation, azimuth)); },
       horizon: () => (1 - placeOf(direction(horizonOf(0), state.azimuth), canvas.width / canvas.height)[1]) / 2,

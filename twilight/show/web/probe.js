@@ -34,7 +34,7 @@ function spectrumOf(d, field) {
 
 // Radiance over the irradiance of a body at 1 au [sr^-1], at the wavelengths of the field.
 function factorUnder(d, field, sun) {
-  const foot = inSpace() ? footOf(d, field, sun) : null, f = HEAD.fields[field], grid = HEAD.kind === "sky";
+  const foot = inSpace() ? footOf(d, field, sun) : null, f = HEAD.fields[field], grid = HEAD.kind !== "field";
   const e = elevationOf(d), h = horizonOf(field), beside = around(azimuthOf(d) - sun.azimuth, 360);
   if (inSpace() ? !foot : grid && e < h) return f.wavelength_nm.map(() => 0);
   const values = foot ? underSun(`space_spectrum${field}`, foot.sun, f.space_spectrum_sun_deg) : underSun(`spectrum${field}`, sun.shown, f.spectrum_sun_deg);

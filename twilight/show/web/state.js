@@ -11,6 +11,7 @@ const state = {
   tone: "photographic",  // photographic | eye
   exposure: "metered", ev: 8, bias: 0,   // metered | manual
   disc: true, night: true, stars: true, moon: false,
+  aerosol: 0, stratosphere: 0, ozone: 0, albedo: 0,   // optical depths at 550 nm, DU, part of light
   moonElevation: 25, moonAzimuth: 120,   // true, and from the sun's azimuth, deg, where there is no clock
   ...HEAD.start,
 };

@@ -7,13 +7,19 @@ function bytesOf(text) {
   return out;
 }
 
+const READERS = {
+  log16: (buffer, a) => logarithms(new Uint8Array(buffer, a.start, a.bytes), a),
+  float32: (buffer, a) => new Float32Array(buffer, a.start, a.bytes / 4),
+  file: (buffer, a) => new Uint8Array(buffer.slice(a.start, a.start + a.bytes)),
+};
+
 async function readTables() {
   const text = document.getElementById("data").textContent.trim();
   const bytes = Uint8Array.fromBase64 ? Uint8Array.fromBase64(text) : bytesOf(atob(text));
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
   const buffer = await new Response(stream).arrayBuffer();
   for (const [name, a] of Object.entries(HEAD.arrays)) {
-    tables[name] = a.kind === "log16" ? logarithms(new Uint8Array(buffer, a.start, a.bytes), a) : new Float32Array(buffer, a.start, a.bytes / 4);
+    tables[name] = READERS[a.kind](buffer, a);
   }
   document.getElementById("data").remove();
 }
@@ -79,7 +85,7 @@ function hazeOf(field) {
 
 // Nodes of the rows [deg] of a field's tables at the altitude of the state: at fractions of ground, haze and sky.
 function rowsOf(field) {
-  if (HEAD.kind === "sky") return HEAD.row_deg;
+  if (HEAD.kind !== "field") return HEAD.row_deg;
   if (inSpace()) return HEAD.fields[field].space_row;
   const edges = [-90, horizonOf(field), hazeOf(field), 90];
   return HEAD.rise.flatMap((part, k) => part.map((f) => edges[k] * (1 - f) + edges[k + 1] * f));
