@@ -1,21 +1,31 @@
-"""The model of all clear air in a browser: its port to JavaScript beside Python, and the page whose sliders it moves."""
+"""The model of all clear air in a browser: its port to JavaScript beside Python, and the page with sliders."""
 
-from importlib import resources
+from dataclasses import replace
 from shutil import copy
 
 import numpy as np
 import pytest
-from browser import open_page
+from browser import light_of, open_page, until
+from closed_sky import ALL_SKY
+from typer.testing import CliRunner
 
+from twilight.cli.app import app
 from twilight.config import load
+from twilight.numerics.projections import view_directions
 from twilight.scene import resolve
+from twilight.show.page import program_text
+from twilight.show.sliders import view_air
+from twilight.show.tones import Channels
 from twilight.solvers.compact.air import air_of
 from twilight.solvers.compact.field import SHIPPED, shipped_model
 from twilight.transport.clear_air import Skies
 
 SAME = 1e-3
 """Relative difference of light between the port and Python, whose single precision ends at 1e-7."""
+LIST_NM = [440.0, 560.0, 680.0]
 SUNS_DEG = (40.0, 1.5, -9.3)
+TROPOPAUSE_KM = 16.5
+"""Of continental-average: where its stratosphere begins."""
 E, A = np.array([0.0, 2.0, 12.0, 60.0]), np.array([0.0, 4.0, 100.0])
 READER = """<!doctype html><p id="message"></p><script>{port}
 window.twilight = {{
@@ -32,14 +42,13 @@ window.twilight = {{
 
 
 def air(name, **settings):
-    chosen = {"solver.name": "compact", "wavelengths": {"list_nm": [440.0, 560.0, 680.0]}, **settings}
+    chosen = {"solver.name": "compact", "wavelengths": {"list_nm": LIST_NM}, **settings}
     return air_of(resolve(load(name, chosen)).medium)
 
 
 def test_the_port_has_the_light_of_python(tmp_path):
-    """Another program could not read the file by its description: aerosol seen from within it, a volcano's from above."""
-    port = resources.files("twilight").joinpath("show/web/clear_air.js").read_text(encoding="utf-8")
-    (tmp_path / "reader.html").write_text(READER.format(port=port), encoding="utf-8")
+    """Another program could not read the file by its description: seen from the ground and through a volcano's aerosol."""
+    (tmp_path / "reader.html").write_text(READER.format(port=program_text("clear_air.js")), encoding="utf-8")
     copy(SHIPPED, tmp_path / "clear-air.npz")
     airs = {"continental-average": 0.0, "volcanic-stratosphere": 2.6}
     for name in airs:
@@ -56,3 +65,46 @@ def test_the_port_has_the_light_of_python(tmp_path):
                 # its spread is that of one sun, Python's is between those of two
                 assert answer["error"] == pytest.approx(sky.relative_error, rel=0.05)
         assert errors == []
+
+
+def test_sliders_change_the_air_as_its_climate_does(tmp_path):
+    """The page would show another sky than Python has of the climate with these amounts."""
+    chosen = {"solver.name": "compact", "wavelengths": {"list_nm": [440.0, 490.0, 550.0, 600.0, 660.0]}}
+    scene = resolve(load("continental-average", chosen))
+    view = view_air(scene, name="air")
+    aerosol = 2.5 * view.pack.header["start"]["aerosol"]
+    amounts = {"aerosol": aerosol, "ozone": 150.0, "albedo": 0.6, "altitude": 2.2, "sun": 3.0}
+    changed = resolve(
+        load("continental-average", chosen | {"climate.gases.ozone.column_du": 150.0, "climate.ground.albedo": 0.6})
+    ).medium
+    times = np.where(changed.altitude_km <= TROPOPAUSE_KM, 2.5, 1.0)[:, None]
+    changed = replace(changed, aerosol_extinction_per_km=times * changed.aerosol_extinction_per_km)
+    elevation, azimuth = view_directions("fisheye", 40)
+    keep = np.isfinite(elevation) & (elevation > 4.0)
+    with open_page(view.save(tmp_path / "air.html"), 40, 40) as (page, errors):
+        page.evaluate("state => twilight.set(state)", {**ALL_SKY, **amounts})
+        until(page, "!twilight.sliders.busy && twilight.sliders.asked.includes('\"sun\":3')")
+        found = light_of(page, {})[::-1][keep]
+        error = page.evaluate("twilight.sliders.error")
+        assert errors == []
+    sky = Skies(shipped_model(), air_of(changed), 2.2).sky(3.0)
+    light = sky.light(elevation[keep], azimuth[keep], on_grid=False)[:, 0]
+    exact = Channels(changed.wavelength_nm).of(light)
+    off = np.abs(found / exact - 1.0)
+    assert np.percentile(off, 95) < 0.005
+    assert error == pytest.approx(sky.relative_error, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--sliders", "--beside", "urban"], "--beside: a page with --sliders shows one sky"),
+        (["--sliders", "--altitudes-km", "0,2"], "--altitudes-km: a page with --sliders shows one sky"),
+        (["--sliders", "--set", "solver.name=zones"], "sliders move the sky of the solver compact"),
+        (["--sliders", "--set", "horizon=typical"], "horizon: a page with sliders knows nothing beyond"),
+    ],
+)
+def test_what_sliders_cannot_show_is_refused(words, said):
+    """A page would be written that leaves out what was asked for."""
+    result = CliRunner().invoke(app, ["view", "continental-average", *words])
+    assert result.exit_code == 2 and said in result.output

@@ -139,7 +139,9 @@ def spectra_at(solved: Field, altitude_km: float, nodes: PageNodes, progress: Pr
     return tables.between(LOWEST_SUN_DEG, 90.0, part_of(progress, 0.0, 1.0, f"{altitude_km:g} km"))
 
 
-SCRIPTS = "state vector sun moon tables space night projection gpu air exposure overlay probe command controls main".split()
+SCRIPTS = (
+    "state vector sun moon tables space night projection gpu air exposure overlay probe command controls main".split()
+)
 """In the order in which they are read; all of them have one scope."""
 SHADERS = ("whole.vert", "sky.frag", "stars.vert", "stars.frag", "linear.frag", "blur.frag", "tone.frag")
 

@@ -13,12 +13,14 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.engine.table import first_columns, first_rows
-from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM, VISIBLE_NM, expand
+from twilight.numerics.spectrum import VISIBLE_NM, expand, hermite_matrix
 from twilight.scene.medium import climate_medium
 from twilight.scene.scene import Scene
 from twilight.show.page import Pack, Page, program_text
 from twilight.show.skies import about_page, add_tones, channel_facts
 from twilight.show.tones import Channels
+from twilight.sky import colour
+from twilight.sky.tone import Light, scotopic_weights
 from twilight.solvers.compact.air import air_of
 from twilight.solvers.compact.field import HIGHEST_OBSERVER_KM, SHIPPED, check_air, check_medium, shipped_model
 from twilight.transport.clear_air import SUN_DEG
@@ -27,7 +29,7 @@ from twilight.transport.shells import ABSORPTION, EXTINCTION, HIGH, Air
 ROWS_DEG, COLUMNS_DEG = first_rows(0.0, [], 45), first_columns(29)
 """Elevations and azimuths from the sun at which the page computes light; in between it reads it as a `SkyTable`."""
 COLOUR_NM = VISIBLE_NM[::10]
-"""Wavelengths between which spectra are straight lines where the page takes their colours [nm]."""
+"""Wavelengths at which the page has spectra to take their colours [nm]."""
 SMALL = 1e-3
 """Change of a logarithm from which its derivative is taken."""
 
@@ -35,7 +37,9 @@ SMALL = 1e-3
 def check_sliders(scene: Scene, name: str) -> None:
     """TwilightError for a scene whose air the sliders cannot change; name: what errors call it."""
     if scene.solver_name != "compact":
-        raise TwilightError(f"{name}: sliders move the sky of the solver compact, and solver.name is {scene.solver_name}")
+        raise TwilightError(
+            f"{name}: sliders move the sky of the solver compact, and solver.name is {scene.solver_name}"
+        )
     if scene.medium.screen is not None:
         raise TwilightError(f"{name}: horizon: a page with sliders knows nothing beyond the horizon; leave it out")
     if scene.bands is not None:
@@ -82,7 +86,7 @@ def view_air(scene: Scene, *, name: str, start: dict[str, Any] | None = None) ->
     pack.header["fields"].append(channel_facts(channels) | nodes | {"haze_deg": [0.0]})
     logs = np.log(expand(np.exp(SMALL * np.eye(medium.wavelength_nm.size)), medium.wavelength_nm, COLOUR_NM)) / SMALL
     pack.numbers("log_spectrum", logs.T)
-    pack.numbers("colour", Channels(COLOUR_NM, config.solar_spectrum).of(np.eye(COLOUR_NM.size)))
+    pack.numbers("colour", _colour_weights(config.solar_spectrum))
     pack.numbers("ozone", ozone)
     pack.file("model", SHIPPED.read_bytes())
     for key, air in (("below", below), ("above", above)):
@@ -124,6 +128,15 @@ def _ranges(medium: Medium, below: Air, above: Air) -> tuple[dict[str, float], d
             now[name] = 0.0
         most[name] = now[name] * max(1.0, float(np.min(room)))
     return now, most
+
+
+def _colour_weights(solar_spectrum: str) -> np.ndarray:
+    """Weights of a radiance over F0 at COLOUR_NM in X, Y, Z before they are made as bright as luminance, luminance and
+    scotopic luminance, (T, 5)."""
+    weights, matrix = colour.xyz_weights(solar_spectrum, 1.0, colour.DEFAULT_OBSERVER)
+    night = scotopic_weights(Light(solar_spectrum, 1.0))[:, None]
+    every = np.concatenate([weights[:, :3] @ matrix, weights[:, 3:], night], axis=1)
+    return hermite_matrix(COLOUR_NM, VISIBLE_NM).T @ every
 
 
 def _npz(air: Air) -> bytes:

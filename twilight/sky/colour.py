@@ -138,6 +138,16 @@ def sky_to_xyz(sky: Sky, factor: np.ndarray | None = None, observer: str = DEFAU
     return factor_to_xyz(factor, sky.wavelength_nm, sky.solar_spectrum, sky.distance_au, observer)
 
 
+def xyz_weights(solar_spectrum: str, distance_au: float, observer: str) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (G, 4) at VISIBLE_NM of an observer's X, Y, Z and of luminance, and the matrix (3, 3) from the first three
+    to X, Y, Z of 2 deg, which are then made as bright as the luminance says."""
+    two_deg = spectrum.colour_matching_functions("cie1931_2deg")[:, 1:2]
+    functions = np.concatenate([spectrum.colour_matching_functions(observer), two_deg], axis=1)
+    sun = spectrum.solar_at_visible(solar_spectrum, distance_au)[:, None]
+    to_xyz = np.linalg.inv(spectrum.xyz_to_rgb_matrix("cie1931_2deg"))
+    return spectrum.LUMINOUS_EFFICACY_LM_PER_W * functions * sun, (to_xyz @ spectrum.xyz_to_rgb_matrix(observer)).T
+
+
 def factor_to_xyz(
     factor: np.ndarray,
     wavelength_nm: np.ndarray,
@@ -150,15 +160,13 @@ def factor_to_xyz(
     Warns: TwilightWarning where the wavelengths are too few for a colour.
     """
     warn_of_wrong_colour(wavelength_nm)
-    two_deg = spectrum.colour_matching_functions("cie1931_2deg")[:, 1:2]
-    functions = np.concatenate([spectrum.colour_matching_functions(observer), two_deg], axis=1)
-    sun = spectrum.solar_at_visible(solar_spectrum, distance_au)[:, None]
-    xyzv = spectrum.integrate(factor, wavelength_nm, spectrum.LUMINOUS_EFFICACY_LM_PER_W * functions * sun)
+    weights, to_two_deg = xyz_weights(solar_spectrum, distance_au, observer)
+    xyzv = spectrum.integrate(factor, wavelength_nm, weights)
     luminance = np.maximum(xyzv[..., 3:4], 0.0)
     to_xyz = np.linalg.inv(spectrum.xyz_to_rgb_matrix("cie1931_2deg"))
     if not colour_is_defined(wavelength_nm):
         return luminance * (to_xyz @ np.ones(3))
-    xyz = np.maximum(xyzv[..., :3] @ (to_xyz @ spectrum.xyz_to_rgb_matrix(observer)).T, 0.0)
+    xyz = np.maximum(xyzv[..., :3] @ to_two_deg, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(xyz[..., 1:2] > 0, xyz * (luminance / xyz[..., 1:2]), 0.0)
 

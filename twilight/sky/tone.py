@@ -110,6 +110,11 @@ def to_display(linear: np.ndarray, white: float = np.inf) -> np.ndarray:
     return colour.srgb_encode(colour.photographic(colour.into_gamut(linear), white))
 
 
+def scotopic_weights(light: Light) -> np.ndarray:
+    """Weights (G,) of a radiance over F0 in scotopic luminance [cd m^-2]."""
+    return SCOTOPIC_EFFICACY_LM_PER_W * scotopic_efficiency() * weights_at_1nm(light)
+
+
 def weights_at_1nm(light: Light) -> np.ndarray:
     """Solar irradiance [W m^-2 nm^-1] at ``spectrum.VISIBLE_NM``, (471,)."""
     return spectrum.solar_at_visible(light.solar_spectrum, light.distance_au)
@@ -338,8 +343,7 @@ class Eye:
     def see(self, factor: np.ndarray, wavelength_nm: np.ndarray, light: Light) -> np.ndarray:
         """X, Y, Z as ``colour.factor_to_xyz`` and the scotopic luminance [cd m^-2]."""
         xyz = colour.factor_to_xyz(factor, wavelength_nm, light.solar_spectrum, light.distance_au, self.observer)
-        weight = SCOTOPIC_EFFICACY_LM_PER_W * scotopic_efficiency() * weights_at_1nm(light)
-        night = np.maximum(spectrum.integrate(factor, wavelength_nm, weight), 0.0)
+        night = np.maximum(spectrum.integrate(factor, wavelength_nm, scotopic_weights(light)), 0.0)
         return np.concatenate([xyz, night[..., None]], axis=-1)
 
     def develop(self, seen: np.ndarray, shot: Shot) -> tuple[np.ndarray, dict[str, float | str]]:

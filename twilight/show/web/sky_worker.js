@@ -64,14 +64,15 @@ function degreeOf(at) {
 
 // X, Y, Z and scotopic luminance of a spectrum at the page's wavelengths.
 function channelsOf(spectrum) {
-  const logs = spectrum.map((v) => Math.log(Math.max(v, 1e-37))), bands = logs.length, out = [0, 0, 0, 0];
-  for (let t = 0; t < given.colour.length / 4; t++) {
+  const logs = spectrum.map((v) => Math.log(Math.max(v, 1e-37))), bands = logs.length, sums = [0, 0, 0, 0, 0];
+  for (let t = 0; t < given.colour.length / 5; t++) {
     let log = 0;
     for (let w = 0; w < bands; w++) log += given.logSpectrum[t * bands + w] * logs[w];
     const light = Math.exp(log);
-    for (let c = 0; c < 4; c++) out[c] += given.colour[4 * t + c] * light;
+    for (let c = 0; c < 5; c++) sums[c] += given.colour[5 * t + c] * light;
   }
-  return out;
+  const [x, y, z, luminance, scotopic] = sums.map((v) => Math.max(v, 0)), scale = y > 0 ? luminance / y : 0;
+  return [scale * x, luminance, scale * z, scotopic];
 }
 
 // ln of the aerosol's mean phase function in the four channels, at `phaseCount` angles.
