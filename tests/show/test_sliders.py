@@ -47,7 +47,7 @@ def air(name, **settings):
 
 
 def test_the_port_has_the_light_of_python(tmp_path):
-    """Another program could not read the file by its description: seen from the ground and through a volcano's aerosol."""
+    """Another program could not read the file by its description."""
     (tmp_path / "reader.html").write_text(READER.format(port=program_text("clear_air.js")), encoding="utf-8")
     copy(SHIPPED, tmp_path / "clear-air.npz")
     airs = {"continental-average": 0.0, "volcanic-stratosphere": 2.6}

@@ -1,7 +1,8 @@
 """A page whose sliders change the air: the model of all clear air, computed in the browser (`web/clear_air.js`).
 
-The page holds the model's file and two airs of `transport.clear_air`: what is below the stratosphere, and what is in it.
-Their optical depths are scaled apart and added, which is exact; so is ozone's absorption, which goes with its column.
+The page holds the model's file and two airs of `transport.clear_air`: what is below the stratosphere, and what is in
+it.  Their optical depths are scaled apart and added, which is exact; so is ozone's absorption, which goes with its
+column.
 """
 
 import io
@@ -37,9 +38,7 @@ SMALL = 1e-3
 def check_sliders(scene: Scene, name: str) -> None:
     """TwilightError for a scene whose air the sliders cannot change; name: what errors call it."""
     if scene.solver_name != "compact":
-        raise TwilightError(
-            f"{name}: sliders move the sky of the solver compact, and solver.name is {scene.solver_name}"
-        )
+        raise TwilightError(f"{name}: sliders move the sky of the solver compact, not of {scene.solver_name}")
     if scene.medium.screen is not None:
         raise TwilightError(f"{name}: horizon: a page with sliders knows nothing beyond the horizon; leave it out")
     if scene.bands is not None:

@@ -139,8 +139,8 @@ def sky_to_xyz(sky: Sky, factor: np.ndarray | None = None, observer: str = DEFAU
 
 
 def xyz_weights(solar_spectrum: str, distance_au: float, observer: str) -> tuple[np.ndarray, np.ndarray]:
-    """Weights (G, 4) at VISIBLE_NM of an observer's X, Y, Z and of luminance, and the matrix (3, 3) from the first three
-    to X, Y, Z of 2 deg, which are then made as bright as the luminance says."""
+    """Weights (G, 4) at VISIBLE_NM of an observer's X, Y, Z and of luminance, and the matrix (3, 3) from the first
+    three to X, Y, Z of 2 deg, which are then made as bright as the luminance says."""
     two_deg = spectrum.colour_matching_functions("cie1931_2deg")[:, 1:2]
     functions = np.concatenate([spectrum.colour_matching_functions(observer), two_deg], axis=1)
     sun = spectrum.solar_at_visible(solar_spectrum, distance_au)[:, None]
