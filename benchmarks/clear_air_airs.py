@@ -17,17 +17,20 @@ from typing import Any, get_args
 
 import numpy as np
 
-from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.medium import ON_LEVELS, Medium
 from twilight.atmosphere.profiles import PROFILES
 from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file
 from twilight.config.aerosol import AerosolType
 from twilight.config.load import load_climate
+from twilight.numerics.phase import TABLE, PhaseFunction
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.compact.air import air_of
+from twilight.solvers.compact.air import air_of, two_phase_functions
+from twilight.solvers.compact.air import side_by_side as joined_airs
+from twilight.solvers.zones.settings import QUALITIES
 from twilight.transport.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, Skies, Sky
-from twilight.transport.shells import DARK
+from twilight.transport.shells import DARK, Air
 
 HUMIDITIES = (0, 50, 70, 80, 90, 95)
 """Classes of OPAC [%]."""
@@ -63,24 +66,16 @@ MOST_OZONE_DEPTH = 0.5
 """Vertical optical depth up to which absorption by ozone is drawn larger than it is."""
 HIGHEST_KM = 15.0
 """Highest of the second observers."""
-SETTINGS = zones.ZonesSettings(
-    degree=12,
-    max_degree=16,
-    polar_directions=13,
-    azimuth_directions=7,
-    late_degree=5,
-    late_polar_directions=6,
-    late_azimuth_directions=5,
-    altitude_density=0.4,
-    zenith_density=0.6,
-    tolerance=0.02,
-    step_density=0.3,
-    polarisation_degree=3,
-    late_polarisation_degree=2,
+SETTINGS = QUALITIES["draft"]
+SIDE_BY_SIDE = 1000
+"""Number from which on each wavelength has an air of its own, over one ground and profile; before, all have one air."""
+OF_WAVELENGTHS = (
+    *("wavelength_nm", "aerosol_phase_fraction", "depolarisation", "ground_albedo"),
+    "overhead_absorption_optical_depth",
 )
-STANDARD = zones.ZonesSettings()
-AT_STANDARD = (0, 5)
-"""Numbers modulo 20 of the airs that are solved by `STANDARD` too: judges of the fit, and what corrects `SETTINGS`."""
+"""Other arrays of a medium whose last axis are its wavelengths."""
+CANDIDATES = 24
+"""Airs that are drawn for these: eight alike in their haze, so that none makes the others dear."""
 
 
 def drawn_climate(rng: np.random.Generator, number: int) -> dict[str, Any]:
@@ -130,15 +125,24 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 def drawn_medium(rng: np.random.Generator, number: int) -> Medium:
     """The medium of a drawn climate, with each wavelength's own ground, air and absorption beside what the climate
     says, so that few wavelengths teach all."""
-    red = np.array(WAVELENGTH_NM) >= RED_NM
-    chance = np.where(red, RED_CHANCE, 1.0)
-    wavelength = np.sort(rng.choice(WAVELENGTH_NM, WAVELENGTHS, replace=False, p=chance / chance.sum()))
+    wavelength = np.sort(rng.choice(WAVELENGTH_NM, WAVELENGTHS, replace=False, p=chances()))
     while True:
         try:
             medium = climate_medium(load_climate_document(drawn_climate(rng, number)), wavelength)
             break
         except TwilightError:  # less aerosol in all than in the stratosphere alone: another one
             continue
+    return changed(rng, medium)
+
+
+def chances() -> np.ndarray:
+    """How likely each of WAVELENGTH_NM is drawn first."""
+    chance = np.where(np.array(WAVELENGTH_NM) >= RED_NM, RED_CHANCE, 1.0)
+    return chance / chance.sum()
+
+
+def changed(rng: np.random.Generator, medium: Medium) -> Medium:
+    """The medium with a ground, air and absorption of each wavelength's own."""
     n = medium.n_wavelengths
     albedo = np.where(rng.random(n) < 0.15, 0.0, rng.uniform(0.0, 0.9, n))
     absorption = medium.absorption_per_km
@@ -182,23 +186,79 @@ def several(medium: Medium, settings: zones.ZonesSettings, observers_km: tuple[f
     )
 
 
+def side_by_side(rng: np.random.Generator, number: int) -> Medium:
+    """The medium of several drawn climates over one ground, each at one wavelength: each with two aerosols, the means
+    of its own below and above 12 km."""
+    over = drawn_climate(rng, number)
+    shared = {"ground": over["ground"], "atmosphere": over["atmosphere"]}
+    media = []
+    while len(media) < CANDIDATES:
+        nm = float(rng.choice(WAVELENGTH_NM, p=chances()))
+        try:
+            climate = load_climate_document(drawn_climate(rng, int(rng.integers(1000))) | shared)
+            media.append(two_phase_functions(changed(rng, climate_medium(climate, np.array([nm])))))
+        except TwilightError:  # less aerosol in all than in the stratosphere alone
+            continue
+    scattering = [float((m.optical_depth("aerosol") * m.aerosol_single_scattering_albedo.mean())[0]) for m in media]
+    first = number % (CANDIDATES // WAVELENGTHS) * WAVELENGTHS
+    chosen = [media[i] for i in np.argsort(scattering)[first : first + WAVELENGTHS]]
+    levels = np.unique(np.concatenate([m.altitude_km for m in chosen]))
+    twice = {float(z) for m in chosen for z in m.altitude_km[1:][np.diff(m.altitude_km) == 0.0]}
+    levels = np.sort(np.concatenate([levels, np.array(sorted(twice))]))
+    chosen = [on_levels(m, levels) for m in chosen]
+    joined = {key: np.concatenate([getattr(m, key) for m in chosen], axis=-1) for key in (*ON_LEVELS, *OF_WAVELENGTHS)}
+    phases = [
+        PhaseFunction(
+            TABLE,
+            np.concatenate([p.asymmetry for p in kinds]),
+            np.concatenate([p.log_table for p in kinds]),
+            kinds[0].name,
+            np.concatenate([p.ratios for p in kinds], axis=1),
+        )
+        for kinds in zip(*(m.phase_functions for m in chosen), strict=True)
+    ]
+    return replace(chosen[0], phase_functions=tuple(phases), **joined)
+
+
+def on_levels(medium: Medium, levels: np.ndarray) -> Medium:
+    """The same medium on levels that hold all of its own."""
+    z = medium.altitude_km
+    doubled = np.append(np.diff(z) == 0.0, False)
+    pieces = [levels[(levels == z[0])][: 1 if doubled[0] else None]]
+    for i in range(1, z.size):
+        piece = levels[(levels > z[i - 1]) & (levels <= z[i])]
+        if z[i] == z[i - 1]:
+            piece = z[i : i + 1]
+        elif doubled[i] and piece.size > 1 and piece[-2] == z[i]:
+            piece = piece[:-1]
+        pieces.append(piece)
+    return medium.on_levels(pieces)
+
+
 def drawn(number: int) -> tuple[Medium, tuple[float, ...]]:
     """The air of a number, and its observers' altitudes above the ground [km]."""
     rng = np.random.default_rng([49, number])
-    return drawn_medium(rng, number), (0.0, float(HIGHEST_KM * rng.random() ** 2))
+    medium = (side_by_side if number >= SIDE_BY_SIDE else drawn_medium)(rng, number)
+    return medium, (0.0, float(HIGHEST_KM * rng.random() ** 2))
+
+
+def airs_of(medium: Medium, number: int) -> Air:
+    """What the model takes of the air of a number: where each wavelength has its own, each by itself."""
+    if number < SIDE_BY_SIDE:
+        return air_of(medium)
+    return joined_airs([air_of(medium.select(np.array([w]))) for w in range(medium.n_wavelengths)])
 
 
 def sample(path: Path, number: int) -> None:
-    """Draw an air, solve it, and write its light; one in ten also at `standard`."""
+    """Draw an air, solve it, and write its light."""
     medium, observers = drawn(number)
-    fine = {"standard": several(medium, STANDARD, observers)} if number % 20 in AT_STANDARD else {}
-    write(path, light=several(medium, SETTINGS, observers), **fine)
+    write(path, light=several(medium, SETTINGS, observers))
 
 
 def approximate(path: Path, number: int) -> None:
     """Write what the model computes of a drawn air: inputs of the network, M_0, light scattered once."""
     medium, observers = drawn(number)
-    air = air_of(medium)
+    air = airs_of(medium, number)
     skies = [Skies(None, air, above) for above in observers]
     write(
         path,

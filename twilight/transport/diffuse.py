@@ -81,12 +81,11 @@ class Rays(NamedTuple):
     """N segments of R rays, under C zenith angles of the sun and A azimuths from it.
 
     ray, layer, length_km (N,): of each segment its ray, layer and length; first (R,): first segment of each ray
-    on_ground (G,): segments that are the ground
-    fine (F, C): light at F local zenith angles, FINE_DEG apart, from that at ZENITH_DEG; place (C, A, N): index of
+    start (L + 2,): first segment of the rays from each layer; on_ground (G,): segments that are the ground
+    fine (F, C): light at F local zenith angles, FINE_DEG apart, from that at ZENITH_DEG; place (C A, N): index of
         (layer, fine angle) of each segment
-    legendre (C, A, R, CUT): Legendre polynomials of the cosine between ray and sun
-    moments (C, L + 1, 9, A r): weights of the r rays of each layer in the six moments of radiance, and the three of
-        polarisation
+    legendre (L + 1, C A, r, CUT): Legendre polynomials of the cosine between the sun and the r rays of each layer
+    moments (L + 1, C, m + 3, A r): weights of these rays in the m moments of radiance, and the three of polarisation
     pair_weight, pair_segment (P,): entries of the matrix of mean light, ordered by place in it; pairs, starts: these
         places, in ((L + 1) C)^2, and their first entries
     """
@@ -95,6 +94,7 @@ class Rays(NamedTuple):
     layer: np.ndarray
     length_km: np.ndarray
     first: np.ndarray
+    start: np.ndarray
     on_ground: np.ndarray
     fine: np.ndarray
     place: np.ndarray
@@ -105,18 +105,20 @@ class Rays(NamedTuple):
     pairs: np.ndarray
     starts: np.ndarray
 
-    def gathered(self, light: np.ndarray) -> np.ndarray:
-        """Light ((L + 1) C,) at the segments, (C, A, N)."""
-        return np.take(light.reshape(LAYERS, ANGLES) @ self.fine.T, self.place)
-
-    def summed(self, parts: np.ndarray) -> np.ndarray:
-        """Sums over the segments of each ray, (C, A, R) of (C, A, N)."""
-        return np.add.reduceat(parts, self.first, axis=2)
+    def collected(self, light: np.ndarray, parts: np.ndarray) -> np.ndarray:
+        """Light ((L + 1) C,) at the segments times parts of it (N, p), summed over each ray, (L + 1, C A, r, p)."""
+        count, p = 2 * POLAR, parts.shape[1]
+        by_ray = np.zeros((len(parts), count, p), parts.dtype)
+        by_ray[np.arange(len(parts)), self.ray % count] = parts
+        at_segments = np.take(light.reshape(LAYERS, ANGLES) @ self.fine.T, self.place)
+        out = np.empty((LAYERS, len(self.place), count * p), np.result_type(light, parts))
+        for k, some in enumerate(map(slice, self.start[:-1], self.start[1:])):
+            np.matmul(at_segments[:, some], by_ray[some].reshape(-1, count * p), out=out[k])
+        return out.reshape(LAYERS, -1, count, p)
 
     def mean(self, rows: slice, radiance: np.ndarray) -> np.ndarray:
-        """Some of the moments, (C, L + 1, m), of radiance (C, A, R)."""
-        of_layers = radiance.reshape(ANGLES, AZIMUTHS, LAYERS, -1).transpose(0, 2, 1, 3).reshape(ANGLES, LAYERS, -1, 1)
-        return (self.moments[:, :, rows] @ of_layers)[..., 0]
+        """Some of the moments, (L + 1, C, m), of radiance (L + 1, C A, r)."""
+        return (self.moments[:, :, rows] @ radiance.reshape(LAYERS, ANGLES, -1, 1))[..., 0]
 
 
 def gauss(count: int, power: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -212,16 +214,18 @@ def rays() -> Rays:
     parts.append(-sine2 * u * s - 2.0 * across_u * across_s)
     parts.append(sine2 * (1.0 - s * s) - 2.0 * across_s * across_s)
     moments = np.array([w * part for part in parts]).reshape(len(parts), ANGLES, AZIMUTHS, LAYERS, -1)
-    moments = moments.transpose(1, 3, 0, 2, 4).reshape(ANGLES, LAYERS, len(parts), -1)
+    moments = moments.transpose(3, 1, 0, 2, 4).reshape(LAYERS, ANGLES, len(parts), -1)
+    legendre = np.polynomial.legendre.legvander(towards.reshape(-1, LAYERS, 2 * POLAR), CUT - 1)
     return Rays(
         ray,
         layer,
         length,
         first,
+        np.append(first[:: 2 * POLAR], ray.size),
         np.flatnonzero(layer == LAYERS - 1),
         fine.astype(np.float32),
-        layer * angles_deg.size + rounded,
-        np.polynomial.legendre.legvander(towards, CUT - 1).astype(np.float32),
+        (layer * angles_deg.size + rounded).reshape(-1, ray.size),
+        np.ascontiguousarray(np.swapaxes(legendre, 0, 1), np.float32),
         moments.astype(np.float32),
         pair_weight.astype(np.float32),
         segment,
@@ -268,7 +272,7 @@ def _positive(first: np.ndarray, further: np.ndarray) -> np.ndarray:
 
 
 def diffuse_light(air: Air, shells: Shells) -> np.ndarray:
-    """The nine moments of light scattered at least once, over F0, in layers between BOUNDARY_KM at ZENITH_DEG, the
+    """The moments of light scattered at least once, over F0, in layers between BOUNDARY_KM at ZENITH_DEG, the
     reference taken off, (L C, 9, W)."""
     r, kinds = rays(), _kinds(air)
     # the sunbeam, and what it lights
@@ -284,52 +288,47 @@ def diffuse_light(air: Air, shells: Shells) -> np.ndarray:
     tau[r.on_ground] = OPAQUE
     passed = np.cumsum(tau, axis=0) - tau
     passed -= passed[r.first][r.ray]
-    reaching = single(np.exp(-passed) * -np.expm1(-tau)).T
-    shares = single(kinds.albedo)[:, r.layer].transpose(0, 2, 1) * reaching
+    reaching = np.exp(-passed) * -np.expm1(-tau)
+    parts = np.concatenate([kinds.albedo[:, r.layer] * reaching, np.zeros_like(reaching)[None]])
+    parts[-1, r.on_ground] = reaching[r.on_ground]
+    parts = np.ascontiguousarray(single(parts).transpose(2, 1, 0))
     depolarised = single((1.0 - air.depolarisation) / (2.0 + air.depolarisation))
     ground_albedo, series = single(air.ground_albedo), single(kinds.series)
     out = [
-        _of_wavelength(r, light[:, w], reaching[w], shares[:, w], series[..., w], depolarised[w], ground_albedo[w])
+        _of_wavelength(r, light[:, w], parts[w], series[..., w], depolarised[w], ground_albedo[w])
         for w in range(depolarised.size)
     ]
-    moments = np.stack(out, axis=-1)[:, :-1]
-    moments *= np.exp(-_log_reference(ZENITH_DEG)).astype(np.float32)[:, None, None, None]
-    return np.ascontiguousarray(moments.transpose(1, 0, 2, 3)).reshape(-1, *moments.shape[2:])
+    moments = np.stack(out, axis=-1)[:-1]
+    moments *= np.exp(-_log_reference(ZENITH_DEG)).astype(np.float32)[:, None, None]
+    return moments.reshape(-1, *moments.shape[2:])
 
 
 def _of_wavelength(
     r: Rays,
     light: np.ndarray,
-    reaching: np.ndarray,
-    shares: np.ndarray,
+    parts: np.ndarray,
     series: np.ndarray,
     depolarised: np.floating,
     ground_albedo: np.floating,
 ) -> np.ndarray:
-    """The nine moments (C, L + 1, 9) at one wavelength.
+    """The moments (L + 1, C, m + 3) at one wavelength.
 
-    light ((L + 1) C,): what the sunbeam lights; reaching (N,): part of light scattered in a segment that comes to the
-    start of its ray; shares (3, N): times the albedo of air and of both aerosols; series (2, CUT): of their phase
-    functions
+    light ((L + 1) C,): what the sunbeam lights; parts (N, 4): part of it that each segment sends to the start of its
+    ray, scattered by air, by both aerosols and by the ground; series (2, CUT): of the phase functions of aerosols
     """
-    at_segments = r.gathered(light)
-    by_air = r.summed(at_segments * shares[0])
-    radiance = by_air * (1.0 + depolarised * r.legendre[..., 2])
-    for share, moments in zip(shares[1:], series, strict=True):
-        if share.any():
-            radiance += r.summed(at_segments * share) * np.maximum(r.legendre @ moments, LEAST_PHASE)
-    ground = r.on_ground
-    radiance[..., r.ray[ground]] += at_segments[..., ground] * reaching[ground]
+    by_air, *by_aerosols, radiance = np.moveaxis(r.collected(light, parts), -1, 0)
+    radiance = radiance + by_air * (1.0 + depolarised * r.legendre[..., 2])
+    phases = r.legendre @ series.T
+    for n, scattered in enumerate(by_aerosols):
+        radiance += scattered * np.maximum(phases[..., n], LEAST_PHASE)
     first = r.mean(slice(0, -3), radiance)
     polarised = r.mean(slice(-3, None), by_air) * (np.float32(0.75) * depolarised)
-    every = shares.sum(axis=0)
-    every[ground] = reaching[ground]
-    now = np.ascontiguousarray(first[..., 0].T)
+    every = parts.sum(axis=1)
+    now = first[..., 0].copy()
     now[-1] *= ground_albedo
     total = _all_orders(r, every, ground_albedo, now.ravel())
-    more = r.mean(slice(1, -3), r.summed(r.gathered(total) * every))
-    mean = total.reshape(LAYERS, ANGLES).T[..., None]
-    return np.concatenate([mean, first[..., 1:] + more, polarised], axis=2)
+    more = r.mean(slice(1, -3), r.collected(total, every[:, None]))
+    return np.concatenate([total.reshape(LAYERS, ANGLES, 1), first[..., 1:] + more, polarised], axis=2)
 
 
 class _Kinds(NamedTuple):
