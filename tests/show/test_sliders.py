@@ -83,7 +83,7 @@ def test_sliders_change_the_air_as_its_climate_does(tmp_path):
     keep = np.isfinite(elevation) & (elevation > 4.0)
     with open_page(view.save(tmp_path / "air.html"), 40, 40) as (page, errors):
         page.evaluate("state => twilight.set(state)", {**ALL_SKY, **amounts})
-        until(page, "!twilight.sliders.busy && twilight.sliders.asked.includes('\"sun\":3')")
+        until(page, "!twilight.sliders.busy && twilight.sliders.asked.sun === 3")
         found = light_of(page, {})[::-1][keep]
         error = page.evaluate("twilight.sliders.error")
         assert errors == []

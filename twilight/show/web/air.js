@@ -1,38 +1,52 @@
-// The sky of sliders: a worker computes its table anew whenever the air, the observer or the sun is another.
+// The sky of sliders: workers compute its table anew whenever the air, the observer or the sun is another.
 const AMOUNTS = ["aerosol", "stratosphere", "ozone", "albedo"];
-const sliders = { worker: null, asked: "", busy: false, error: 0, milliseconds: 0 };
+const MOST_WORKERS = 4;
+const sliders = { workers: [], asked: null, since: 0, answers: [], busy: false, error: 0, milliseconds: 0 };
 
-// What the worker is asked for: factors of the amounts that the page was made of.
+// What workers are asked for: factors of the amounts that the page was made of.
 function questionOf() {
   const { now } = HEAD.air, [aerosol, stratosphere, ozone] = AMOUNTS.map((name) => (now[name] > 0 ? state[name] / now[name] : 1));
   return { aerosol, stratosphere, ozone, albedo: state.albedo, observer: state.altitude - HEAD.altitude_km[0], sun: theSun().shown };
 }
 
-// The first sky; then `followSliders` asks for more.
+// The first sky; each worker has some of the wavelengths.
 function startAir() {
   const { column, columns, now } = HEAD.air, { log_spectrum: logSpectrum, colour, ozone, model, below, above } = tables;
-  sliders.worker = new Worker(URL.createObjectURL(new Blob([HEAD.worker], { type: "text/javascript" })));
-  sliders.worker.postMessage({ model, below, above, ozone, colour, logSpectrum, column, columns, rows: HEAD.row_deg, albedo: now.albedo, phaseCount: LINE / 4 });
+  const program = URL.createObjectURL(new Blob([HEAD.worker], { type: "text/javascript" })), count = Math.min(navigator.hardwareConcurrency || 1, MOST_WORKERS, HEAD.fields[0].wavelength_nm.length);
   return new Promise((resolve, reject) => {
-    sliders.worker.onerror = (e) => reject(new Error(e.message));
-    sliders.worker.onmessage = ({ data }) => { takeSky(data); resolve(); };
+    for (let k = 0; k < count; k++) {
+      const worker = new Worker(program);
+      worker.postMessage({ model, below, above, ozone, colour, logSpectrum, column, columns, rows: HEAD.row_deg, albedo: now.albedo, phaseCount: LINE / 4 });
+      worker.onerror = (e) => reject(new Error(e.message));
+      worker.onmessage = ({ data }) => { if (data.light) takeLight(data); else { takeSky(data); resolve(); } };
+      sliders.workers.push(worker);
+    }
     followSliders();
   });
 }
 
+// Asks for the sky of the sliders, if it is another one; returns whether it does.
 function followSliders() {
-  const question = questionOf(), asked = JSON.stringify(question);
-  if (sliders.busy || asked === sliders.asked) return;
-  Object.assign(sliders, { asked, busy: true });
-  sliders.worker.postMessage(question);
+  const question = questionOf();
+  if (sliders.busy || JSON.stringify(question) === JSON.stringify(sliders.asked)) return false;
+  Object.assign(sliders, { asked: question, since: performance.now(), answers: [], busy: true });
+  sliders.workers.forEach((worker, part) => worker.postMessage({ ...question, part, parts: sliders.workers.length }));
+  return true;
 }
 
-function takeSky({ smooth, aureole, phase, spectrum, apparent, error, milliseconds }) {
+// When all workers have answered, the first one puts the table together.
+function takeLight(answer) {
+  const { answers, workers, asked } = sliders;
+  answers[answer.part] = answer;
+  if (workers.every((_, k) => answers[k])) workers[0].postMessage({ answers, sun: asked.sun });
+}
+
+function takeSky({ smooth, aureole, phase, spectrum, apparent, error }) {
   const rows = HEAD.row_deg.length, columns = HEAD.column_deg.length, shape = (n) => ({ shape: [n, 1, 1, rows, columns] });
   Object.assign(tables, { sky0: smooth, aureole0: aureole, phase0: phase, spectrum0: spectrum });
   Object.assign(HEAD.arrays, { sky0: shape(4), aureole0: shape(4), spectrum0: shape(HEAD.fields[0].wavelength_nm.length) });
-  HEAD.fields[0].lift_deg = [[apparent - JSON.parse(sliders.asked).sun]];
-  Object.assign(sliders, { busy: false, error, milliseconds });
+  HEAD.fields[0].lift_deg = [[apparent - sliders.asked.sun]];
+  Object.assign(sliders, { busy: false, error, milliseconds: performance.now() - sliders.since });
   sliced = "";
   redraw();
 }

@@ -598,7 +598,7 @@ class Skies {
       one.fractions.forEach((f, k) => {
         const series = Float64Array.from(g, (v, l) => (f > 1e-6 ? f : 0) * moments[k][l] * v + (1 - none) * followed[k][l]);
         let end = series.length;
-        while (end > 0 && Math.abs(series[end - 1]) < 1e-9) end--;
+        while (end > 0 && Math.abs(series[end - 1]) < 1e-7) end--;   // moves light by 1e-5 at most
         added[k].push(Float64Array.from(terms, (row) => inner(series.subarray(0, end), row)));
       });
       return x;
@@ -639,10 +639,8 @@ const legendreTerms = () => (peakTerms ??= range(PEAK_ANGLES, (i) => Float32Arra
 class Sky {
   constructor(apparent, at, sun, error) {
     Object.assign(this, { apparent, at });
-    const light = this.light(ELEVATION_DEG, AZIMUTH_DEG, false).map((one) => one.light), brightest = light.map((v) => Math.max(...v)), least = DARKEST_TERM * Math.max(...brightest);
-    const spread = at.flatMap(({ logs, spread: s }, w) => (brightest[w] > least ? Array.from(s, (v, n) => v * Math.exp(logs[0][n]) / light[w][n]) : [])).sort((a, b) => a - b);
-    const [fixed, times] = [0, 1].map((row) => interp(sun, SUN_DEG, error.slice(row * SUN_DEG.length, (row + 1) * SUN_DEG.length)));
-    this.relativeError = fixed + times * interp(0.95 * (spread.length - 1), range(spread.length), spread);   // of radiance, at 95 % of directions
+    this.spreads = this.light(ELEVATION_DEG, AZIMUTH_DEG, false).map(({ light }, w) => ({ brightest: Math.max(...light), of: at[w].spread.map((v, n) => v * Math.exp(at[w].logs[0][n]) / light[n]) }));
+    this.relativeError = relativeError(this.spreads, sun, error);
   }
 
   // Of each wavelength: light over F0 [sr^-1] in rows times columns, and what aerosol scattered once of it.
@@ -668,6 +666,13 @@ class Sky {
       return { aerosol, light: aerosol.map((v, i) => v + multiple[i] + byAir[i] * 3 / (8 * Math.PI * (2 + rho)) * (1 + rho + (1 - rho) * cosines[i] ** 2)) };
     });
   }
+}
+
+// The error of radiance at 95 % of directions, from how far the networks are apart at each wavelength.
+function relativeError(spreads, sun, error) {
+  const least = DARKEST_TERM * Math.max(...spreads.map((one) => one.brightest)), counted = spreads.flatMap(({ brightest, of }) => (brightest > least ? Array.from(of) : [])).sort((a, b) => a - b);
+  const [fixed, times] = [0, 1].map((row) => interp(sun, SUN_DEG, error.slice(row * SUN_DEG.length, (row + 1) * SUN_DEG.length)));
+  return fixed + times * interp(0.95 * (counted.length - 1), range(counted.length), counted);
 }
 
 // The cubic spline (not-a-knot) through values at the nodes, as rows of a matrix that gives its values at x.

@@ -7,7 +7,7 @@ function draw(seconds) {
   const width = Math.max(1, Math.round(canvas.clientWidth * ratio)), height = Math.max(1, Math.round(canvas.clientHeight * ratio));
   if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
   const aspect = width / height, sun = theSun(), sky = HEAD.kind === "field" ? celestial(sun) : null;
-  if (HEAD.kind === "air") followSliders();
+  if (HEAD.kind === "air" && followSliders() && shot) return;   // its answer is drawn
   uploadTables(sun);
   drawLight(target("light", width, height), aspect, sun, sky, true);
   shot = exposureNow(aspect, sun, sky, seconds);

@@ -1,9 +1,10 @@
-// The worker of a page whose sliders change the air: from their values to the sky's table, S and A of table.glsl.
+// A worker of a page whose sliders change the air: from their values to light at some of the wavelengths, and from the
+// light that all workers found to the sky's table, S and A of table.glsl.
 let given = null, lastAir = "", skies = null, phase = null, done = null;
 
 // First what the page holds, then questions, one after the other; an error is the worker's, not a promise's.
 onmessage = ({ data }) => {
-  done = data.model ? prepare(data) : done.then(() => answer(data));
+  done = data.model ? prepare(data) : done.then(() => postMessage(data.answers ? tableOf(data) : answer(data)));
   done.catch((error) => setTimeout(() => { throw error; }));
 };
 
@@ -12,16 +13,17 @@ async function prepare(data) {
   given = { ...data, model: new Model(model), below: airOf(below), above: airOf(above) };
 }
 
-function answer(question) {
-  const started = performance.now(), key = JSON.stringify({ ...question, sun: 0 });
+// Light at each `parts`-th wavelength from one on.
+function answer({ part, parts, sun, ...question }) {
+  const key = JSON.stringify(question);
   if (key !== lastAir) {
     const air = changedAir(question);
-    skies = new Skies(given.model, air, question.observer);
-    phase = air.at[0].aerosolDepth.length ? meanPhase(air) : null;
+    skies = new Skies(given.model, { ...air, at: air.at.filter((_, w) => w % parts === part) }, question.observer);
+    phase = part === 0 && air.at[0].aerosolDepth.length ? meanPhase(air) : null;
     lastAir = key;
   }
-  const table = tableOf(skies.sky(question.sun));
-  postMessage({ ...table, milliseconds: performance.now() - started });
+  const sky = skies.sky(sun);
+  return { part, apparent: sky.apparent, spreads: sky.spreads, light: sky.light(given.rows, given.columns) };
 }
 
 // The air of sliders: sums of what is below the stratosphere and what is in it, as solvers/compact/air.py has it.
@@ -89,9 +91,9 @@ function meanPhase({ at }) {
 
 // Of sky/table.py, `split`: how much of the light A holds at most, and the part of all else that it holds at least.
 const LARGEST_FRACTION = 0.98, REST = 0.01;
-function tableOf(sky) {
-  const { rows, columns, column, phaseCount } = given, light = sky.light(rows, columns), wide = column.length, size = rows.length * wide;
-  const smooth = new Float32Array(4 * size), aureole = phase && new Float32Array(4 * size), spectrum = new Float32Array(light.length * size), s = sky.apparent * RAD;
+function tableOf({ answers, sun }) {
+  const { rows, columns, column, phaseCount } = given, { apparent } = answers[0], light = given.below.at.map((_, w) => answers[w % answers.length].light[Math.floor(w / answers.length)]), wide = column.length, size = rows.length * wide;
+  const smooth = new Float32Array(4 * size), aureole = phase && new Float32Array(4 * size), spectrum = new Float32Array(light.length * size), s = apparent * RAD;
   for (let r = 0; r < rows.length; r++) for (let c = 0; c < columns.length; c++) {
     const i = r * columns.length + c, all = channelsOf(light.map((one) => one.light[i])), once = phase && channelsOf(light.map((one) => one.aerosol[i])), e = rows[r] * RAD;
     const angle = Math.acos(within(Math.sin(e) * Math.sin(s) + Math.cos(e) * Math.cos(s) * Math.cos(columns[c] * RAD), -1, 1)), where = Math.sqrt(angle / Math.PI) * (phaseCount - 1), j = Math.min(Math.floor(where), phaseCount - 2);
@@ -106,5 +108,5 @@ function tableOf(sky) {
       }
     });
   }
-  return { smooth, aureole, phase, spectrum, apparent: sky.apparent, error: sky.relativeError };
+  return { smooth, aureole, phase, spectrum, apparent, error: relativeError(answers.flatMap((one) => one.spreads), sun, given.model.error) };
 }
