@@ -43,6 +43,7 @@ def jpeg(path, rgb=None, taken=TAKEN, where=WHERE, **more):
 
 
 def test_exif_is_read(tmp_path):
+    """Time, place, heading or exposure of a telephone's picture would be read wrong."""
     stated = read_stated(jpeg(tmp_path / "a.jpg", where=WHERE | CLOCK))
     assert stated.sun == {"at": "2024-06-21T18:30:05+00:00", "latitude_deg": -48.2, "longitude_deg": 16.4}
     assert stated.heading_deg == 301.5 and stated.focal_35mm == 26.0
@@ -51,12 +52,14 @@ def test_exif_is_read(tmp_path):
 
 
 def test_a_clock_without_an_offset_is_no_time(tmp_path):
+    """A local time would be taken for UTC, and the sun be hours off."""
     assert read_stated(jpeg(tmp_path / "a.jpg")).sun is None
     zoned = read_stated(jpeg(tmp_path / "b.jpg", taken=TAKEN | {BASE.OffsetTimeOriginal: "+02:00"}))
     assert zoned.sun["at"] == "2024-06-21T20:30:00+02:00"
 
 
 def test_pitch_is_read_from_xmp(tmp_path):
+    """The horizon would be searched though the picture says its pitch."""
     xmp = b'<x:xmpmeta><rdf:Description Camera:Pitch="7.5" Camera:Roll="-2"/></x:xmpmeta>'
     stated = read_stated(jpeg(tmp_path / "a.jpg", xmp=xmp))
     assert (stated.pitch_deg, stated.roll_deg) == (7.5, -2.0)
@@ -88,6 +91,7 @@ def test_the_field_of_view_follows_from_the_focal_length(tmp_path):
     ],
 )
 def test_what_lacks_is_asked_for(tmp_path, taken, said):
+    """A picture without focal length would be read with a guessed one."""
     with pytest.raises(TwilightError, match=said):
         twilight.estimate(jpeg(tmp_path / "a.jpg", taken=taken, where={}))
     wide = read_photograph(jpeg(tmp_path / "a.jpg", taken=taken, where={}), None, field_of_view_deg=60.0)
@@ -99,6 +103,7 @@ def shot(rgb, camera=None, **more):
 
 
 def test_a_picture_on_its_head_is_refused():
+    """The ground would be fitted as sky."""
     rgb = take(preetham(12.0), latlong(180), 40.0, sun=False)
     check_upright("a", shot(rgb))
     with pytest.raises(TwilightError, match="stands on its head"):
@@ -106,6 +111,7 @@ def test_a_picture_on_its_head_is_refused():
 
 
 def test_over_exposed_skies_and_lamps():
+    """Burnt sky or lamps would be fitted as light of the sun."""
     camera = latlong(180)
     rgb = take(preetham(12.0), camera, 40.0, sun=False)
     azimuth, elevation = camera.azimuth_elevation(camera.pixel_centres())
@@ -185,6 +191,7 @@ def burnt(y, x):
     ids=["no sky", "moon", "burnt", "screenshot with a bright half"],
 )
 def test_pictures_that_say_nothing_are_refused_in_a_sentence(tmp_path, made, taken, said):
+    """A wall, a moon or a screenshot would be given an air."""
     y, x = np.indices((120, 160))
     path = jpeg(tmp_path / "a.jpg", made(y, x), taken=TAKEN | taken)
     with pytest.raises(TwilightError, match=said) as refused:
