@@ -203,8 +203,8 @@ def _empty(sweep: Sweep) -> tuple[Dataset, dict[str, Any]]:
             variables[variable_name(key)] = (dimension.name, values, key_attributes(key))
     if (drawn := sweep.drawn) is not None:
         held = np.array([i in drawn.held_out for i in range(drawn.size)], np.int8)
-        about = {"flag_values": [*PARTS.values()], "flag_meanings": " ".join(PARTS)}
-        variables["split"] = ("draw", held, {"long_name": "part of the draw", **about})
+        flags = {"flag_values": [*PARTS.values()], "flag_meanings": " ".join(PARTS)}
+        variables["split"] = ("draw", held, {"long_name": "part of the draw", **flags})
     about = {
         "title": f"Skies of {sweep.first.title}",
         "source": f"twilight {__version__}",

@@ -56,7 +56,6 @@ class Sweep:
 
     def __init__(self, series: Series, progress: Progress | None = None):
         self.series, where = series, series.where
-        _refuse_too_many(where, math.prod(len(axis.points) for axis in series.axes), "scenes", MAX_SCENES)
         dimensions.check_keys(series.axes, where)
         self.first = series.config({k: v for axis in series.axes for k, v in axis.points[0].items()})
         check_size(self.first)
