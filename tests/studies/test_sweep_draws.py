@@ -115,7 +115,7 @@ def test_what_the_loader_cannot_read_is_one_sentence(toy, client, tmp_path):
     for path, part, says in (
         (tmp_path / "none.zarr", "all", "is not the dataset of a sweep"),
         (tmp_path / "plain.zarr", "all", "is no sweep with draws"),
-        (tmp_path / "plain.zarr", "test", "part: test is not known"),
+        (tmp_path / "plain.zarr", "test", "part: 'test' is not known"),
     ):
         with pytest.raises(TwilightError, match=says):
             load_skies(path, part)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, check_known
 from twilight.studies.sweep.store import COMPUTED, PARTS
 from twilight.studies.sweep.work import RADIANCE
 
@@ -42,8 +42,7 @@ def load_skies(path: str | Path, part: Literal["train", "validation", "all"] = "
     """
     import xarray  # optional
 
-    if part != "all" and part not in PARTS:
-        raise TwilightError(f"part: {part} is not known, choose one of all, {', '.join(PARTS)}")
+    check_known("part", part, ("all", *PARTS))
     try:
         data = xarray.open_zarr(path, decode_times=False)
     except (OSError, ValueError) as error:
