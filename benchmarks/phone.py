@@ -37,6 +37,8 @@ from twilight.studies.validate.photographs.estimate import LARGEST_MISFIT
 WIDTH, HEIGHT = 640, 480
 PER_AIR = 4
 """Pictures of each air."""
+FIRST_EVENING = 3
+"""Number of the first that is judged: those before set `fit.SERIES_INFLATED`."""
 PER_EVENING = 6
 """Pictures of an evening."""
 BETWEEN = timedelta(minutes=16)
@@ -250,18 +252,19 @@ def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("--count", type=int)
     arguments.add_argument("--evenings", action="store_true")
-    arguments.add_argument("--first", type=int, default=0)
+    arguments.add_argument("--first", type=int)
     arguments.add_argument("--table", type=Path)
     arguments.add_argument("--summary", action="store_true")
     given = arguments.parse_args()
     given.table = given.table or results.FOLDER / f"phone_{'evenings' if given.evenings else 'pictures'}.csv"
-    count, command = given.count or (8 if given.evenings else 50), "python benchmarks/phone.py"
+    first = (FIRST_EVENING if given.evenings else 0) if given.first is None else given.first
+    last, command = first + (given.count or (8 if given.evenings else 50)), "python benchmarks/phone.py"
     command += " --evenings" if given.evenings else ""
     rows: list[list[str]] = []
     if given.table.exists():
         with given.table.open(encoding="utf-8") as file:
             rows = [row for row in csv.reader(file) if row and not row[0].startswith("#")][1:]
-    for index in () if given.summary else range(given.first, count):
+    for index in () if given.summary else range(first, last):
         if not any(row[0] == str(index) for row in rows):
             rows += one(index, given.evenings)
             results.write(given.table, COLUMNS, rows, notes=summary(rows), command=command)
