@@ -8,6 +8,7 @@ tasks at hand is lost; a chunk that was damaged or deleted since is computed aga
 from __future__ import annotations
 
 import json
+import shutil
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -30,10 +31,18 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 JOURNAL = "tasks.jsonl"
-MISSING, COMPUTED, REFUSED = range(3)
-"""`status` of a scene that is not computed yet, whose sky is there, and that its solver refused."""
+MISSING = 0
+"""`status` of a scene that is not computed yet."""
+COMPUTED = 1
+"""`status` of one whose sky is there."""
+REFUSED = 2
+"""`status` of one that its solver refused."""
 PARTS = {"train": 0, "validation": 1}
 """Values of `split`, the part of each draw, by the names that users give."""
+RESERVE_BYTES = 64 * 2**20
+"""Free space beside the dataset's without which a sweep is not begun."""
+COMPRESSED_FRACTION = 0.4
+"""Least fraction of the bytes of radiances that remains after compression: less space is refused at once."""
 
 
 class Store:
@@ -108,7 +117,8 @@ def _slices(chunk: Chunk) -> tuple[slice, ...]:
 def open_store(path: Path, sweep: Sweep) -> Iterator[Store]:
     """The dataset of a sweep at `path`, made where there is none.
 
-    Errors: TwilightError where something else lies there, where another sweep writes it, or where it cannot be written.
+    Errors: TwilightError where something else lies there, where another sweep writes it, where it cannot be written, or
+    where the disk lacks space.
     """
     import zarr  # optional
 
@@ -124,6 +134,7 @@ def open_store(path: Path, sweep: Sweep) -> Iterator[Store]:
         for left in path.rglob("*.partial"):  # chunks that a killed process had begun
             left.unlink()
         store = Store(path, sweep, journal)
+        _check_space(store)
         try:
             yield store
         finally:
@@ -157,6 +168,17 @@ def _check_same(path: Path, sweep: Sweep) -> None:
         keys = (next(differences(stored.get(part), asked[part], (part,)), None) for part in sweep.document)
         changed = next((".".join(key[0]) for key in keys if key is not None), "the content of a file that it names")
         raise TwilightError(f"{path}: holds another sweep ({changed} differs); give another --output")
+
+
+def _check_space(store: Store) -> None:
+    missing = sum(task.skies for task in store.sweep.tasks if task.key not in store.done)
+    needed = COMPRESSED_FRACTION * store.sweep.bytes * missing / store.sweep.scenes + RESERVE_BYTES
+    free = shutil.disk_usage(store.path).free
+    if missing and needed > free:
+        raise TwilightError(
+            f"{store.path}: {missing:,} skies need at least {needed / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free: "
+            f"take fewer scenes, fewer wavelengths, a larger texture.resolution_deg, or another --output"
+        )
 
 
 # A new dataset --------------------------------------------------------------------------------------------------
