@@ -1,6 +1,7 @@
 """Do the intervals of `twilight.estimate` hold?  Pictures of known air through a simulated phone.
 
     python benchmarks/phone.py [--count 50] [--summary]      # phone_pictures.csv, row by row; resumes
+    python benchmarks/phone.py --evenings [--count 8]        # phone_evenings.csv: series of one camera and one air
 
 Each picture: a place and a time drawn at random, for every four of them an air, its sky behind the horizon `typical` by
 the solver zones (which is not what the fit takes), seen by a phone held 3 to 25 deg above the horizontal, tilted by up
@@ -8,6 +9,7 @@ to 4 deg, over dark hills of up to 2 deg; its lens darkens the corners by up to 
 10 % between the colours; a tone curve with 0.85 to 1.35 times the contrast and a shoulder; sRGB in 8 bits, JPEG of
 quality 92.  Its Exif says time, place, heading (5 deg off), focal length in 35 mm (a whole number) and exposure (40 %
 off).  Drawn alike are ln of the optical depth, ozone and albedo, within the bounds of the fit.
+An evening are six pictures, 16 minutes apart, from a sun of 3 to 6 deg to one below -3 deg, on a tripod.
 """
 
 from __future__ import annotations
@@ -32,10 +34,15 @@ from twilight.studies.camera import CameraModel
 from twilight.studies.camera.exif import FULL_FRAME_MM, LENS_TRANSMISSION, MIDDLE_GREY
 from twilight.studies.validate.photographs.estimate import LARGEST_MISFIT
 
-TABLE = results.FOLDER / "phone_pictures.csv"
 WIDTH, HEIGHT = 640, 480
 PER_AIR = 4
 """Pictures of each air."""
+FIRST_EVENING = 3
+"""Number of the first that is judged: those before set `fit.SERIES_INFLATED`."""
+PER_EVENING = 6
+"""Pictures of an evening."""
+BETWEEN = timedelta(minutes=16)
+"""Time between two of them."""
 TYPES = ("continental_average", "maritime_clean", "desert", "urban")
 COLUMNS = (
     *("picture", "sun_elevation_deg", "parameter", "truth", "value", "low_68", "high_68", "low_95", "high_95"),
@@ -56,6 +63,12 @@ def moment(random: np.random.Generator) -> tuple[datetime, tuple[float, float], 
 @functools.lru_cache(maxsize=1)
 def air(number: int) -> tuple[dict[str, float], str, twilight.Field]:
     """What an air holds, the type of its aerosol, and its field for the suns of its pictures."""
+    pictures = range(PER_AIR * number, PER_AIR * (number + 1))
+    return solved(number, [moment(np.random.default_rng(1000 + index))[2].elevation_deg for index in pictures])
+
+
+def solved(number: int, suns_deg: list[float]) -> tuple[dict[str, float], str, twilight.Field]:
+    """The same for any suns."""
     random = np.random.default_rng(number)
     truth = {
         "aerosol": float(np.exp(random.uniform(np.log(0.03), np.log(0.6)))),
@@ -70,8 +83,7 @@ def air(number: int) -> tuple[dict[str, float], str, twilight.Field]:
         "ground.albedo": truth["albedo"],
         "horizon": "typical",
     }
-    pictures = range(PER_AIR * number, PER_AIR * (number + 1))
-    suns = [float(moment(np.random.default_rng(1000 + index))[2].elevation_deg) for index in pictures]
+    suns = [float(sun) for sun in suns_deg]
     field = twilight.solve("continental-average", sun_elevation_deg=suns, quality="draft", settings=settings)
     return truth, kind, field
 
@@ -84,16 +96,7 @@ def draw(index: int, folder: Path) -> tuple[Path, dict[str, float], str, float]:
     sky = field.sky(float(sun.elevation_deg))
     heading = float(sun.azimuth_deg + random.uniform(-25.0, 25.0)) % 360.0
     focal_mm = float(random.uniform(22.0, 28.0))
-    width = 2.0 * np.degrees(np.arctan(0.5 * WIDTH / (focal_mm / FULL_FRAME_MM * np.hypot(WIDTH, HEIGHT))))
-    held = {"azimuth_deg": heading, "elevation_deg": float(random.uniform(3.0, 25.0))}
-    camera = CameraModel.model_validate(
-        {
-            "projection": "perspective",
-            "image": {"width_px": WIDTH, "height_px": HEIGHT},
-            "lens": {"field_of_view_deg": float(width)},
-            "orientation": held | {"roll_deg": float(random.uniform(-4.0, 4.0))},
-        }
-    )
+    camera = held(heading, focal_mm, random)
     rgb = seen(sky, camera, float(sun.azimuth_deg), random)
     scale = 0.8 / float(np.percentile(rgb.max(axis=-1), 98))
     path = folder / f"phone-{index:02d}.jpg"
@@ -101,6 +104,43 @@ def draw(index: int, folder: Path) -> tuple[Path, dict[str, float], str, float]:
         path, quality=92, exif=exif(when, place, heading + random.normal(0.0, 5.0), focal_mm, 1.0 / scale, random)
     )
     return path, truth, kind, float(sun.elevation_deg)
+
+
+def evening(number: int, folder: Path) -> tuple[list[Path], dict[str, float], str]:
+    """The pictures of an evening, what its air holds, and the type of its aerosol."""
+    random = np.random.default_rng(5000 + number)
+    while True:
+        first, place, _ = moment(random)
+        times = [first + k * BETWEEN for k in range(PER_EVENING)]
+        suns = [sun_position(when, *place, 0.0) for when in times]
+        if 3.0 < suns[0].elevation_deg < 6.0 and -9.0 < suns[-1].elevation_deg < -3.0:
+            break
+    truth, kind, field = solved(2000 + number, [sun.elevation_deg for sun in suns])
+    heading = float(suns[2].azimuth_deg + random.uniform(-15.0, 15.0)) % 360.0
+    focal_mm, compass_deg, paths = float(random.uniform(22.0, 28.0)), heading + random.normal(0.0, 5.0), []
+    camera = held(heading, focal_mm, random)
+    for when, sun in zip(times, suns, strict=True):
+        alike = [np.random.default_rng([number, k]) for k in range(3)]  # lens, curve and exposure of one phone
+        rgb = seen(field.sky(float(sun.elevation_deg)), camera, float(sun.azimuth_deg), alike[0])
+        scale = 0.8 / float(np.percentile(rgb.max(axis=-1), 98))
+        paths.append(folder / f"evening-{number:02d}-{len(paths)}.jpg")
+        about = exif(when, place, compass_deg, focal_mm, 1.0 / scale, alike[2])
+        Image.fromarray(developed(rgb * scale, alike[1])).save(paths[-1], quality=92, exif=about)
+    return paths, truth, kind
+
+
+def held(heading: float, focal_mm: float, random: np.random.Generator) -> CameraModel:
+    """A camera as it is held."""
+    width = 2.0 * np.degrees(np.arctan(0.5 * WIDTH / (focal_mm / FULL_FRAME_MM * np.hypot(WIDTH, HEIGHT))))
+    held = {"azimuth_deg": heading, "elevation_deg": float(random.uniform(3.0, 25.0))}
+    return CameraModel.model_validate(
+        {
+            "projection": "perspective",
+            "image": {"width_px": WIDTH, "height_px": HEIGHT},
+            "lens": {"field_of_view_deg": float(width)},
+            "orientation": held | {"roll_deg": float(random.uniform(-4.0, 4.0))},
+        }
+    )
 
 
 def seen(sky: twilight.Sky, camera: CameraModel, sun_azimuth_deg: float, random: np.random.Generator) -> np.ndarray:
@@ -170,19 +210,25 @@ def exif(
     return made
 
 
-def one(index: int) -> list[list[str]]:
-    """Rows of a picture."""
+def one(index: int, evenings: bool) -> list[list[str]]:
+    """Rows of a picture, or of an evening."""
     with tempfile.TemporaryDirectory() as folder:
-        path, truth, kind, sun = draw(index, Path(folder))
+        pictures: Path | list[Path]
+        if evenings:
+            pictures, truth, kind = evening(index, Path(folder))
+            sun = ""
+        else:
+            pictures, truth, kind, elevation = draw(index, Path(folder))
+            sun = f"{elevation:.2f}"
         begin = time.process_time()
-        found = twilight.estimate(path, types=[kind], settings={"aerosol.type": kind})
+        found = twilight.estimate(pictures, types=[kind], settings={"aerosol.type": kind})
         seconds = time.process_time() - begin
     rows = []
     for name, p in found.parameters.items():
         if name in truth:
             numbers = (truth[name], p.value, p.low, p.high, p.low_95, p.high_95)
             rows.append(
-                [str(index), f"{sun:.2f}", name, *(f"{x:.4g}" for x in numbers), str(p.constrained),
+                [str(index), sun, name, *(f"{x:.4g}" for x in numbers), str(p.constrained),
                  f"{found.best.misfit:.3g}", f"{found.best.amplitude:g}", f"{seconds:.1f}"]
             )  # fmt: skip
     return rows
@@ -191,7 +237,7 @@ def one(index: int) -> list[list[str]]:
 def summary(rows: list[list[str]]) -> list[str]:
     """How often intervals hold, all parameters and each; a picture whose fit does not fit, and says so, has none."""
     fitted = [row for row in rows if float(row[10]) <= LARGEST_MISFIT]
-    lines = [f"{len({row[0] for row in rows})} pictures, {len({row[0] for row in fitted})} of them are fitted"]
+    lines = [f"{len({row[0] for row in rows})} drawn, {len({row[0] for row in fitted})} of them are fitted"]
     for name in ("all", "told", "aerosol", "ozone", "albedo"):
         chosen = [row for row in fitted if name in ("all", row[2]) or (name == "told" and row[9] == "True")]
         if chosen:
@@ -204,19 +250,24 @@ def summary(rows: list[list[str]]) -> list[str]:
 def main() -> None:
     """Draw and fit what the table lacks."""
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("--count", type=int, default=50)
-    arguments.add_argument("--first", type=int, default=0)
-    arguments.add_argument("--table", type=Path, default=TABLE)
+    arguments.add_argument("--count", type=int)
+    arguments.add_argument("--evenings", action="store_true")
+    arguments.add_argument("--first", type=int)
+    arguments.add_argument("--table", type=Path)
     arguments.add_argument("--summary", action="store_true")
     given = arguments.parse_args()
+    given.table = given.table or results.FOLDER / f"phone_{'evenings' if given.evenings else 'pictures'}.csv"
+    first = (FIRST_EVENING if given.evenings else 0) if given.first is None else given.first
+    last, command = first + (given.count or (8 if given.evenings else 50)), "python benchmarks/phone.py"
+    command += " --evenings" if given.evenings else ""
     rows: list[list[str]] = []
     if given.table.exists():
         with given.table.open(encoding="utf-8") as file:
             rows = [row for row in csv.reader(file) if row and not row[0].startswith("#")][1:]
-    for index in () if given.summary else range(given.first, given.count):
+    for index in () if given.summary else range(first, last):
         if not any(row[0] == str(index) for row in rows):
-            rows += one(index)
-            results.write(given.table, COLUMNS, rows, notes=summary(rows), command="python benchmarks/phone.py")
+            rows += one(index, given.evenings)
+            results.write(given.table, COLUMNS, rows, notes=summary(rows), command=command)
             for row in rows[-3:]:
                 print(*row, flush=True)
     print(*summary(rows), sep="\n")

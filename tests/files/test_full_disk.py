@@ -43,7 +43,6 @@ ELSEWHERE = {
     "io/provenance.py": "its journal grows line by line: a line that was cut is not read",
     "io/folder.py": "empties that journal",
     "studies/compare/worker.py": "a pipe, and /proc",
-    "studies/sweep/store.py": "chunks, which zarr writes whole, before the line of the journal that counts them",
     "studies/camera/image.py": "copies in a temporary folder",
     "io/air/__init__.py": "copies in a temporary folder",
 }

@@ -116,18 +116,6 @@ def test_a_truncated_h5_is_refused_in_one_sentence(tmp_path, keep):
     assert "\n" not in str(caught.value)
 
 
-def test_a_heap_whose_end_is_zeroed_is_refused(tmp_path):
-    """The HDF5 library would turn forever in free space of no size."""
-    path = tmp_path / "sky.h5"
-    write_sky(glow_sky(step_deg=15.0), path)
-    content = bytearray(path.read_bytes())
-    heap = content.index(b"GCOL\x01\0\0\0")
-    content[heap + 64 : heap + 4096] = bytes(4096 - 64)
-    path.write_bytes(content)
-    with pytest.raises(TwilightError, match=r"sky\.h5: is not a complete HDF5 file \(a global heap is damaged\)"):
-        read_sky(path)
-
-
 def test_other_files_are_refused_by_name(tmp_path):
     """Another file would be a KeyError."""
     with pytest.raises(TwilightError, match="no such file"):

@@ -58,6 +58,7 @@ KINDS = {
 
 @pytest.mark.parametrize("name", KINDS)
 def test_damaged_files_of_a_photograph(tmp_path, name):
+    """A damaged picture, camera, curve or mask would end in a traceback."""
     whole(tmp_path, name)
     path, read = tmp_path / name, KINDS[name]
     assert attempt(lambda: read(path), name) == (True, "")

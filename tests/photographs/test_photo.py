@@ -51,6 +51,7 @@ def test_a_panorama_holds_what_was_rendered(camera):
 
 
 def test_a_large_picture_is_averaged_not_picked_from():
+    """Fine structure would alias into the sky's radiance."""
     camera = latlong(2048)
     rgb = np.ones((1024, 2048, 3))
     rgb[:, ::2] = 3.0  # stripes of one pixel
@@ -59,6 +60,7 @@ def test_a_large_picture_is_averaged_not_picked_from():
 
 
 def test_the_size_must_be_the_cameras():
+    """A scaled picture would be read with the wrong directions."""
     with pytest.raises(TwilightError, match="256 x 128 pixels"):
         make_panorama(picture(np.ones((100, 200, 3))), latlong())
     with pytest.raises(TwilightError, match="nothing above the horizon"):
@@ -74,6 +76,7 @@ def hills(azimuth_deg):
 
 
 def test_hills_and_a_cloud_are_masked_and_the_sky_is_not():
+    """Hills and clouds would be compared with clear sky."""
     camera = latlong(720)
     rgb = take(sky(), camera, 0.0, sun=False)
     azimuth, elevation = camera.azimuth_elevation(camera.pixel_centres())
@@ -95,6 +98,7 @@ def test_hills_and_a_cloud_are_masked_and_the_sky_is_not():
 
 
 def test_profile_mask_image_and_saturation():
+    """A mask of the user's would lie turned, or burnt pixels count as light."""
     camera = latlong(360)
     rgb = take(sky(), camera, 0.0, sun=False)
     panorama = make_panorama(picture(rgb), camera, 2.0, 4, 30.0)
@@ -129,6 +133,7 @@ def test_profile_mask_image_and_saturation():
     ],
 )
 def test_bad_profiles_are_one_sentence(tmp_path, text):
+    """A skyline file with a slip would be a traceback."""
     path = tmp_path / "skyline.csv"
     path.write_text(text)
     with pytest.raises(TwilightError, match="skyline"):
@@ -136,6 +141,7 @@ def test_bad_profiles_are_one_sentence(tmp_path, text):
 
 
 def test_growing_a_mask_is_round_on_the_sphere():
+    """Masks near the zenith would grow far too little in azimuth."""
     panorama = make_panorama(picture(np.ones((90, 180, 3))), latlong(180), 2.0, 4)
     one = np.zeros(panorama.covered.shape, bool)
     row = np.abs(panorama.elevation_deg - 60.25).argmin()
@@ -151,6 +157,7 @@ def test_growing_a_mask_is_round_on_the_sphere():
 
 @pytest.mark.parametrize("azimuth", [3.0, 147.3, 301.6])
 def test_the_azimuth_is_found_by_symmetry(azimuth):
+    """A panorama without north would be compared under a turned sun, or claim to know better than it does."""
     found = photograph(latlong(), azimuth, sun=False, noise=0.01).sun
     assert found.method == "symmetry"
     assert abs((found.azimuth_deg - azimuth + 180) % 360 - 180) < max(1.0, 3 * found.uncertainty_deg)
@@ -158,6 +165,7 @@ def test_the_azimuth_is_found_by_symmetry(azimuth):
 
 
 def test_the_disc_is_taken_where_it_is_seen():
+    """A sun in the picture would be guessed by symmetry."""
     found = photograph(fisheye(), 222.2, noise=0.01).sun
     assert found.method == "disc"
     assert found.azimuth_deg == pytest.approx(222.2, abs=0.5)
@@ -174,6 +182,7 @@ def test_a_light_beside_a_sun_that_is_given_is_no_disc():
 
 
 def test_a_sky_without_a_meridian_has_no_azimuth():
+    """An overcast picture would get an azimuth made of its noise."""
     camera = latlong()
     _, elevation = camera.azimuth_elevation(camera.pixel_centres())
     flat = np.where(elevation > 0, 1.0 + 0.001 * elevation, 0.1)[..., None] * np.ones(3)
@@ -201,6 +210,7 @@ def test_the_sun_of_the_panoramas():
     ids=["latlong", "fisheye", "8 bit"],
 )
 def test_a_rendered_sky_agrees_with_itself(camera, through):
+    """A photograph of the very sky would be called different from it."""
     shot = photograph(camera, 130.0, through, noise=0.01)
     found = comparing.compare(shot.seen(130.0, 12.0).sky, sky()).figures
     assert found["luminance_median_percent"] < 0.5 and found["luminance_rms_percent"] < 2.0
@@ -211,6 +221,7 @@ def test_a_rendered_sky_agrees_with_itself(camera, through):
 
 
 def test_exposure_and_white_balance_are_recovered():
+    """A camera's white balance would count as a colour of the sky."""
     camera = latlong(360)
     gains = np.array([1.3, 1.0, 0.6])
     rgb = take(sky(), camera, 0.0, exposure=1e-3) * gains
@@ -226,6 +237,7 @@ def test_exposure_and_white_balance_are_recovered():
 
 @pytest.mark.slow
 def test_another_sun_is_seen_as_another_sky():
+    """A sun 8 deg too high would fit as well."""
     seen = photograph(latlong(360), 0.0).seen(0.0, 12.0).sky
     same, other = (comparing.compare(seen, preetham(e)).figures for e in (12.0, 20.0))
     assert other["luminance_rms_percent"] > 5 * same["luminance_rms_percent"]
@@ -251,6 +263,7 @@ def test_figures_follow_their_definitions():
 
 
 def test_a_grey_photograph_has_no_colour():
+    """A grey picture would be judged by its colours."""
     camera = latlong(360)
     grey = take(sky(), camera, 0.0, sun=False).mean(axis=-1, keepdims=True) * np.ones(3)
     seen = Photograph(replace(picture(grey), grey=True), camera, 3.0).seen(0.0, None).sky
@@ -262,6 +275,7 @@ def test_a_grey_photograph_has_no_colour():
 
 
 def test_a_photograph_of_no_sky_is_refused():
+    """Figures would come from a picture with its sky masked."""
     camera = latlong(360)
     shot = Photograph(picture(take(sky(), camera, 0.0)), camera, 3.0, mask_image=np.zeros((180, 360)))
     with pytest.raises(TwilightError, match="clear sky"):

@@ -42,6 +42,7 @@ def scene(tmp_path_factory):
 
 
 def test_the_command_writes_its_files(scene, tmp_path):
+    """`validate photo` would leave a file out, or miss the sun's disc that it is to go by."""
     out = tmp_path / "out"
     given = ("--camera", scene / "camera.yaml", "--config", scene / "scene.yaml")
     done = photo(*given, "--white-balance", "--output", out)
@@ -74,6 +75,7 @@ def test_the_last_of_a_list_is_not_taken_without_a_word(scene, tmp_path):
 
 
 def test_a_panorama_needs_no_camera(scene, tmp_path):
+    """A panorama without a camera file would be read with other directions than with one."""
     words = ("--config", scene / "scene.yaml")
     done = photo(*words, "--output", tmp_path / "without")
     assert done.exit_code == 0, done.output
@@ -85,6 +87,7 @@ def test_a_panorama_needs_no_camera(scene, tmp_path):
 
 
 def test_whole_numbers_of_a_panorama_without_camera_are_srgb(tmp_path):
+    """An 8-bit panorama would be taken for linear light, or a cropped one for the whole sphere."""
     values = np.full((64, 128, 3), 188, np.uint8)
     Image.fromarray(values).save(tmp_path / "grey.png")
     shot = read_photograph(tmp_path / "grey.png", None, cell_deg=3.0)
@@ -95,6 +98,7 @@ def test_whole_numbers_of_a_panorama_without_camera_are_srgb(tmp_path):
 
 
 def test_a_photograph_behind_a_polariser_is_compared_with_the_sky_behind_it(scene, tmp_path, monkeypatch):
+    """The filter's angle would be ignored or doubled."""
     whole = preetham(12.0)
     polarised = replace(whole, polarisation=0.5 * np.stack([whole.sun_normalised_radiance] * 2, axis=2))
     compare = Mock(wraps=comparing.compare)
@@ -121,6 +125,7 @@ def test_a_photograph_behind_a_polariser_is_compared_with_the_sky_behind_it(scen
     ],
 )
 def test_wrong_options_are_one_sentence(scene, tmp_path, more, words):
+    """A wrong option would be a traceback, or be found after the sky was computed."""
     given = ("--camera", scene / "camera.yaml", "--config", scene / "scene.yaml")
     done = photo(*given, "--output", tmp_path / "out", *more)
     assert done.exit_code == 2 and words in done.stderr and len(done.stderr.splitlines()) == 1
@@ -128,6 +133,7 @@ def test_wrong_options_are_one_sentence(scene, tmp_path, more, words):
 
 
 def test_eight_bits_as_linear_light_are_remarked(tmp_path):
+    """A forgotten response would pass in silence, with shadows ten times too bright."""
     Image.fromarray(np.full((20, 40, 3), 99, np.uint8)).save(tmp_path / "a.png")
     with pytest.warns(UserWarning, match="srgb"):
         read_photograph(tmp_path / "a.png", latlong(40))
@@ -135,6 +141,7 @@ def test_eight_bits_as_linear_light_are_remarked(tmp_path):
 
 
 def test_the_response_command(tmp_path):
+    """A bracket would not merge to its light, or need exposure times that nobody gave."""
     random = np.random.default_rng(0)
     light = np.exp(random.uniform(-6, 0, (40, 60, 1))) * np.array([1.0, 0.9, 0.7])
     names = []

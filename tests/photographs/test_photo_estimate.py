@@ -138,6 +138,7 @@ def test_degraded_photographs_are_as_uncertain_as_they_say(degraded):
 
 
 def test_a_part_of_the_sky_says_less():
+    """A quarter of the sky would promise the errors of the whole."""
     wide = seen(latlong(), TRUTH)
     part = (wide.azimuth_deg > 90) & (wide.azimuth_deg < 180)
     names = ("elevation_deg", "azimuth_deg", "xyz", "solid_angle_sr")
@@ -155,6 +156,7 @@ def test_the_sun_is_sought_over_all_elevations(sun):
 
 
 def test_the_type_that_fits_comes_first_and_one_s_own_is_taken_where_it_cannot_be_told():
+    """The estimate would name a wrong aerosol, or drop the user's for one as good."""
     made = found_in(seen(latlong(), TRUTH), ("grey", "toy", "blue"))
     assert made[0].aerosol_type == "toy" and made[0].chi2_above_best == 0.0
     assert all(e.chi2_above_best > 4.0 and not e.parameters for e in made[1:])
@@ -164,6 +166,7 @@ def test_the_type_that_fits_comes_first_and_one_s_own_is_taken_where_it_cannot_b
 
 @pytest.mark.slow
 def test_white_balance_is_free_on_request():
+    """The camera's white balance would be read as another air though it was to be fitted."""
     cells = seen(latlong(), TRUTH, change=lambda rgb: rgb * np.array([1.2, 1.0, 0.8]))
     bound, free = (found_in(cells, white_balance=w)[0] for w in (False, True))
     assert free.misfit < 0.1 * bound.misfit
@@ -179,6 +182,7 @@ def test_what_does_not_fit_tells_nothing():
 
 @pytest.mark.slow
 def test_the_solver_s_error_enters_the_uncertainties():
+    """Intervals would claim that the solver is exact."""
     cells = seen(latlong(), TRUTH)
     one, other = (by_name(found_in(cells, error=error)[0]) for error in (0.0, 0.1))
     for name in TRUTH:
@@ -233,6 +237,7 @@ def test_a_daylight_formula_s_sky_says_so(tmp_path):
 
 
 def test_the_command(tmp_path):
+    """`validate estimate` would not bring back the air of a sky that it rendered, or leave a file out."""
     sky = run(resolve(load("continental-average", {**DUSK, "sun.elevation_deg": 15.0, "ground.albedo": 0.15})))
     camera = latlong(180)
     write_exr(tmp_path / "photo.exr", take(sky, camera, 0.0, sun=False))
@@ -307,6 +312,7 @@ def test_a_series_tells_more_than_one_picture():
 
 
 def test_the_sun_counts_where_it_is_given():
+    """The estimate would search suns that time and place rule out."""
     assert sun_range(load("continental-average"))[:2] == (-18.0, 90.0)
     assert sun_range(load("continental-average", {"sun.elevation_deg": -4.0}))[:2] == (-4.0, -4.0)
     assert sun_range(load("continental-average", {"sun": {"elevations_deg": [-9, 2, 5]}}))[:2] == (-9.0, 5.0)
@@ -318,6 +324,7 @@ def test_the_sun_counts_where_it_is_given():
 
 
 def test_settings_replace_what_the_scene_says():
+    """An estimated ozone column would stand beside the day that it replaces."""
     base = load("continental-average", {"sun.elevation_deg": 20.0})
     data = base.model_dump(mode="json", exclude_unset=True)
     data["climate"]["gases"] = {"ozone": {"day_of_year": 40}}

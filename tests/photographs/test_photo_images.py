@@ -67,6 +67,7 @@ EXPECTED = {
 
 @pytest.mark.parametrize("kind", EXPECTED)
 def test_samples_come_back(tmp_path, kind):
+    """A picture's values would change with its format."""
     values, suffix, bits, tolerance = EXPECTED[kind]
     path = tmp_path / f"photo{suffix}"
     write(path, kind)
@@ -79,6 +80,7 @@ def test_samples_come_back(tmp_path, kind):
 
 
 def test_jpeg_and_grey(tmp_path):
+    """A grey JPEG would be refused, or decoded as linear light."""
     ramp = np.repeat(np.linspace(0, 255, 64).astype(np.uint8)[None, :], 40, axis=0)
     Image.fromarray(ramp).save(tmp_path / "grey.jpg", quality=95)
     picture = read_image(tmp_path / "grey.jpg", srgb_to_linear)
@@ -87,6 +89,7 @@ def test_jpeg_and_grey(tmp_path):
 
 
 def test_exposure_time_from_exif(tmp_path):
+    """A bracket would need its exposure times typed in."""
     exif = Image.Exif()
     exif.get_ifd(0x8769)[0x829A] = IFDRational(1, 4)
     Image.fromarray(EIGHT).save(tmp_path / "a.jpg", exif=exif)
@@ -102,6 +105,7 @@ def test_a_mantissa_stands_for_the_middle_of_its_step():
 
 
 def test_flat_and_turned_radiance_pictures(tmp_path):
+    """Radiance pictures of other programs would be upside down."""
     rgbe = to_rgbe(FLOATS)
     for signs, expected in (("-Y 20 +X 30", FLOATS), ("+Y 20 -X 30", FLOATS[::-1, ::-1])):
         path = tmp_path / "flat.hdr"
@@ -112,6 +116,7 @@ def test_flat_and_turned_radiance_pictures(tmp_path):
 
 @pytest.mark.parametrize("kind", EXPECTED)
 def test_files_cut_off_are_one_sentence(tmp_path, kind):
+    """A half-copied picture would be a traceback, or half a sky."""
     suffix = EXPECTED[kind][1]
     whole = tmp_path / f"whole{suffix}"
     write(whole, kind)
@@ -125,6 +130,7 @@ def test_files_cut_off_are_one_sentence(tmp_path, kind):
 
 
 def test_gigantic_headers_are_refused(tmp_path):
+    """Some bytes of header would take all memory."""
     path = tmp_path / "big.hdr"
     path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 90000 +X 90000\n" + b"\2\2\0\0" * 100)
     with pytest.raises(TwilightError, match="90000"):
@@ -138,6 +144,7 @@ def test_gigantic_headers_are_refused(tmp_path):
 
 
 def test_other_bad_files(tmp_path):
+    """A folder, a text or a black picture would be a traceback."""
     (tmp_path / "a.txt").write_text("no picture")
     (tmp_path / "black.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 4\n" + bytes(64))
     for name, words in (
@@ -189,6 +196,7 @@ def dng(path, mosaic):
 
 
 def test_heif_is_eight_bits_with_exif(tmp_path):
+    """Pictures of telephones would be refused, or lose their focal length."""
     heif = pytest.importorskip("pillow_heif")
     heif.register_heif_opener()
     grey = np.repeat(np.linspace(20, 230, 64).astype(np.uint8)[None, :, None], 64, axis=0).repeat(3, axis=-1)
@@ -205,6 +213,7 @@ def test_heif_is_eight_bits_with_exif(tmp_path):
 
 
 def test_raw_is_linear(tmp_path):
+    """A raw file would be brightened or clipped by its developer's curve."""
     pytest.importorskip("rawpy")
     levels = np.repeat(np.array([4000, 8000, 16000, 32000]), 32)
     dng(tmp_path / "a.dng", np.tile(levels, (64, 1)))

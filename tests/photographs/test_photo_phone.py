@@ -10,8 +10,10 @@ from twilight.base.errors import TwilightError
 from twilight.numerics.spectrum import xyz_to_rgb_matrix
 from twilight.sky import colour
 from twilight.studies.camera.exif import read_stated
+from twilight.studies.validate.photographs.estimated import Shown
+from twilight.studies.validate.photographs.estimating import _of_one_camera, _Placed
 from twilight.studies.validate.photographs.fit import Errors, Frame, Freedom
-from twilight.studies.validate.photographs.photo import Cells
+from twilight.studies.validate.photographs.photo import OBSERVER, Cells, Curve, tone_shapes
 from twilight.studies.validate.photographs.photograph import Photograph, check_sky, check_upright, read_photograph
 
 BASE, GPS = ExifTags.Base, ExifTags.GPS
@@ -43,6 +45,7 @@ def jpeg(path, rgb=None, taken=TAKEN, where=WHERE, **more):
 
 
 def test_exif_is_read(tmp_path):
+    """Time, place, heading or exposure of a telephone's picture would be read wrong."""
     stated = read_stated(jpeg(tmp_path / "a.jpg", where=WHERE | CLOCK))
     assert stated.sun == {"at": "2024-06-21T18:30:05+00:00", "latitude_deg": -48.2, "longitude_deg": 16.4}
     assert stated.heading_deg == 301.5 and stated.focal_35mm == 26.0
@@ -51,12 +54,14 @@ def test_exif_is_read(tmp_path):
 
 
 def test_a_clock_without_an_offset_is_no_time(tmp_path):
+    """A local time would be taken for UTC, and the sun be hours off."""
     assert read_stated(jpeg(tmp_path / "a.jpg")).sun is None
     zoned = read_stated(jpeg(tmp_path / "b.jpg", taken=TAKEN | {BASE.OffsetTimeOriginal: "+02:00"}))
     assert zoned.sun["at"] == "2024-06-21T20:30:00+02:00"
 
 
 def test_pitch_is_read_from_xmp(tmp_path):
+    """The horizon would be searched though the picture says its pitch."""
     xmp = b'<x:xmpmeta><rdf:Description Camera:Pitch="7.5" Camera:Roll="-2"/></x:xmpmeta>'
     stated = read_stated(jpeg(tmp_path / "a.jpg", xmp=xmp))
     assert (stated.pitch_deg, stated.roll_deg) == (7.5, -2.0)
@@ -88,6 +93,7 @@ def test_the_field_of_view_follows_from_the_focal_length(tmp_path):
     ],
 )
 def test_what_lacks_is_asked_for(tmp_path, taken, said):
+    """A picture without focal length would be read with a guessed one."""
     with pytest.raises(TwilightError, match=said):
         twilight.estimate(jpeg(tmp_path / "a.jpg", taken=taken, where={}))
     wide = read_photograph(jpeg(tmp_path / "a.jpg", taken=taken, where={}), None, field_of_view_deg=60.0)
@@ -99,6 +105,7 @@ def shot(rgb, camera=None, **more):
 
 
 def test_a_picture_on_its_head_is_refused():
+    """The ground would be fitted as sky."""
     rgb = take(preetham(12.0), latlong(180), 40.0, sun=False)
     check_upright("a", shot(rgb))
     with pytest.raises(TwilightError, match="stands on its head"):
@@ -106,6 +113,7 @@ def test_a_picture_on_its_head_is_refused():
 
 
 def test_over_exposed_skies_and_lamps():
+    """Burnt sky or lamps would be fitted as light of the sun."""
     camera = latlong(180)
     rgb = take(preetham(12.0), camera, 40.0, sun=False)
     azimuth, elevation = camera.azimuth_elevation(camera.pixel_centres())
@@ -185,8 +193,58 @@ def burnt(y, x):
     ids=["no sky", "moon", "burnt", "screenshot with a bright half"],
 )
 def test_pictures_that_say_nothing_are_refused_in_a_sentence(tmp_path, made, taken, said):
+    """A wall, a moon or a screenshot would be given an air."""
     y, x = np.indices((120, 160))
     path = jpeg(tmp_path / "a.jpg", made(y, x), taken=TAKEN | taken)
     with pytest.raises(TwilightError, match=said) as refused:
         twilight.estimate(path, sun_elevation_deg=5.0, sun_azimuth_deg=301.5)
     assert len(str(refused.value).splitlines()) == 1
+
+
+def phone_curve(light, contrast, shoulder):
+    toned = 0.18 * (light / 0.18) ** contrast
+    return toned / (1.0 + (toned / 1.05) ** shoulder) ** (1.0 / shoulder)
+
+
+def filmic(light):
+    """J. Hable's curve."""
+    return (light * (0.15 * light + 0.05) + 0.004) / (light * (0.15 * light + 0.5) + 0.06) - 0.02 / 0.3
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [
+        lambda light: phone_curve(light, 0.85, 1.2),
+        lambda light: phone_curve(light, 1.35, 2.0),
+        lambda light: 1.4 * 1.3 * light / (1.0 + 1.3 * light),
+        lambda light: filmic(4.0 * light) / filmic(11.2),
+    ],
+)
+def test_the_shapes_of_a_tone_curve_hold_those_of_phones(curve):
+    """A curve that three numbers cannot undo to 1.5 % makes the haze thicker and the ozone less than they are."""
+    light = np.exp(np.linspace(np.log(0.02), np.log(0.8), 60))
+    stored = np.log(curve(light))
+    middle = float(stored.mean())
+    shapes = np.vstack([np.ones(60), tone_shapes(stored - middle, middle)])
+    left = stored - np.log(light)
+    numbers = np.linalg.lstsq(shapes.T, left, rcond=None)[0]
+    assert np.abs(left - numbers @ shapes).max() < 0.015
+    grey = np.linalg.inv(xyz_to_rgb_matrix(OBSERVER)).sum(axis=1)
+    undone = Curve(middle, tuple(numbers[1:])).undo(np.exp(stored)[:, None] * grey)
+    spread = np.log(colour.xyz_to_linear_rgb(undone, OBSERVER)[:, 1] / light)
+    assert np.ptp(spread) < 0.03
+
+
+def test_a_series_has_one_camera():
+    """Pictures of a camera that was not moved keep angles of their own: the dusk is compared with a sky 1 deg off."""
+    flat = picture(np.full((200, 300, 3), 0.3))
+    placed = []
+    for elevation, error, sun, by_time, of_heading in ((16.0, 0.5, 283.0, 280.0, 0.2), (15.2, 1.5, 285.0, 285.0, 10.0)):
+        camera = perspective(azimuth_deg=280.0, elevation_deg=elevation)
+        shown = Shown("p", Photograph(flat, camera, 2.0, errors_deg=(10.0, error, 1.0)), 2.0, sun)
+        placed.append(_Placed(shown, (2.0, 2.0), of_heading, [], by_time))
+    made = _of_one_camera(placed)
+    assert [one.shown.photograph.camera.orientation.elevation_deg for one in made] == [16.0, 16.0]
+    assert [one.shown.photograph.errors_deg[1] for one in made] == [0.5, 0.5]
+    assert [one.shown.sun_azimuth_deg for one in made] == [283.0, 288.0]
+    assert [one.heading_error_deg for one in made] == [0.2, 0.2]

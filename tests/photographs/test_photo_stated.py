@@ -50,6 +50,7 @@ def test_matrices_of_primaries():
 
 @pytest.mark.parametrize("primaries", [REC2020, P3, XYZ])
 def test_exr_primaries(tmp_path, primaries):
+    """An EXR in Rec. 2020, P3 or XYZ would be read as Rec. 709, with pale colours."""
     write_exr(tmp_path / "a.exr", LIGHT @ from_709(primaries).T, {"chromaticities": primaries})
     np.testing.assert_allclose(read_image(tmp_path / "a.exr").samples, LIGHT, rtol=1e-3, atol=1e-4)
 
@@ -84,6 +85,7 @@ def test_exr_windows(tmp_path):
 
 
 def test_transparent_pixels_show_nothing(tmp_path):
+    """What a user has erased would count as black sky."""
     alpha = np.ones((20, 40), np.float32)
     alpha[:8] = 0.0
     write_windows(tmp_path / "a.exr", LIGHT, corners(0, 0, 40, 20), corners(0, 0, 40, 20), alpha)
@@ -93,6 +95,7 @@ def test_transparent_pixels_show_nothing(tmp_path):
 
 
 def test_a_cube_is_no_panorama(tmp_path):
+    """Six faces of a cube would be read as one sphere."""
     write_exr(tmp_path / "a.exr", LIGHT, {"envmap": OpenEXR.ENVMAP_CUBE})
     with pytest.raises(TwilightError, match="six sides of a cube"):
         read_samples(tmp_path / "a.exr")
@@ -176,6 +179,7 @@ def test_icc_profiles(tmp_path, curve, light, suffix):
 
 
 def test_pillows_own_srgb_profile_changes_nothing(tmp_path):
+    """An ordinary sRGB picture would shift in colour because it says so."""
     data = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     Image.fromarray(EIGHT).save(tmp_path / "a.png", icc_profile=data)
     np.testing.assert_allclose(
@@ -184,6 +188,7 @@ def test_pillows_own_srgb_profile_changes_nothing(tmp_path):
 
 
 def test_profiles_that_are_refused(tmp_path):
+    """A broken colour profile would be ignored in silence."""
     path = tmp_path / "a.tif"
     for data, words in (
         (b"no profile at all" * 20, "is damaged"),
@@ -196,6 +201,8 @@ def test_profiles_that_are_refused(tmp_path):
 
 
 def test_png_gamma_and_primaries(tmp_path):
+    """A PNG's own gamma and primaries would be ignored."""
+
     def chunk(name, *numbers):
         info = PngInfo()
         info.add(name, struct.pack(f">{len(numbers)}I", *numbers))
@@ -272,6 +279,7 @@ def test_a_piece_of_a_panorama(tmp_path, part):
     ],
 )
 def test_panoramas_that_are_refused(tmp_path, said, words):
+    """A cylindrical, tilted or impossible panorama would be read as an upright sphere."""
     with_gpano(tmp_path / "a.jpg", np.full((40, 80, 3), 120, np.uint8), **said)
     with pytest.raises(TwilightError, match=words):
         read_samples(tmp_path / "a.jpg")
@@ -302,6 +310,7 @@ def adobe_of(pixels):
 
 @pytest.mark.parametrize("said", [{0xA001: 65535, 0xA005: {1: "R03"}}, {0xA001: 2}])
 def test_adobe_rgb_by_exif(tmp_path, said):
+    """Adobe RGB that only EXIF states would be read as sRGB, with pale colours."""
     exif = Image.Exif()
     exif[0x8769] = said
     pixels = np.full((16, 16, 3), (200, 120, 60), np.uint8)
@@ -332,12 +341,14 @@ def frames(path):
     ],
 )
 def test_pictures_that_are_refused(tmp_path, name, make, words):
+    """Ink, several frames or unknown colours would be read as some sRGB picture."""
     make(tmp_path / name)
     with pytest.raises(TwilightError, match=words):
         read_samples(tmp_path / name)
 
 
 def test_a_preview_beside_the_picture_is_left(tmp_path):
+    """A TIFF with a thumbnail would be refused, or the thumbnail be read."""
     small = Image.fromarray(EIGHT[:5, :10])
     Image.fromarray(EIGHT).save(tmp_path / "a.tif", save_all=True, append_images=[small])
     np.testing.assert_allclose(read_samples(tmp_path / "a.tif").samples, EIGHT / 255.0, atol=1e-6)

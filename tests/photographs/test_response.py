@@ -50,6 +50,7 @@ TIMES = (0.5, 2.0, 8.0, 32.0, 128.0)
 
 @pytest.mark.parametrize("bits, noise, allowed", [(16, 0.0, 0.08), (8, 0.004, 0.08)])
 def test_a_known_curve_is_recovered(bits, noise, allowed):
+    """A film's response would be recovered wrong, or not be monotonic."""
     pytest.importorskip("colour_hdri")
     pictures = bracket(film, TIMES, scene(), bits, noise)
     curve = recover_response(pictures, TIMES)
@@ -63,6 +64,7 @@ def test_a_known_curve_is_recovered(bits, noise, allowed):
 
 
 def test_the_recovered_curve_of_srgb_is_srgb():
+    """A bracket of sRGB pictures would give another curve than sRGB's."""
     pytest.importorskip("colour_hdri")
     pictures = bracket(srgb_encode, TIMES, scene(), 8)
     curve = recover_response(pictures, TIMES)
@@ -72,6 +74,7 @@ def test_the_recovered_curve_of_srgb_is_srgb():
 
 
 def test_a_bracket_merges_into_the_light_of_the_scene():
+    """Merged light would depend on which exposure saw it."""
     light = scene()
     merged, saturated = merge_bracket(bracket(film, TIMES, light, 8), TIMES, film_inverse)
     bright = (light.min(axis=-1) > 1e-4) & ~saturated
@@ -83,6 +86,7 @@ def test_a_bracket_merges_into_the_light_of_the_scene():
 
 
 def test_linear_pictures_merge_without_a_curve():
+    """Linear pictures would be bent by a curve that they do not have."""
     light = scene()
     merged, _ = merge_bracket(bracket(lambda x: x, TIMES, light, 16), TIMES, None)
     bright = light.min(axis=-1) > 1e-4
@@ -90,11 +94,13 @@ def test_linear_pictures_merge_without_a_curve():
 
 
 def test_srgb_is_undone():
+    """Pictures in sRGB would not be the light that they were made of."""
     light = np.linspace(0, 1, 300)
     assert np.abs(srgb_to_linear(srgb_encode(light)) - light).max() < 1e-7
 
 
 def test_named_responses(tmp_path):
+    """`response: 2.2` or a file of one column would be another curve."""
     z = np.array([[0.0, 0.5, 1.0]])
     assert load_response("linear") is None
     assert np.allclose(load_response("srgb")(z), srgb_to_linear(z))
@@ -105,6 +111,7 @@ def test_named_responses(tmp_path):
 
 
 def test_a_curve_survives_its_file(tmp_path):
+    """A written curve would be read back as another."""
     sample = np.linspace(0, 1, 20)
     curve = ResponseCurve(sample, sample[:, None] ** np.array([1.5, 2.0, 2.5]), residual=0.01)
     write_response(tmp_path / "curve.csv", curve)
@@ -128,6 +135,7 @@ def test_a_curve_survives_its_file(tmp_path):
     ],
 )
 def test_bad_curves_are_one_sentence(tmp_path, text):
+    """A curve that falls, lacks its ends or holds text would be a traceback."""
     path = tmp_path / "curve.csv"
     path.write_text(text)
     with pytest.raises(TwilightError, match=r"curve\.csv"):
@@ -135,6 +143,7 @@ def test_bad_curves_are_one_sentence(tmp_path, text):
 
 
 def test_bad_series_are_one_sentence():
+    """A response would be made of pictures that cannot tell it."""
     pytest.importorskip("colour_hdri")
     light = scene(16)
     good = bracket(film, TIMES, light)

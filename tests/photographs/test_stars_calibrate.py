@@ -94,6 +94,7 @@ def errors_arcmin(truth, camera):
 
 @pytest.mark.parametrize("kind", TRUTHS)
 def test_place_and_time_known(kind):
+    """Camera angles from stars would be off by more than an arc minute."""
     truth, made = solved(kind)
     errors = errors_arcmin(truth, made.camera)
     assert np.sqrt(np.mean(errors**2)) < 0.25 * ARCMINUTE and errors.max() < ARCMINUTE
@@ -109,6 +110,7 @@ def test_place_and_time_known(kind):
 
 
 def test_place_and_time_unknown():
+    """A night picture alone would not give its place and sidereal time."""
     truth, guess, picture = draw("fisheye")
     level = {**TRUTHS["fisheye"]["orientation"], "azimuth_deg": None}
     guess = CameraModel.model_validate({**guess.model_dump(), "orientation": level})
@@ -119,6 +121,7 @@ def test_place_and_time_unknown():
 
 
 def test_standard_errors_are_of_the_size_of_the_errors():
+    """A calibration would claim errors that it does not keep."""
     truth, guess, picture = draw("perspective", false_fraction=0.0)
     made = calibrate(picture, guess, PLACE, MOMENT)
     off = Rotation.from_matrix(made.fit.state.matrix @ truth.axes.T).as_rotvec()
@@ -128,15 +131,8 @@ def test_standard_errors_are_of_the_size_of_the_errors():
 
 
 @pytest.mark.slow
-def test_wrong_hour_is_refused_or_seen():
-    truth, guess, picture = draw("perspective")
-    made = calibrate(picture, guess, PLACE, MOMENT.replace(hour=22))
-    # the stars still fit, turned with the sky: the azimuth is off by what the sky turns in an hour and a half
-    assert errors_arcmin(truth, made.camera).min() > 60.0
-
-
-@pytest.mark.slow
 def test_what_cannot_be_solved_says_so():
+    """Noise or lamps would be given an orientation."""
     _, guess, picture = draw("perspective")
     random = np.random.default_rng(1)
     noise = random.poisson(100.0, size=picture.shape).astype(float)
@@ -153,6 +149,7 @@ def test_what_cannot_be_solved_says_so():
 
 
 def test_attitude_survives_half_of_the_sources_being_false():
+    """Lamps and aeroplanes would hide the pattern of the stars, or make one."""
     random = np.random.default_rng(11)
     stars = blended(equatorial(2020.0), np.radians(0.1))
     matrix = camera_axes(200.0, -35.0, 77.0)
@@ -173,11 +170,13 @@ def test_attitude_survives_half_of_the_sources_being_false():
 
 
 def test_spread_takes_few_from_one_place():
+    """A street's lamps would be all that is matched."""
     crowd = np.array([[0.0, 1.0, 0.0]] * 50 + [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     assert list(spread(crowd, 10, 0.2, 3)) == [0, 1, 2, 50, 51]
 
 
 def test_matches_by_chance_are_counted():
+    """A wrong orientation would pass for a match."""
     made = solved("fisheye")[1]
     right = match(made.fit.state, made.sources, made.stars, np.radians(0.2), np.zeros(3), np.pi)
     away = replace(made.fit.state, matrix=camera_axes(0.0, 20.0, 0.0) @ made.fit.state.matrix)

@@ -25,6 +25,7 @@ def grid(n=80, seed=5, width=600, height=400):
 
 @pytest.mark.parametrize("width_px", [0.7, 1.0, 1.8])
 def test_centres_are_right_to_a_few_hundredths_of_a_pixel(width_px):
+    """Star positions would limit the calibration."""
     xy = grid()
     picture = render_stars(xy, np.full(len(xy), 2.0), LENS, seed=1, width_px=width_px)
     found = detect(picture, LENS)
@@ -35,6 +36,7 @@ def test_centres_are_right_to_a_few_hundredths_of_a_pixel(width_px):
 
 
 def test_positions_have_no_bias():
+    """All stars would lie half a pixel to one side."""
     xy = grid()
     found = detect(render_stars(xy, np.full(len(xy), 1.0), LENS, seed=2, width_px=1.0), LENS)
     _, nearest = cKDTree(found.xy).query(xy)
@@ -43,6 +45,7 @@ def test_positions_have_no_bias():
 
 
 def test_fluxes_follow_magnitudes():
+    """The brightest sources would not be the brightest stars, and matching fail."""
     xy = grid()
     magnitude = np.linspace(0.0, 4.0, len(xy))
     found = detect(render_stars(xy, magnitude, LENS, seed=3), LENS)
@@ -53,6 +56,7 @@ def test_fluxes_follow_magnitudes():
 
 
 def test_hot_pixels_are_not_stars():
+    """A warm sensor's pixels would be matched as stars."""
     xy = grid()
     clean = detect(render_stars(xy, np.full(len(xy), 2.0), LENS, seed=4), LENS)
     picture = render_stars(xy, np.full(len(xy), 2.0), LENS, seed=4, hot_pixels=300)
@@ -63,6 +67,7 @@ def test_hot_pixels_are_not_stars():
 
 
 def test_noise_and_gradients_make_no_stars():
+    """Skyglow towards a town would be full of stars."""
     random = np.random.default_rng(6)
     y, x = np.mgrid[:400, :600]
     sky = 200.0 + 300.0 * np.exp(-((400 - y) / 80.0)) + 0.2 * x
@@ -71,6 +76,7 @@ def test_noise_and_gradients_make_no_stars():
 
 
 def test_black_sky_of_an_8_bit_picture():
+    """A JPEG whose sky is 0 and whose stars are 255 would show none."""
     xy = grid()
     picture = render_stars(xy, np.linspace(0.0, 4.0, len(xy)), LENS, seed=7, width_px=1.0)
     eight = np.clip(np.round((picture - 180.0) / 20.0), 0, 255)  # black sky, bright stars clipped
@@ -82,6 +88,7 @@ def test_black_sky_of_an_8_bit_picture():
 
 
 def test_values_that_are_not_numbers_do_no_harm():
+    """A few NaN pixels would blank the picture around them."""
     xy = grid()
     picture = render_stars(xy, np.full(len(xy), 2.0), LENS, seed=1)
     picture[200:210, 300:310] = np.nan
@@ -92,6 +99,7 @@ def test_values_that_are_not_numbers_do_no_harm():
 
 
 def test_background_of_a_plane_is_the_plane():
+    """Gradients of the sky would be left in the stars' fluxes."""
     y, x = np.mgrid[:200, :300].astype(np.float32)
     low, noise = background(50.0 + 0.1 * x + 0.3 * y)
     assert np.abs(low - (50.0 + 0.1 * x + 0.3 * y))[40:150, 40:240].max() < 0.01
@@ -99,6 +107,7 @@ def test_background_of_a_plane_is_the_plane():
 
 
 def test_panorama_across_its_seam_and_at_its_poles():
+    """Stars on a panorama's seam would be lost or doubled, those near its poles smeared."""
     # centres of stars on the seam, at mid-latitudes, on both sides of where the polar views begin, and near the zenith
     degrees = np.array([[0.1, 20.0], [359.8, -30.0], [100.0, 48.0], [140.0, 52.0], [200.0, 75.0], [300.0, 87.0]])
     xy = np.stack([np.mod(degrees[:, 0] / 360.0, 1.0) * 720.0, (0.5 - degrees[:, 1] / 180.0) * 360.0], axis=-1)

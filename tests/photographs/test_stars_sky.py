@@ -46,12 +46,14 @@ J2000 = {
 
 @pytest.mark.parametrize("name", J2000)
 def test_proper_motion_brings_stars_to_j2000(name):
+    """Fast stars would lie where they were in 1991."""
     stars = bright_stars(2000.0)
     i = list(stars.names).index(name)
     assert angle(stars.directions[i], unit(*J2000[name])) < 0.5 * ARCSEC
 
 
 def test_catalogue_is_whole():
+    """Stars would be missing, out of order or without a name."""
     stars = bright_stars(2000.0)
     assert len(stars) == 8948
     assert np.all(np.diff(stars.magnitude) >= 0)
@@ -61,6 +63,7 @@ def test_catalogue_is_whole():
 
 
 def test_blended_stars_add_their_light_at_its_centre():
+    """Double stars would be matched to their brighter half."""
     directions = unit([10.0, 10.1, 50.0], [0.0, 0.0, 20.0])
     stars = Stars(directions, np.array([2.0, 2.0, 1.0]), np.array([1, 2, 3]), np.array(["", "", "x"]))
     made = blended(stars, np.radians(0.2))
@@ -71,6 +74,7 @@ def test_blended_stars_add_their_light_at_its_centre():
 
 
 def test_local_position_is_that_of_spherical_trigonometry():
+    """Stars would stand in the wrong place above the horizon."""
     # Meeus 1998: mean sidereal time (12.4), precession (20.3); aberration and nutation left out
     place, moment = StarSite(48.2, 16.4), datetime(2021, 8, 10, 23, 30, tzinfo=UTC)
     days = (moment - datetime(2000, 1, 1, 12, tzinfo=UTC)) / timedelta(days=1)
@@ -96,6 +100,7 @@ def test_local_position_is_that_of_spherical_trigonometry():
 
 
 def test_jupiter_and_saturn_at_their_great_conjunction():
+    """Planets would be missing, misplaced or of another brightness."""
     # 2020-12-21: 6.1' apart; both in the evening sky over South Africa, Jupiter the brighter
     stars = horizontal(StarSite(-26.0, 28.0), datetime(2020, 12, 21, 18, 0, tzinfo=UTC), 850.0, 20.0)
     i, j = (list(stars.names).index(n) for n in ("Jupiter", "Saturn"))
@@ -108,6 +113,7 @@ def test_jupiter_and_saturn_at_their_great_conjunction():
 
 
 def test_precession_turns_the_pole_by_20_arcsec_a_year():
+    """Positions of other years would be those of 2000."""
     matrix = precession(2050.0)
     np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-9)
     pole = matrix @ [0.0, 0.0, 1.0]
@@ -125,12 +131,14 @@ AT_THE_HORIZON = 0.6  # where the almanac and Bennett differ by more
 
 @pytest.mark.parametrize("apparent", ALMANAC)
 def test_refraction_of_the_nautical_almanac(apparent):
+    """Stars near the horizon would stand too low."""
     true = np.radians(apparent - ALMANAC[apparent] / 60.0)
     tolerance = AT_THE_HORIZON if apparent < 5 else LAST_DIGIT + 0.02
     assert np.degrees(refraction_rad(true, 1010.0, 10.0)) * 60 == pytest.approx(ALMANAC[apparent], abs=tolerance)
 
 
 def test_refraction_grows_with_the_density_of_air():
+    """Mountain air would lift stars as air at the sea does."""
     here = refraction_rad(np.radians(30.0), 1010.0, 10.0)
     assert refraction_rad(np.radians(30.0), 505.0, 10.0) / here == pytest.approx(0.5, abs=1e-3)
     assert refraction_rad(np.radians(30.0), 1010.0, 293.15) / here == pytest.approx(0.5, abs=1e-3)
@@ -138,6 +146,7 @@ def test_refraction_grows_with_the_density_of_air():
 
 
 def test_refraction_is_that_of_astropy():
+    """Apparent places would differ from astropy's by more than two arc seconds."""
     true = np.array([15.0, 25.0, 40.0, 60.0, 80.0])
     with _astropy() as (coordinates, units, Time):
         site = coordinates.EarthLocation(lat=10 * units.deg, lon=0 * units.deg)
@@ -151,6 +160,7 @@ def test_refraction_is_that_of_astropy():
 
 
 def test_lifted_keeps_azimuth_and_the_zenith():
+    """Refraction would turn stars sideways."""
     at = direction([0.0, 120.0, 270.0], [5.0, 40.0, 80.0])
     azimuth, elevation = azimuth_elevation(lifted(at, np.array([0.0, 0.0, 1.0]), 1010.0, 10.0))
     np.testing.assert_allclose(azimuth, [0.0, 120.0, 270.0], atol=1e-9)
@@ -162,6 +172,7 @@ def test_lifted_keeps_azimuth_and_the_zenith():
 
 
 def test_years_and_the_extra_are_asked_for(monkeypatch):
+    """Positions would be extrapolated past the theory, or a missing astropy be a traceback."""
     with pytest.raises(TwilightError, match="the year 1700 must be from 1900 to 2100"):
         equatorial(1700.0)
     monkeypatch.setitem(sys.modules, "astropy", None)

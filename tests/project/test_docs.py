@@ -56,6 +56,7 @@ def installed(tmp_path_factory):
     "block", ["```python\nimport nothing_of_this_name\n```\n", "```sh\ntwilight render no-such-climate\n```\n"]
 )
 def test_a_page_that_fails_is_an_error(executed, block, tmp_path, monkeypatch):
+    """The check of the docs would pass pages that do not run."""
     with pytest.raises(executed.PageError, match=r"nothing_of_this_name|no-such-climate"):
         executed.run_page(f"# Page\n\n{block}")
     monkeypatch.chdir(tmp_path)
@@ -102,6 +103,7 @@ def test_files_that_a_page_names_are_there(page):
 
 
 def test_every_page_is_in_the_table_of_contents():
+    """A page could be reached from nowhere."""
     index = (DOCS / "index.md").read_text(encoding="utf-8")
     listed = {
         line.strip() for block in re.findall(r"```\{toctree\}(.*?)```", index, re.DOTALL) for line in block.splitlines()

@@ -23,6 +23,7 @@ def modules_after(statement: str) -> set[str]:
 
 
 def test_importing_the_package_loads_nothing_but_itself():
+    """`import twilight` would load numpy and more before any of it is needed."""
     assert not modules_after("import twilight") & (HEAVY | {"numpy", "pydantic", "yaml", "typer"})
 
 
@@ -30,6 +31,7 @@ def test_importing_the_package_loads_nothing_but_itself():
     "statement", ["import twilight.cli.app", "from twilight.config import load_climate; load_climate('urban')"]
 )
 def test_the_command_line_and_configurations_load_nothing_heavy(statement):
+    """`twilight --help` would wait for numba and scipy."""
     assert not modules_after(statement) & HEAVY
 
 
@@ -40,6 +42,7 @@ def test_a_sky_of_the_fitted_model_loads_no_compiler():
 
 
 def test_imports_keep_to_the_contract():
+    """Rooms would import from rooms above them."""
     pytest.importorskip("importlinter")
     result = subprocess.run(
         [sys.executable, "-c", "from importlinter.cli import lint_imports_command as c; c()", "--no-cache"],
@@ -90,6 +93,7 @@ def test_the_page_draws_the_rooms_as_they_are():
 
 
 def test_rooms_define_what_they_hand_up():
+    """The drawing would name classes that a room does not have."""
     names = rooms.modules()
     for room, classes in rooms.HANDS_UP.items():
         text = "".join(path.read_text("utf-8") for name, path in names.items() if name.startswith(f"twilight.{room}."))
@@ -97,6 +101,7 @@ def test_rooms_define_what_they_hand_up():
 
 
 def test_every_room_has_its_row_with_tests_that_are_there():
+    """A room would be missing from the page of the architecture."""
     rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \|.*\| ([^|]*) \| [^|]*\|$", PAGE, re.MULTILINE)
     told = {room: tests for named, tests in rows for room in re.findall(r"\w+", named)}
     assert {room for room in rooms.layers() if "`tests/" in told.get(room, "")} == {*rooms.layers()}
@@ -104,12 +109,14 @@ def test_every_room_has_its_row_with_tests_that_are_there():
 
 @pytest.mark.parametrize("walk", rooms.walks(PAGE))
 def test_the_walks_go_by_imports(walk):
+    """A walk on the page of the architecture would go where no import goes, or grow past 14 files."""
     steps = rooms.walks(PAGE)[walk]
     assert rooms.broken(steps) == []
     assert 10 <= len(steps) <= 14
 
 
 def test_a_walk_that_no_import_takes_is_broken():
+    """The check of the walks would pass any list."""
     steps = [("cli/render.py", ""), ("sky/table.py", "cli/render.py"), ("sky/sky.py", "by name"), ("sky/no.py", "")]
     assert rooms.broken(steps) == [
         "cli/render.py does not import sky/table.py",

@@ -28,6 +28,7 @@ def blocks(language: str, text: str = README + MANUAL) -> list[str]:
 
 
 def test_two_commands_do_all_set_up_and_the_integration_runs_them():
+    """README's commands would be others than those that CI tries."""
     lines = [line for block in blocks("sh", README) for line in block.splitlines()]
     set_up = [line for line in lines if line.startswith("python3 -m venv")]
     assert len(set_up) == 2
@@ -41,6 +42,7 @@ def test_two_commands_do_all_set_up_and_the_integration_runs_them():
 
 @pytest.mark.parametrize("text", blocks("yaml", README + MANUAL + JOBS))
 def test_the_documents_shown_are_valid(text, tmp_path):
+    """YAML shown in README or the guide would be refused."""
     for name in ("t1.csv", "smoke.csv", "smoke-phase.csv"):
         (tmp_path / name).touch()
     path = tmp_path / "document.yaml"
@@ -69,6 +71,7 @@ def run_pieces(monkeypatch, tmp_path):
 
 
 def test_the_python_of_readme_runs(run_pieces):
+    """README's Python would not run."""
     [piece] = blocks("python", README)
     assert "import twilight\n" in piece and "twilight.render(" in piece
     assert run_pieces([piece])["sky"].sun_elevation_deg == -4
@@ -87,6 +90,7 @@ def test_the_python_of_the_manual_follows_it(run_pieces):
 
 
 def test_the_pictures_exist():
+    """README would show broken pictures."""
     from PIL import Image
 
     names = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", README)
@@ -97,6 +101,7 @@ def test_the_pictures_exist():
 
 
 def test_folders_hold_what_the_package_ships():
+    """The climates beside README would differ from those that the program takes by name."""
     for kind in ("climates", "configs"):
         assert {path.name for path in (ROOT / kind).glob("*.yaml")} == {path.name for path in shipped(kind).values()}
     assert load_climate("continental-average") == load_climate(ROOT / "climates" / "continental-average.yaml")

@@ -211,6 +211,7 @@ def test_derivatives_are_those_of_differences():
 
 @pytest.mark.parametrize("n", [4, 5, 9])
 def test_the_spline_between_nodes_is_not_a_knot(n):
+    """The model would interpolate by another spline than the one that it was fitted with."""
     nodes = np.cumsum(np.random.default_rng(n).uniform(0.5, 2.0, n))
     values = np.random.default_rng(0).normal(size=n)
     x = np.linspace(nodes[0], nodes[-1], 40)

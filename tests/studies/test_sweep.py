@@ -52,6 +52,7 @@ def test_scenes_that_share_a_field_share_its_computation(toy):
     assert able == {"zones": True, "toy": True, "cells": False}
     cells = planned(vary, solver={"name": "cells"})
     assert (cells.scenes, cells.fields, cells.chunk) == (12, 4, (1, 1, 3))
+    assert [cells.payload(task)["skies"][0] for task in cells.tasks] == [(-4.0, 0.0), (-4.0, 2.0)] * 2
     listed = [{"ground.albedo": a, "sun.elevation_deg": s} for s in SUNS for a in (0, 0.5)]
     together = planned({"list": listed})
     assert (together.scenes, together.fields, len(together.tasks)) == (6, 2, 2)

@@ -1,7 +1,5 @@
 """Drawn airs: the same seed draws the same, parts by draw, turbidity beside them, and what the loader hands out."""
 
-import pickle
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -93,43 +91,22 @@ def test_the_turbidity_is_that_of_the_air(client, tmp_path):
         assert np.all(np.diff(data.turbidity.values[np.argsort(data.aerosol_optical_depth_550nm.values)]) > 0.0)
 
 
-def test_skies_are_those_of_their_inputs(written):
-    """A loader would pair a sky with another one's air or sun."""
+def test_skies_are_those_of_their_inputs_and_no_draw_is_in_both_parts(written):
+    """A model would be trained with another air's sky, or tested on an air that it knows."""
     path, toy = written
-    for part in ("train", "validation"):
-        skies = load_skies(path, part)
-        albedo, sun = skies.names.index("ground_albedo"), skies.names.index("solar_elevation_angle")
-        assert "turbidity" in skies.names and "sun_elevation_deg" not in skies.names
-        e, a = np.meshgrid(skies.elevation_deg, skies.azimuth_deg, indexing="ij")
-        for i in range(len(skies)):
-            numbers, target = skies[i]
-            exact = toy.truth(1.0, numbers[albedo], numbers[sun], 0.0, e, a, skies.wavelength_nm)
-            np.testing.assert_allclose(target, exact, rtol=1e-5)
-            np.testing.assert_array_equal(numbers, skies.inputs[i])
-        assert np.log(target) == pytest.approx(load_skies(path, part, logarithm=True)[len(skies) - 1][1])
-
-
-def test_no_draw_is_in_both_parts_and_refused_skies_in_none(written):
-    """What is measured would be a new sun of a known air."""
-    train, held, every = (load_skies(written[0], part) for part in ("train", "validation", "all"))
-    assert not set(train.draws) & set(held.draws) and set(train.draws) | set(held.draws) == set(range(6))
-    assert len(set(held.draws)) == 2 and len(train) == 4 * 2 and len(train) + len(held) == len(every) == 12
-    assert every.inputs[:, every.names.index("solar_elevation_angle")].min() == -4.0  # -12 was refused
-    assert len(every.texts["atmosphere_profile"]) == 2
-
-
-def test_a_loader_s_processes_get_the_same_and_batches_hold_every_sky_once(written):
-    """Workers of a loader would read other skies, or an epoch leave some out."""
-    skies = load_skies(written[0])
-    again = pickle.loads(pickle.dumps(skies))
-    np.testing.assert_array_equal(again[3][1], skies[3][1])
-    batches = list(skies.batches(3, seed=2))
-    assert [len(inputs) for inputs, _ in batches] == [3, 3, 2]
-    found = np.concatenate([inputs for inputs, _ in batches])
-    assert sorted(map(tuple, found)) == sorted(map(tuple, skies.inputs))
-    with pytest.raises(IndexError, match="8 skies"):
-        skies[8]
-    np.testing.assert_array_equal(skies[-1][1], skies[7][1])
+    parts = {part: load_skies(path, part) for part in ("train", "validation", "all")}
+    for skies in parts.values():
+        assert "turbidity" in skies.input and "sun_elevation_deg" not in skies.input
+        e, a = np.meshgrid(skies.elevation, skies.azimuth, indexing="ij")
+        for i, numbers in enumerate(skies.inputs):
+            albedo, sun = (float(numbers.sel(input=name)) for name in ("ground_albedo", "solar_elevation_angle"))
+            exact = toy.truth(1.0, albedo, sun, 0.0, e, a, skies.wavelength.values)
+            np.testing.assert_allclose(skies.sun_normalised_radiance[i].values, exact, rtol=1e-5)
+    draws = {part: {*skies.draw.values.tolist()} for part, skies in parts.items()}
+    assert not draws["train"] & draws["validation"] and draws["train"] | draws["validation"] == {*range(6)}
+    assert {part: skies.sizes["sky"] for part, skies in parts.items()} == {"train": 8, "validation": 4, "all": 12}
+    assert parts["all"].inputs.sel(input="solar_elevation_angle").min() == -4.0  # -12 was refused
+    assert {*parts["all"].inputs.sel(input="atmosphere_profile").values} == {0.0, 1.0}
 
 
 def test_what_the_loader_cannot_read_is_one_sentence(toy, client, tmp_path):
@@ -138,7 +115,7 @@ def test_what_the_loader_cannot_read_is_one_sentence(toy, client, tmp_path):
     for path, part, says in (
         (tmp_path / "none.zarr", "all", "is not the dataset of a sweep"),
         (tmp_path / "plain.zarr", "all", "is no sweep with draws"),
-        (tmp_path / "plain.zarr", "test", "part: test is not known"),
+        (tmp_path / "plain.zarr", "test", "part: 'test' is not known"),
     ):
         with pytest.raises(TwilightError, match=says):
             load_skies(path, part)

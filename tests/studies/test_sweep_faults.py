@@ -80,16 +80,6 @@ def test_a_damaged_journal_and_another_sweep(toy, client, tmp_path, log):
         swept(planned(vary), client, tmp_path / "b.zarr")
 
 
-def test_a_sweep_that_the_disk_cannot_hold_is_refused(toy, tmp_path, monkeypatch):
-    """A sweep would fill the disk after hours."""
-    monkeypatch.setattr(
-        "twilight.studies.sweep.store.shutil.disk_usage", lambda path: type("Usage", (), {"free": 10**6})
-    )
-    with pytest.raises(TwilightError, match=r"3 skies need at least .* GB, and 0.001 GB are free"):
-        with open_store(tmp_path / "a.zarr", planned({"sun.elevation_deg": SUNS})):
-            pass
-
-
 @pytest.mark.parametrize("damage", ("a bit", "cut", "deleted", "emptied"))
 def test_a_damaged_chunk_is_computed_again(toy, client, tmp_path, log, damage):
     """A bit that flipped would stay in the dataset."""
@@ -120,3 +110,13 @@ def test_a_slip_anywhere_along_an_axis_is_warned_of(toy):
     with pytest.warns(TwilightWarning, match="4200 m are 4.2 km") as said:
         warn_of_slips(*made.ends())
     assert len(said) == 1
+
+
+def test_a_sweep_that_the_disk_cannot_hold_is_refused(toy, tmp_path, monkeypatch):
+    """A sweep would fill the disk after hours."""
+    monkeypatch.setattr(
+        "twilight.studies.sweep.store.shutil.disk_usage", lambda path: type("Usage", (), {"free": 10**6})
+    )
+    with pytest.raises(TwilightError, match=r"3 skies need at least .* GB, and 0.001 GB are free"):
+        with open_store(tmp_path / "a.zarr", planned({"sun.elevation_deg": SUNS})):
+            pass

@@ -1,6 +1,7 @@
 """The one exception and the one warning that a user is meant to read."""
 
 import re
+from collections.abc import Iterable
 
 LONGEST_WORD = 200
 """Characters of one word of a sentence; of a longer one both ends are shown."""
@@ -18,6 +19,12 @@ class TwilightError(Exception):
     def __init__(self, sentence: str = ""):
         text = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda word: _ends(word[0], LONGEST_WORD), str(sentence))
         super().__init__(_ends(" ".join(text.split()), LONGEST_SENTENCE))
+
+
+def check_known(key: str, name: object, known: Iterable[str]) -> None:
+    """Raise TwilightError unless `name`, which a user gave for `key`, is one of those known."""
+    if name not in (names := list(known)):
+        raise TwilightError(f"{key}: '{name}' is not known, choose one of {', '.join(names)}")
 
 
 class TwilightWarning(UserWarning):

@@ -19,7 +19,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.extras import require
 from twilight.base.reading import check_expansion, first_line
 from twilight.io.exr import read_latlong_exr
-from twilight.io.netcdf import check_heaps, interruptible_h5netcdf
+from twilight.io.netcdf import interruptible_h5netcdf
 from twilight.numerics.spectrum import colour_spectrum
 
 PICTURES = (".png", ".jpg", ".jpeg", ".exr")
@@ -159,7 +159,6 @@ def _netcdf(path: Path) -> AlbedoMap:
     import xarray  # optional
 
     interruptible_h5netcdf()
-    check_heaps(path)
     try:
         with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as data:
             check_expansion(path, sum(variable.nbytes for variable in data.variables.values()))

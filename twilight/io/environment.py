@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, check_known
 from twilight.sky.sky import Sky
 
 Target = Literal["openexr", "mitsuba", "blender", "radiance", "pbrt"]
@@ -36,8 +36,7 @@ def environment_directions(renderer: str, width: int) -> tuple[np.ndarray, np.nd
     Latitude-longitude: (height, 1) and (1, width), half as high; ``pbrt``: squares with sides of width / 2.
     Raises TwilightError for an unknown renderer or a width that is not a positive multiple of 4.
     """
-    if renderer not in RENDERERS:
-        raise TwilightError(f"renderer: '{renderer}' is not known, choose one of {', '.join(RENDERERS)}")
+    check_known("renderer", renderer, RENDERERS)
     if width < 4 or width % 4:
         raise TwilightError(f"width: {width} must be a positive multiple of 4")
     if renderer == "pbrt":

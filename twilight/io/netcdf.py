@@ -2,18 +2,10 @@
 
 It is written through h5netcdf alone, as xarray would: importing xarray takes 0.4 s of processor time, a third of a
 picture whose field is cached.
-
-Files with damaged global heaps are refused before the HDF5 library reads them, which may loop forever.
-
-A global heap (HDF5 File Format Specification 3.0, section III.E) is a run of objects behind a head of 16 bytes; each
-has a head of 16 bytes of its own with its index and size.  The one of index 0 is the free space at the end, whose size
-counts its head: where it is 0, as in zeroed bytes, HDF5 (up to 2.0.0) never gets past it.
 """
 
 from __future__ import annotations
 
-import mmap
-import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -256,7 +248,6 @@ class _File(NamedTuple):
 
 def _load(path: Path) -> _File:
     """All of a file; through h5netcdf alone, as it is written."""
-    check_heaps(path)
     with interruptible_h5netcdf().File(path, "r", phony_dims="sort") as opened:
         sizes = [np.prod(v.shape, dtype=float) * getattr(v.dtype, "itemsize", 8) for v in opened.variables.values()]
         check_expansion(path, sum(sizes))
@@ -310,39 +301,3 @@ def _disc(variables: dict[str, _Stored]) -> Disc | None:
     elevation, true, transmittance, radius = (variables[name].values for name in names)
     sun = float(variables["solar_elevation_angle"].values)
     return Disc(variables["wavelength"].values, elevation, true, transmittance, sun, float(radius))
-
-
-HEAP = b"GCOL\x01\x00\x00\x00"
-"""Signature, version 1 and three bytes of 0."""
-HEAD_BYTES = 16
-"""Of a heap, and of every object in it."""
-
-
-def check_heaps(path: Path) -> None:
-    """TwilightError where a global heap of an HDF5 file is damaged."""
-    with open(path, "rb") as file:
-        if not file.seek(0, 2):
-            return  # nothing to map
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            start = content.find(HEAP)
-            while start >= 0:
-                if not _is_whole(content, start):
-                    raise TwilightError(f"{path}: is not a complete HDF5 file (a global heap is damaged)")
-                start = content.find(HEAP, start + len(HEAP))
-
-
-def _is_whole(content: mmap.mmap, start: int) -> bool:
-    """Whether the objects of the heap that begins at byte `start` fill it."""
-    if start + HEAD_BYTES > len(content):
-        return False
-    end = start + struct.unpack_from("<Q", content, start + 8)[0]
-    if end > len(content):
-        return False
-    at = start + HEAD_BYTES
-    while at + HEAD_BYTES <= end:
-        index, _, size = struct.unpack_from("<HH4xQ", content, at)
-        taken = size if index == 0 else HEAD_BYTES + -(-size // 8) * 8
-        if taken < HEAD_BYTES or at + taken > end:
-            return False
-        at += taken
-    return True

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, check_known
 from twilight.base.whole_files import whole_file, write_json
 from twilight.io.disc import add_to_picture, add_to_view, dip_deg, light_of
 from twilight.io.environment import ground_factor
@@ -53,8 +53,7 @@ def view_directions(view: str, width: int) -> tuple[np.ndarray, np.ndarray]:
     ``perspective`` looks 15 deg up and a ``limb`` strip begins at the horizon.  Raises TwilightError for another view
     or size.
     """
-    if view not in SHAPES:
-        raise TwilightError(f"view: '{view}' is not known, choose one of {', '.join(SHAPES)}")
+    check_known("view", view, SHAPES)
     if view not in VIEWS:
         pointing: dict[str, Any] = {"perspective": {"elevation_deg": PERSPECTIVE_UP_DEG}}
         pointing["limb"] = {"band_deg": (0.0, 90.0)}
@@ -87,8 +86,7 @@ def check_options(exposure: float | Literal["auto"], tone_mapping: str, observer
     """Raise TwilightError for an exposure, a tone mapping or an observer that cannot be."""
     if exposure != "auto" and not (isinstance(exposure, int | float | np.number) and np.isfinite(exposure)):
         raise TwilightError(f"exposure: {exposure} must be 'auto' or a finite exposure value at ISO 100")
-    if tone_mapping not in NAMES:
-        raise TwilightError(f"tone_mapping: '{tone_mapping}' is not known, choose one of {', '.join(NAMES)}")
+    check_known("tone_mapping", tone_mapping, NAMES)
     colour.check_observer(observer)
 
 

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, check_known
 from twilight.numerics.directions import azimuth_elevation, camera_axes
 
 WHOLE = (-90.0, 90.0)
@@ -207,8 +207,7 @@ def usual_width(name: str) -> int:
 
 def projection_of(name: str) -> Projection:
     """The projection of this name; TwilightError for another one."""
-    if name not in PROJECTIONS:
-        raise TwilightError(f"view: '{name}' is not known, choose one of {', '.join(PROJECTIONS)}")
+    check_known("view", name, PROJECTIONS)
     return PROJECTIONS[name]
 
 

@@ -14,7 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, check_known
 from twilight.base.shipped_data import data_file, data_numbers, data_rows
 
 LUMINOUS_EFFICACY_LM_PER_W = 683.002
@@ -61,8 +61,7 @@ def solar_spectrum(name: str = DEFAULT_SOLAR_SPECTRUM) -> tuple[np.ndarray, np.n
 
     Raises TwilightError for a name that is not one of ``solar_spectra()``.  Sources: in the data file's head.
     """
-    if name not in _solar_table():
-        raise TwilightError(f"solar_spectrum: '{name}' is not known, choose one of {', '.join(solar_spectra())}")
+    check_known("solar_spectrum", name, solar_spectra())
     return _solar_table()[name]
 
 
@@ -123,8 +122,7 @@ def xyz_to_rgb_matrix(observer: str = "cie1964_10deg") -> np.ndarray:
 
 
 def _observer(name: str) -> np.ndarray:
-    if name not in OBSERVERS:
-        raise TwilightError(f"observer: '{name}' is not known, choose one of {', '.join(OBSERVERS)}")
+    check_known("observer", name, OBSERVERS)
     return _observer_tables()[name]
 
 

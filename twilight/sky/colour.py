@@ -5,7 +5,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.errors import TwilightWarning, check_known
 from twilight.numerics import spectrum
 from twilight.sky.sky import Sky
 
@@ -45,8 +45,7 @@ _COLOUR_STEP_NM = 78.0
 
 def check_observer(observer: str) -> None:
     """Raise TwilightError for an observer that does not exist."""
-    if observer not in spectrum.OBSERVERS:
-        raise TwilightError(f"observer: '{observer}' is not known, choose one of {', '.join(spectrum.OBSERVERS)}")
+    check_known("observer", observer, spectrum.OBSERVERS)
 
 
 def colour_is_defined(wavelength_nm: np.ndarray) -> bool:
@@ -309,8 +308,7 @@ def tone_map(rgb: np.ndarray, ev100: float, tone_mapping: str = DEFAULT_TONE_MAP
 
     ``gamma`` has no curve: what exceeds 1 after exposure is clipped.  Raises TwilightError for another name.
     """
-    if tone_mapping not in TONE_MAPPINGS:
-        raise TwilightError(f"tone_mapping: '{tone_mapping}' is not known, choose one of {', '.join(TONE_MAPPINGS)}")
+    check_known("tone_mapping", tone_mapping, TONE_MAPPINGS)
     rgb = np.asarray(rgb)
     flat = rgb.reshape(-1, 3)
     shown = np.empty(flat.shape)

@@ -34,7 +34,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, check_known
 from twilight.numerics import spectrum
 from twilight.sky import colour
 from twilight.sky.quantities.measure import MESOPIC_RATIO, adaptation_coefficient
@@ -100,8 +100,7 @@ def tone_of(name: str, observer: str, settings: Mapping[str, Mapping[str, Any]] 
         return Eye(observer=observer, **given)
     if name == "camera":
         return Camera(**given)
-    if name not in NAMES:
-        raise TwilightError(f"tone_mapping: '{name}' is not known, choose one of {', '.join(NAMES)}")
+    check_known("tone_mapping", name, NAMES)
     return CurveTone(name, observer)
 
 

@@ -74,9 +74,9 @@ def dimensions_of(axes: tuple[Axis, ...], first: Config, where: str) -> tuple[Di
 def check_keys(axes: tuple[Axis, ...], where: str) -> None:
     """Raise TwilightError for keys that a dataset cannot have an axis of."""
     for key in _keys(axes):
-        if key.split(".")[0] in SHAPE_KEYS:
+        if section_of(key) in SHAPE_KEYS:
             raise TwilightError(f"{where}: vary: {key} changes the shape of the dataset; make one sweep for each value")
-        if key.split(".")[0] in IDLE_KEYS:
+        if section_of(key) in IDLE_KEYS:
             raise TwilightError(f"{where}: vary: {key} changes nothing in the dataset, which holds radiance over F0")
         if key in SEVERAL_SUNS:
             raise TwilightError(f"{where}: vary: {key} holds several suns itself; vary sun.elevation_deg or sun.at")
@@ -86,9 +86,14 @@ def _keys(axes: Iterable[Axis]) -> list[str]:
     return [key for axis in axes for key in axis.points[0]]
 
 
+def section_of(key: str) -> str:
+    """The outermost section of a dotted key."""
+    return key.partition(".")[0]
+
+
 def shares_field_along(key: str, every_observer: bool) -> bool:
     """Whether one field serves all values of a key; every_observer: it serves all observers."""
-    return key.startswith("sun.") or (every_observer and key.startswith("observer."))
+    return section_of(key) == "sun" or (every_observer and section_of(key) == "observer")
 
 
 def serves_every_observer(axes: Iterable[Axis], first: Config) -> bool:

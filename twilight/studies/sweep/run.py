@@ -22,7 +22,6 @@ from __future__ import annotations
 import itertools
 import logging
 import os
-import queue
 import secrets
 import signal
 import time
@@ -42,8 +41,6 @@ if TYPE_CHECKING:
 
 TASKS_PER_THREAD = 2
 """Tasks given out for each worker thread: one at work, one waiting."""
-LOST_AFTER_S = 15.0
-"""Without a connection to the scheduler for this long, the sweep ends."""
 
 
 @dataclass
@@ -65,22 +62,25 @@ def run_sweep(
     threads: of each worker; None: as the worker was started.
     Errors: TwilightError where the scheduler is lost or the store cannot be written; what was finished stays.
     """
+    from distributed import as_completed  # optional
+
     begin, outcome = time.perf_counter(), SweepOutcome()
     missing = [task for task in store.sweep.tasks if task.key not in store.done]
     waiting, total, done = iter(missing), sum(task.skies for task in missing), 0
     running: dict[Future, Task] = {}
-    finished: queue.SimpleQueue[Future] = queue.SimpleQueue()
+    completed = as_completed(loop=client.loop)
     run = secrets.token_hex(4)  # a scheduler remembers how a key ended, so that each run has keys of its own
+
+    def give_out() -> None:
+        for task in itertools.islice(waiting, max(0, _room(client) - len(running))):
+            key = f"twilight-{task.key}-{run}"
+            future = client.submit(compute, store.sweep.payload(task), threads, key=key, pure=False)
+            running[future] = task
+            completed.add(future)
+
     try:
-        while True:
-            for task in itertools.islice(waiting, max(0, _room(client) - len(running))):
-                key = f"twilight-{task.key}-{run}"
-                future = client.submit(compute, store.sweep.payload(task), threads, key=key, pure=False)
-                running[future] = task
-                future.add_done_callback(finished.put)
-            if not running:
-                return outcome
-            future = _next(client, store, finished)
+        give_out()
+        for future in completed:
             task = running.pop(future)
             _receive(client, store, future, task, outcome)
             done += task.skies
@@ -88,6 +88,8 @@ def run_sweep(
             bad = f", {len(outcome.failed)} tasks failed" if outcome.failed else ""
             speed = outcome.skies / max(outcome.wall_s, 1e-9)
             (progress or silent)(f"{done:,} of {total:,} skies, {speed:.3g} a second{bad}", done / max(total, 1))
+            give_out()
+        return outcome
     finally:
         # workers of a scheduler that lives on are not left with tasks that nobody waits for, nor with a field
         with suppress(Exception):
@@ -102,18 +104,6 @@ def _room(client: Client) -> int:
     """How many tasks may be given out at a time, so that results do not pile up and few are lost."""
     workers = client.scheduler_info(n_workers=-1)["workers"].values()
     return TASKS_PER_THREAD * max(1, sum(worker["nthreads"] for worker in workers))
-
-
-def _next(client: Client, store: Store, finished: queue.SimpleQueue[Future]) -> Future:
-    """The next future that ends; TwilightError where the scheduler is gone."""
-    connected = time.perf_counter()
-    while True:
-        with suppress(queue.Empty):
-            return finished.get(timeout=0.5)
-        if client.status == "running":
-            connected = time.perf_counter()
-        elif client.status == "closed" or time.perf_counter() - connected > LOST_AFTER_S:
-            raise _lost(store)
 
 
 def _lost(store: Store) -> TwilightError:
@@ -160,15 +150,8 @@ def failures(store: Store, outcome: SweepOutcome) -> Iterator[tuple[str, list[tu
     yield from by_reason.items()
 
 
-BATCH_SYSTEMS = {
-    "slurm": "SLURMCluster",
-    "pbs": "PBSCluster",
-    "sge": "SGECluster",
-    "lsf": "LSFCluster",
-    "htcondor": "HTCondorCluster",
-    "oar": "OARCluster",
-    "moab": "MoabCluster",
-}
+BATCH_SYSTEMS = {name.lower(): f"{name}Cluster" for name in ("SLURM", "PBS", "SGE", "LSF", "HTCondor", "OAR", "Moab")}
+"""Classes of dask_jobqueue by the names that users give."""
 _DASK_SETTINGS: dict[str, Any] = {
     "distributed.scheduler.worker-ttl": None,  # a kernel that keeps the interpreter's lock is no dead worker
     **{f"distributed.{who}.http.routes": [] for who in ("scheduler", "worker", "nanny")},  # pages that end tasks

@@ -8,7 +8,6 @@ tasks at hand is lost; a chunk that was damaged or deleted since is computed aga
 from __future__ import annotations
 
 import json
-import math
 import shutil
 import warnings
 from collections.abc import Iterator
@@ -20,7 +19,7 @@ import numpy as np
 
 from twilight import __version__
 from twilight.base.errors import TwilightError
-from twilight.base.whole_files import whole_folder
+from twilight.base.whole_files import whole_folder, writing
 from twilight.io.labels import attributes
 from twilight.io.provenance import Journal, differences, open_journal, read_journal, to_json
 from twilight.numerics.spectrum import solar_irradiance
@@ -45,8 +44,6 @@ RESERVE_BYTES = 64 * 2**20
 COMPRESSED_FRACTION = 0.4
 """Least fraction of the bytes of radiances that remains after compression: less space is refused at once."""
 
-_WRITTEN: dict[str, Any] = {"zarr_format": 3, "consolidated": False, "write_empty_chunks": True}
-
 
 class Store:
     """An open dataset, written by this process alone.
@@ -59,98 +56,89 @@ class Store:
         import zarr  # optional
 
         self.path, self.sweep, self._journal = path, sweep, journal
-        group = zarr.open_group(path, mode="r", use_consolidated=False)
-        self.done = _finished(path / JOURNAL)
-        had = len(self.done)
-        for task in sweep.tasks:
-            if task.key in self.done and not all(self._is_whole(group, c) for c in task.chunks):
-                del self.done[task.key]
-        self.damaged = had - len(self.done)
+        self._group: Any = zarr.open_group(path, mode="r+", use_consolidated=False)
+        had = _finished(path)
+        self.done = {
+            task.key: had[task.key] for task in sweep.tasks if task.key in had and all(map(self._is_whole, task.chunks))
+        }
+        self.damaged = len(had) - len(self.done)
 
     def write(self, task: Task, result: TaskResult) -> None:
         """Chunks first, then the line that says that they are there.  TwilightError where the system refuses."""
-        import xarray  # optional
-
-        names = [d.name for d in self.sweep.dimensions]
-        ends = np.cumsum([math.prod(map(len, chunk)) for chunk in task.chunks])[:-1]
-        split = {name: np.split(values, ends) for name, values in result.arrays.items()}
         scenes = list(task.scenes())
         refused = {",".join(map(str, scenes[i])): reason for i, reason in result.refused.items()}
         entry: dict[str, Any] = {"refused": refused, "cpu_s": round(result.cpu_s, 3), "wall_s": round(result.wall_s, 3)}
         if np.isfinite(result.turbidity):
             entry["turbidity"] = round(result.turbidity, 6)
-        try:
-            for i, chunk in enumerate(task.chunks):
+        with writing(self.path):
+            at = 0
+            for chunk in task.chunks:
                 shape = tuple(map(len, chunk))
-                cells = {name: values[i].reshape(*shape, *values[i].shape[1:]) for name, values in split.items()}
-                region = {name: slice(r.start, r.stop) for name, r in zip(names, chunk, strict=True)}
-                dims = {name: [*names, *_trailing(name)] for name in cells}
-                data = xarray.Dataset({name: (dims[name], values) for name, values in cells.items()})
-                data.to_zarr(self.path, region=region, **_WRITTEN)
+                skies = slice(at, at := at + int(np.prod(shape)))
+                for name, values in result.arrays.items():
+                    self._group[name][_slices(chunk)] = values[skies].reshape(*shape, *values.shape[1:])
             self._journal.write({"task": task.key, **entry})
-        except OSError as error:
-            raise TwilightError(f"{self.path}: cannot be written ({error.strerror or error})") from error
         self.done[task.key] = entry
 
-    def _is_whole(self, group: Any, chunk: Chunk) -> bool:
+    def _is_whole(self, chunk: Chunk) -> bool:
         place = [str(r.start // size) for r, size in zip(chunk, self.sweep.chunk, strict=True)]
-        for name in (RADIANCE, *self.sweep.layers, DIRECT, BENDING):
-            if not (self.path / name / "c").joinpath(*place, *("0" for _ in _trailing(name))).is_file():
-                return False  # which zarr reads as NaN
-            try:
-                group[name][tuple(slice(r.start, r.stop) for r in chunk)]
-            except Exception:  # of the checksum, the decompressor or the system
-                return False
+        try:
+            for name in _computed(self.sweep):  # a file that is not there would be read as NaN
+                (self.path / name / "c").joinpath(*place, *("0" for _ in _trailing(name))).stat()
+                self._group[name][_slices(chunk)]
+        except Exception:  # of the checksum, the decompressor or the system
+            return False
         return True
 
     def write_status(self) -> None:
         """Bring the variables `status` and `turbidity` up to date with the journal."""
-        import xarray  # optional
-
-        status = np.full(self.sweep.shape, MISSING, np.int8)
-        turbidity = np.full([d.size for d in self.sweep.outer], np.nan)
+        status, turbidity = _bookkeeping(self.sweep)
         for task in self.sweep.tasks:
-            if task.key in self.done:
-                for chunk in task.chunks:
-                    status[tuple(slice(r.start, r.stop) for r in chunk)] = COMPUTED
-                    turbidity[tuple(r[0] for r in chunk[: turbidity.ndim])] = self.done[task.key].get(
-                        "turbidity", np.nan
-                    )
+            for chunk in task.chunks if task.key in self.done else ():
+                status[_slices(chunk)] = COMPUTED
+                turbidity[tuple(r[0] for r in chunk[: turbidity.ndim])] = self.done[task.key].get("turbidity", np.nan)
         for scene, _ in self.refused():
             status[scene] = REFUSED
         with suppress(OSError):  # the journal knows it all; this may come after a full disk
-            xarray.Dataset(_bookkeeping(self.sweep, status, turbidity)).to_zarr(self.path, mode="r+", **_WRITTEN)
+            self._group["status"][...], self._group["turbidity"][...] = status, turbidity
 
     def refused(self) -> Iterator[tuple[tuple[int, ...], str]]:
         """Index and sentence of each scene that its solver refused."""
-        for task in self.sweep.tasks:
-            for scene, reason in self.done.get(task.key, {}).get("refused", {}).items():
-                yield tuple(int(i) for i in scene.split(",")), reason
+        for entry in self.done.values():
+            for scene, reason in entry["refused"].items():
+                yield tuple(map(int, scene.split(","))), reason
+
+
+def _slices(chunk: Chunk) -> tuple[slice, ...]:
+    return tuple(slice(r.start, r.stop) for r in chunk)
 
 
 @contextmanager
 def open_store(path: Path, sweep: Sweep) -> Iterator[Store]:
     """The dataset of a sweep at `path`, made where there is none.
 
-    Errors: TwilightError where something else lies there, where another sweep writes it, or where the disk lacks space.
+    Errors: TwilightError where something else lies there, where another sweep writes it, where it cannot be written, or
+    where the disk lacks space.
     """
+    import zarr  # optional
+
     if path.exists():
         _check_same(path, sweep)
     else:
         _create(path, sweep)
-    try:
-        with open_journal(path / JOURNAL, "another sweep") as journal, warnings.catch_warnings():
-            warnings.filterwarnings("ignore", f"Object at {JOURNAL}")  # which is no part of the hierarchy
-            for left in path.rglob("*.partial"):  # chunks that a killed process had begun
-                left.unlink()
-            store = Store(path, sweep, journal)
-            _check_space(path, sweep, store)
-            try:
-                yield store
-            finally:
-                store.write_status()
-    except OSError as error:
-        raise TwilightError(f"{path}: cannot be written ({error.strerror or error})") from error
+    with (
+        writing(path),
+        open_journal(path / JOURNAL, "another sweep") as journal,
+        zarr.config.set({"array.write_empty_chunks": True}),
+    ):
+        for left in path.rglob("*.partial"):  # chunks that a killed process had begun
+            left.unlink()
+        store = Store(path, sweep, journal)
+        _check_space(store)
+        try:
+            yield store
+        finally:
+            store.write_status()
 
 
 def finished_tasks(path: Path, sweep: Sweep) -> list[float]:
@@ -159,20 +147,14 @@ def finished_tasks(path: Path, sweep: Sweep) -> list[float]:
 
     Errors: TwilightError where something else lies there.
     """
-    if not path.exists():
-        return []
-    _check_same(path, sweep)
-    done = _finished(path / JOURNAL)
-    return [float(done[task.key].get("cpu_s", 0.0)) for task in sweep.tasks if task.key in done]
+    if path.exists():
+        _check_same(path, sweep)
+    return [float(entry.get("cpu_s", 0.0)) for entry in _finished(path).values()]
 
 
 def _finished(path: Path) -> dict[str, dict[str, Any]]:
-    """What the journal says of each finished task, by its key."""
-    done = {}
-    for entry in read_journal(path):
-        with suppress(ValueError, TypeError, KeyError):
-            done[entry.pop("task")] = entry | {"refused": dict(entry["refused"])}
-    return done
+    """What the journal of a dataset says of each finished task, by its key."""
+    return {entry.pop("task"): entry for entry in read_journal(path / JOURNAL) if {"task", "refused"} <= entry.keys()}
 
 
 def _check_same(path: Path, sweep: Sweep) -> None:
@@ -183,22 +165,19 @@ def _check_same(path: Path, sweep: Sweep) -> None:
         raise TwilightError(f"{path}: is there and is not the dataset of a sweep; give another --output") from None
     if stored_hash != sweep.hash:
         asked = json.loads(to_json(sweep.document))
-        parts = ("dimensions", "held_out", "configuration", "version", "code")
-        keys = (next(differences(stored.get(part), asked[part], (part,)), None) for part in parts)
-        changed = next((".".join(key[0]) for key in keys if key is not None), "a task")
-        if changed == "code":
-            changed = "the source or data of the program"
+        keys = (next(differences(stored.get(part), asked[part], (part,)), None) for part in sweep.document)
+        changed = next((".".join(key[0]) for key in keys if key is not None), "the content of a file that it names")
         raise TwilightError(f"{path}: holds another sweep ({changed} differs); give another --output")
 
 
-def _check_space(path: Path, sweep: Sweep, store: Store) -> None:
-    missing = sum(task.skies for task in sweep.tasks if task.key not in store.done)
-    needed = COMPRESSED_FRACTION * sweep.bytes * missing / sweep.scenes + RESERVE_BYTES
-    free = shutil.disk_usage(path).free
+def _check_space(store: Store) -> None:
+    missing = sum(task.skies for task in store.sweep.tasks if task.key not in store.done)
+    needed = COMPRESSED_FRACTION * store.sweep.bytes * missing / store.sweep.scenes + RESERVE_BYTES
+    free = shutil.disk_usage(store.path).free
     if missing and needed > free:
         raise TwilightError(
-            f"{path}: {missing:,} skies need at least {needed / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free: take "
-            f"fewer scenes, fewer wavelengths, a larger texture.resolution_deg, or another --output"
+            f"{store.path}: {missing:,} skies need at least {needed / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free: "
+            f"take fewer scenes, fewer wavelengths, a larger texture.resolution_deg, or another --output"
         )
 
 
@@ -210,7 +189,7 @@ def _create(path: Path, sweep: Sweep) -> None:
     with whole_folder(path) as temporary, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Consolidated metadata")  # which xarray reads, whatever zarr's standard says
         data, encoding = _empty(sweep)
-        data.to_zarr(temporary, mode="w", compute=False, encoding=encoding, zarr_format=3, safe_chunks=False)
+        data.to_zarr(temporary, mode="w", compute=False, encoding=encoding, zarr_format=3)
         (temporary / JOURNAL).touch()
 
 
@@ -224,7 +203,7 @@ def _empty(sweep: Sweep) -> tuple[Dataset, dict[str, Any]]:
     names = [d.name for d in sweep.dimensions]
     variables: dict[str, Any] = {name: (name, values, attributes(name)) for name, values in axes.items()}
     encoding = {}
-    for name in (RADIANCE, *sweep.layers, DIRECT, BENDING):
+    for name in _computed(sweep):
         last = {along: axes[along].size for along in _trailing(name)}
         shape = (*sweep.shape, *last.values())
         about = attributes(name)
@@ -236,9 +215,10 @@ def _empty(sweep: Sweep) -> tuple[Dataset, dict[str, Any]]:
     irradiance = solar_irradiance(sweep.wavelength_nm, sweep.first.solar_spectrum, 1.0)
     about = attributes("solar_irradiance") | {"comment": "on top of the atmosphere, at 1 au"}
     variables["solar_irradiance"] = ("wavelength", irradiance, about)
-    variables |= _bookkeeping(
-        sweep, np.full(sweep.shape, MISSING, np.int8), np.full([d.size for d in sweep.outer], np.nan)
-    )
+    status, turbidity = _bookkeeping(sweep)
+    flags = {"flag_values": [MISSING, COMPUTED, REFUSED], "flag_meanings": "missing computed refused"}
+    variables["status"] = (names, status, flags)
+    variables["turbidity"] = (names[: turbidity.ndim], turbidity, attributes("turbidity"))
     for dimension in sweep.dimensions:
         for key in dimension.points[0]:
             values = _plain([point[key] for point in dimension.points])
@@ -268,12 +248,14 @@ def _trailing(name: str) -> tuple[str, ...]:
     return ("wavelength",) if name == DIRECT else ("elevation", "azimuth", "wavelength")
 
 
-def _bookkeeping(sweep: Sweep, status: np.ndarray, turbidity: np.ndarray) -> dict[str, Any]:
-    flags = {"flag_values": [MISSING, COMPUTED, REFUSED], "flag_meanings": "missing computed refused"}
-    return {
-        "status": ([d.name for d in sweep.dimensions], status, flags),
-        "turbidity": ([d.name for d in sweep.outer], turbidity, attributes("turbidity")),
-    }
+def _computed(sweep: Sweep) -> tuple[str, ...]:
+    """The variables that tasks fill."""
+    return RADIANCE, *sweep.layers, DIRECT, BENDING
+
+
+def _bookkeeping(sweep: Sweep) -> tuple[np.ndarray, np.ndarray]:
+    """Status and turbidity of a sweep of which nothing is computed."""
+    return np.full(sweep.shape, MISSING, np.int8), np.full(sweep.shape[: len(sweep.outer)], np.nan)
 
 
 def _sun_positions(sweep: Sweep) -> dict[str, Any]:

@@ -56,7 +56,6 @@ class Sweep:
 
     def __init__(self, series: Series, progress: Progress | None = None):
         self.series, where = series, series.where
-        _refuse_too_many(where, math.prod(len(axis.points) for axis in series.axes), "scenes", MAX_SCENES)
         dimensions.check_keys(series.axes, where)
         self.first = series.config({k: v for axis in series.axes for k, v in axis.points[0].items()})
         check_size(self.first)
@@ -104,7 +103,7 @@ class Sweep:
 
     def payload(self, task: Task) -> dict[str, Any]:
         """The message to the worker of a task; skies: true elevation of the sun [deg] and observer's altitude [km]."""
-        field_config = self._config(self._outer_point(task.chunks[0]))
+        field_config = self._field_config(task)
         config = field_config.model_dump(mode="json", exclude_unset=True)
         name_by_content(config["climate"])
         for section, _, name, _ in climate_files(config["climate"]):  # a worker may run in another folder
@@ -131,7 +130,7 @@ class Sweep:
         chosen = np.unique(np.linspace(0, len(listed) - 1, PLANNED_FIELDS).round().astype(int))
         seconds = 0.0
         for tasks in (listed[i] for i in chosen):
-            config = self._config(self._outer_point(tasks[0].chunks[0]))
+            config = self._field_config(tasks[0])
             # a noisy light takes longer the lower the sun
             suns = sorted({self.sun(scene)[0].elevation_deg for task in tasks for scene in task.scenes()})
             problem = plan(resolve(config, wavelength_nm=self.wavelength_nm, for_plan=True), suns)
@@ -143,10 +142,9 @@ class Sweep:
 
     def sun(self, scene: Sequence[int]) -> tuple[SceneSun, float]:
         """Sun and altitude of the observer [km] of the scene with that index."""
-        outer, inner = scene[: len(self.outer)], scene[len(self.outer) :]
-        along = tuple(0 if d.own_suns else i for d, i in zip(self.inner, inner, strict=True))
-        own = next((i for d, i in zip(self.inner, inner, strict=True) if d.own_suns), 0)
-        suns, altitude_km = self._suns(to_json(self._shared_keys(outer)), along)
+        moving = {k: v for k, v in self._point(scene).items() if dimensions.section_of(k) in ("sun", "observer")}
+        own = next((i for d, i in zip(self.dimensions, scene, strict=True) if d.own_suns), 0)
+        suns, altitude_km = self._suns(to_json(moving))
         return suns[own], altitude_km
 
     def label(self, scene: Sequence[int]) -> str:
@@ -171,51 +169,37 @@ class Sweep:
         """The first scene's configuration with some keys set."""
         return self.series.config({k: v for d in self.dimensions for k, v in d.points[0].items()} | point)
 
-    def _outer_point(self, index: Sequence[Any]) -> dict[str, Any]:
-        """Keys and values along the outer dimensions, of a scene or chunk."""
-        places = (i if isinstance(i, int) else i[0] for i in index[: len(self.outer)])
-        return {k: v for d, i in zip(self.outer, places, strict=True) for k, v in d.points[i].items()}
+    def _point(self, index: Sequence[int]) -> dict[str, Any]:
+        """Keys and values at an index along the first dimensions."""
+        return {k: v for d, i in zip(self.dimensions, index, strict=False) for k, v in d.points[i].items()}
 
-    def _shared_keys(self, index: Sequence[Any]) -> dict[str, Any]:
-        """Those of them that a field answers for: the sun's and, where it serves all observers, the observer's."""
-        return {
-            k: v for k, v in self._outer_point(index).items() if dimensions.shares_field_along(k, self.every_observer)
-        }
-
-    def _suns_at(self, shared: str, along: Index) -> tuple[tuple[SceneSun, ...], float]:
-        """The suns of a configuration with these keys and these indices along the inner dimensions."""
-        point = json.loads(shared)
-        for dimension, i in zip(self.inner, along, strict=True):
-            point |= dimension.points[i]
-        config = self._config(point)
+    def _suns_at(self, moving: str) -> tuple[tuple[SceneSun, ...], float]:
+        """The suns of a configuration with these keys of sun and observer, and the observer's altitude [km]."""
+        config = self._config(json.loads(moving))
         return tuple(suns_of(config)), config.observer.altitude_km
+
+    def _field_config(self, task: Task) -> Config:
+        return self._config(self._point([r[0] for r in task.chunks[0][: len(self.outer)]]))
 
     def _check_fields(self, progress: Progress) -> dict[Index, str]:
         """The hash of each field by its index along the outer dimensions; every configuration is validated."""
         keys = {}
         total = math.prod(d.size for d in self.outer)
-        wavelengths: dict[str, np.ndarray] = {}
         for done, index in enumerate(itertools.product(*(range(d.size) for d in self.outer))):
             if done % 100 == 0:
                 progress(f"checking {total} configurations", done / total)
-            config = self._config(self._outer_point(index))
-            described = config.model_dump(
-                mode="json", exclude={"sun", "output", "name", "description", "vary", "solar_spectrum", "version"}
-            )
+            config = self._config(self._point(index))
+            idle = {"sun", *dimensions.IDLE_KEYS, *(["observer"] if self.every_observer else [])}
+            described = config.model_dump(mode="json", exclude=idle)
             name_by_content(described["climate"])
             if hasattr(solvers.load(dimensions.solver_of(config)), "recorded"):
                 described["solver"] = complete_solver(config.solver)  # with the content of files that it names
-            if self.every_observer:
-                described.pop("observer")
-            asked = to_json([described.get("wavelengths"), described["climate"].get("medium")])
-            if asked not in wavelengths:
-                wavelengths[asked] = _wavelengths(config)
-                if not np.array_equal(wavelengths[asked], self.wavelength_nm):
-                    label = " ".join(d.labels[i] for d, i in zip(self.outer, index, strict=True))
-                    raise TwilightError(
-                        f"{self.series.where}: vary: {label} has other wavelengths than the first scene; set "
-                        f"wavelengths for all"
-                    )
+            if not np.array_equal(_wavelengths(config), self.wavelength_nm):
+                label = " ".join(d.labels[i] for d, i in zip(self.outer, index, strict=True))
+                raise TwilightError(
+                    f"{self.series.where}: vary: {label} has other wavelengths than the first scene; set wavelengths "
+                    f"for all"
+                )
             self.layers |= dict.fromkeys(_layers(config))
             code = self.code[dimensions.solver_of(config)] = code_of(dimensions.solver_of(config))
             keys[index] = configuration_hash([described, self.wavelength_nm, code])[:24]
@@ -237,33 +221,34 @@ class Sweep:
     def _tasks(self, field_keys: dict[Index, str]) -> Iterator[Task]:
         """Chunks at several indices of one field, as a list of scenes has them, go to one task as long as they fit."""
         steps = self.chunk[len(self.outer) :]
-        inner = [
+        divided = [
             [range(start, min(start + step, d.size)) for start in range(0, d.size, step)]
             for d, step in zip(self.inner, steps, strict=True)
         ]
         of_field: dict[str, list[Chunk]] = {}
         for index, key in field_keys.items():
             outer = [range(i, i + 1) for i in index]
-            of_field.setdefault(key, []).extend((*outer, *ranges) for ranges in itertools.product(*inner))
-        together = max(1, CHUNK_BYTES // (self._sky_bytes * math.prod(steps)))
+            of_field.setdefault(key, []).extend((*outer, *ranges) for ranges in itertools.product(*divided))
         first = self.first.model_dump(mode="json", include={"sun", "observer"})
-        described = to_json([first, [d.points for d in self.inner if not d.own_suns]])
+        described = to_json([first, [d.points for d in self.inner]])
         for key, chunks in of_field.items():
             listed = len({chunk[: len(self.outer)] for chunk in chunks}) > 1
-            for some in _batches(chunks, together if listed else 1):
-                suns = [[self._shared_keys(chunk), [(r.start, r.stop) for r in chunk]] for chunk in some]
-                yield Task(configuration_hash([key, described, suns])[:24], key, some)
+            together = max(1, CHUNK_BYTES // (self._sky_bytes * math.prod(steps))) if listed else 1
+            for start in range(0, len(chunks), together):
+                some = tuple(chunks[start : start + together])
+                places = [[self._point([r[0] for r in chunk[: len(self.outer)]]), str(chunk)] for chunk in some]
+                yield Task(configuration_hash([key, described, places])[:24], key, some)
 
     def _document(self) -> dict[str, Any]:
         return {
-            "version": __version__,
-            "code": dict(sorted(self.code.items())),
-            "configuration": self.first.model_dump(mode="json", exclude_none=True, exclude={"vary", "output"}),
             "dimensions": {
                 d.name: self.first.sun.model_dump(mode="json") if d.own_suns else list(d.points)
                 for d in self.dimensions
             },
             "held_out": sorted(self.drawn.held_out) if self.drawn is not None else [],
+            "configuration": self.first.model_dump(mode="json", exclude_none=True, exclude={"vary", "output"}),
+            "version": __version__,
+            "program": dict(sorted(self.code.items())),
         }
 
 
@@ -280,10 +265,6 @@ def _layers(config: Config) -> tuple[str, ...]:
     if not getattr(settings, "polarisation", False):
         return error
     return error + STOKES + (STOKES_ERROR if noisy else ())
-
-
-def _batches(chunks: list[Chunk], most: int) -> Iterator[tuple[Chunk, ...]]:
-    return (tuple(chunks[start : start + most]) for start in range(0, len(chunks), most))
 
 
 def _refuse_too_many(where: str, count: int, what: str, most: int) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -110,20 +111,22 @@ def estimate_air(
     if "horizon" not in given.model_fields_set and capable:
         given = with_settings(given, {"horizon": "typical"})
     placed = [_placed(*one, given, says) for one in zip(names, photographs, _suns(photographs, says), strict=True)]
-    shown, remarks = [one[0] for one in placed], list(dict.fromkeys(note for one in placed for note in one[3]))
-    low, high = placed[0][1]
-    if len(placed) > 1 and any(a != b for _, (a, b), _, _ in placed):
-        raise TwilightError(
-            "series: the sun of every picture must be known: by Exif time and place, by sun elevations that are given, "
-            "or by its disc"
-        )
+    low, high = placed[0].between_deg
+    if len(placed) > 1:
+        if any(np.ptp(one.between_deg) > 0.0 for one in placed):
+            raise TwilightError(
+                "series: the sun of every picture must be known: by Exif time and place, by sun elevations that are "
+                "given, or by its disc"
+            )
+        placed = _of_one_camera(placed)
+    shown, remarks = [one.shown for one in placed], list(dict.fromkeys(note for one in placed for note in one.remarks))
     design = Design(tuple(p for p in OTHERS if p.name in says.parameters))
     own = None if given.climate.aerosol is None else given.climate.aerosol.type
     order = [name for name in says.types if name == own] + [name for name in says.types if name != own]
     airs = Airs(given, design, part_of(progress, 0.05, 0.75))
     developed = any(one.photograph.developed for one in shown)
     unknown = not all(one.photograph.balanced for one in shown)
-    heading = max(one[2] for one in placed)
+    heading = max(one.heading_error_deg for one in placed)
     free = Freedom(
         white_balance=developed or unknown if says.white_balance is None else says.white_balance,
         curve=developed if says.tone_curve is None else says.tone_curve,
@@ -170,10 +173,19 @@ def _suns(photographs: Sequence[Photograph], says: Given) -> list[float | None]:
     return [_known(sun)[0] for sun in says.suns_deg]
 
 
-def _placed(
-    name: str, photograph: Photograph, told_deg: float | None, given: Config, says: Given
-) -> tuple[Shown, tuple[float, float], float, list[str]]:
-    """A photograph with its sun (NaN where it is sought), between which suns, the error of its azimuth, and remarks."""
+class _Placed(NamedTuple):
+    """A photograph with its sun (NaN where it is sought), between which suns, the error of its azimuth [deg], remarks;
+    and the sun's azimuth by place and time, for a camera that knows north [deg]."""
+
+    shown: Shown
+    between_deg: tuple[float, float]
+    heading_error_deg: float
+    remarks: list[str]
+    by_time_deg: float | None
+
+
+def _placed(name: str, photograph: Photograph, told_deg: float | None, given: Config, says: Given) -> _Placed:
+    """A photograph with what it says of its sun and its camera."""
     check_upright(name, photograph)
     low, high, at = sun_range(given)
     remarks = list(photograph.remarks)
@@ -205,7 +217,45 @@ def _placed(
                 )
             low, high = max(low, nearest - 3.0 * tilt), min(high, nearest + 3.0 * tilt)
     remarks += check_sky(name, photograph, photograph.seen(azimuth, low if low == high else None))
-    return Shown(name, photograph, low if low == high else np.nan, azimuth), (low, high), error, remarks
+    sun = Shown(name, photograph, low if low == high else np.nan, azimuth)
+    by_time = None if photograph.camera.orientation.azimuth_deg is None else known_azimuth
+    return _Placed(sun, (low, high), error, remarks, by_time)
+
+
+def _of_one_camera(placed: list[_Placed]) -> list[_Placed]:
+    """The pictures of a series, whose camera was not moved: it is held in all as those say that know best."""
+    errors = np.array([one.shown.photograph.errors_deg for one in placed])
+    held = [one.shown.photograph.camera.orientation for one in placed]
+    angles = np.array([[one.elevation_deg, one.roll_deg] for one in held])
+    least = errors.min(axis=0)
+    elevation, roll = (
+        float(np.median(angles[errors[:, k + 1] == least[k + 1], k])) if least[k + 1] > 0.0 else None for k in (0, 1)
+    )
+    off, error = _by_best_compass(placed)
+    made = []
+    for one, (pitch, tilt) in zip(placed, angles, strict=True):
+        turn = 0.0 if elevation is None else elevation - pitch
+        photograph = one.shown.photograph.turned(turn, 0.0 if roll is None else roll - tilt, tuple(least))
+        azimuth = one.shown.sun_azimuth_deg if off is None else (one.by_time_deg or 0.0) + off
+        shown = replace(one.shown, photograph=photograph, sun_azimuth_deg=float(azimuth % 360.0))
+        made.append(one._replace(shown=shown, heading_error_deg=one.heading_error_deg if off is None else error))
+    if elevation is not None:
+        note = f"camera: held alike in all pictures, {elevation:.1f} deg above the horizontal"
+        made[0] = made[0]._replace(remarks=[*made[0].remarks, note])
+    return made
+
+
+def _by_best_compass(placed: list[_Placed]) -> tuple[float | None, float]:
+    """How far the compass is off by the pictures that know best, and its error then [deg]; None where north or the time
+    of a picture is not known."""
+    least = min(one.heading_error_deg for one in placed)
+    off = [
+        (one.shown.sun_azimuth_deg - one.by_time_deg + 180.0) % 360.0 - 180.0
+        for one in placed
+        if one.by_time_deg is not None and one.heading_error_deg <= 2.0 * least
+    ]
+    known = all(one.by_time_deg is not None for one in placed)
+    return (float(np.median(off)), least) if off and known else (None, least)
 
 
 def _frame(shown: Shown, most: int, known: bool, told: Frame | None = None) -> Frame:
@@ -219,6 +269,7 @@ def _frame(shown: Shown, most: int, known: bool, told: Frame | None = None) -> F
         azimuth, elevation = azimuth_elevation(own @ camera_axes(*told.camera_deg))
         cells, camera = replace(cells, elevation_deg=elevation, azimuth_deg=azimuth), told.camera_deg
     eight = photograph.developed and photograph.picture.bits == 8
+    cells = cells.below_white() if eight else cells
     frame = Frame(cells, camera, sun if known else None, None, photograph.log_exposure, eight)
     if photograph.camera.projection == "latlong":
         return frame

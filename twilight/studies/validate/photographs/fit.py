@@ -5,12 +5,11 @@ A photograph's cells and the computed sky are compared in m = (ln G, ln R/G, ln 
     ln photograph - ln computed = sum_k c_k m_k + e,
 
 where m_k are what a camera does alike to a whole picture: exposure (a constant of ln G, for each picture), white
-balance (constants of ln R/G and ln B/G), a tone curve (g1 t + g2 t^2 + g3 t^3 of each channel, t = its ln over the
-picture's middle), a lens that darkens its corners; c_k is normally distributed about 0 with the standard deviations
-below, wide where nothing is known.  e is what is left: noise of single cells, what is smooth over a camera's picture
-(`CAMERA_LN`), errors of the solver, correlated over
-`SOLVER_DEG` and between suns, and of the sky itself (haze in streaks, thin cloud, stitching), correlated over
-`SKY_DEG`, with an amplitude that the picture itself says (the one of `AMPLITUDES` that makes what is left most likely).
+balance (constants of ln R/G and ln B/G), a tone curve (`photo.Curve`), a lens that darkens its corners; c_k is normally
+distributed about 0 with the standard deviations below, wide where nothing is known.  e is what is left: noise of single
+cells, what is smooth over a camera's picture (`CAMERA_LN`), errors of the solver, correlated over `SOLVER_DEG` and
+between suns, and of the sky itself (haze in streaks, thin cloud, stitching), correlated over `SKY_DEG`, with an
+amplitude that the picture itself says (the one of `AMPLITUDES` that makes what is left most likely).
 Together they have a covariance C, and
 
     chi^2 = r^T C^-1 r + sum over the angles of the camera ((angle - as told) / its error)^2,
@@ -32,7 +31,7 @@ from twilight.numerics import spectrum
 from twilight.numerics.directions import azimuth_elevation, camera_axes, direction
 from twilight.sky import colour
 from twilight.studies.validate.photographs.airs import SUN, Parameter, Skies, towards
-from twilight.studies.validate.photographs.photo import OBSERVER, Cells, Curve, residual_vector
+from twilight.studies.validate.photographs.photo import OBSERVER, Cells, Curve, residual_vector, tone_shapes
 
 NOISE_LN = (0.007, 0.005, 0.005)
 """Standard errors of one cell in ln G, ln R/G, ln B/G: noise, 8 bits, texture."""
@@ -53,6 +52,9 @@ STEPS = (0.2, 0.6, 0.6)
 """Standard errors of luma and chroma by that, in steps; of luma, noise leaves less.  Twice those of one rounding."""
 INFLATED = 1.25
 """Factor on all standard errors of pictures in 8 bits, by ten drawn ones that `benchmarks/phone.py` does not judge."""
+SERIES_INFLATED = 1.3
+"""The same of a series: what is alike in all its pictures counts less than they are.  By three drawn evenings that
+`benchmarks/phone.py` does not judge."""
 STEP_REACH = 1.0
 """Steps over which these errors are correlated: they are errors of values, alike all along a line of one colour."""
 STEP_COMMON = 0.2
@@ -69,8 +71,8 @@ UNKNOWN_LN = 10.0
 """Standard deviation of an exposure of which nothing is known."""
 WHITE_BALANCE_LN = (0.01, 0.25)
 """Standard deviations of ln R/G and ln B/G of a whole picture: as the camera balanced it, and free."""
-CURVE = (0.3, 0.1, 0.03)
-"""Standard deviations of g1, g2 and g3: a phone's picture has 0.7 to 1.4 times the contrast of sRGB."""
+CURVE = (0.3, 0.05, 1.0)
+"""Standard deviations of g1, g2 and g3: a phone's picture has 0.7 to 1.4 times the contrast of sRGB, and a shoulder."""
 LENS_LN = 0.04
 """Standard deviation of ln G in the corner of a lens's picture whose vignetting is not known."""
 FLOOR = 0.03
@@ -180,7 +182,8 @@ class Errors:
         solver = 0.5 * solver_error * np.array([1.0, SOLVER_COLOUR, SOLVER_COLOUR])
         eight_bits = any(frame.eight_bits for frame in frames)
         camera = EIGHT_BITS_LN if eight_bits else CAMERA_LN
-        self.inflation = INFLATED if eight_bits else 1.0
+        several = SERIES_INFLATED if len(frames) > 1 else 1.0
+        self.inflation = INFLATED * several if eight_bits else 1.0
         self._fixed, self._sky = np.zeros((3 * n, 3 * n)), np.zeros((3 * n, 3 * n))
         for k in range(3):
             block = slice(k * n, (k + 1) * n)
@@ -214,8 +217,8 @@ class Errors:
         self.middle = float(shown[0].mean())
         if freedom.curve:
             green, red, blue = shown[0], shown[0] + shown[1], shown[0] + shown[2]
-            for power, deviation in zip((1, 2, 3), CURVE, strict=True):
-                g, r, b = ((channel - self.middle) ** power for channel in (green, red, blue))
+            shapes = tone_shapes(np.stack([green, red, blue]) - self.middle, self.middle)
+            for (g, r, b), deviation in zip(shapes, CURVE, strict=True):
                 modes.append(("curve", np.concatenate([g, r - g, b - g]), deviation))
         self.kinds = [kind for kind, _, _ in modes]
         self.modes = np.stack([mode for _, mode, _ in modes], axis=1)

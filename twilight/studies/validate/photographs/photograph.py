@@ -228,7 +228,7 @@ def place_sun(
 
     known_deg: from north, by place and time, which counts where the camera's azimuth is known, or by a compass where
     the sky says nothing; given_deg: what a caller says, which comes first.  between_deg: true elevations of the sun; a
-    light more than `NO_DISC_DEG`, and three standard errors of the camera's elevation, beyond them is no disc of it.
+    light beyond them by more than `NO_DISC_DEG` and by two standard errors of the camera's elevation is no disc of it.
     Errors: TwilightError as `find_sun_azimuth`.
     """
     if given_deg is not None:
@@ -237,7 +237,7 @@ def place_sun(
     north = known_deg is not None and photograph.camera.orientation.azimuth_deg is not None
     if north and compass == 0.0:
         return PlacedSun(known_deg or 0.0, 0.0, f"sun azimuth {known_deg:.2f} deg, by place and time")
-    far, other = NO_DISC_DEG + 3.0 * photograph.errors_deg[1], ""
+    far, other = max(NO_DISC_DEG, 2.0 * photograph.errors_deg[1]), ""
     try:
         sun = photograph.sun
         at = sun.true_elevation_deg
