@@ -1,34 +1,44 @@
 """About the light of a clear sky that is scattered more than once, M_0, by numpy alone: what `clear_air` corrects.
 
-Light is followed from layer to layer, under C zenith angles of the sun at the place itself: rays leave each layer and
-the ground in directions of a Gaussian rule that is dense along the horizon, and A azimuths from the sun.  The radiance
-that comes along a ray,
+Light is followed from layer to layer, under C zenith angles of the sun at the place itself, along the rays of
+`diffuse_rays`: from each layer and the ground in directions dense along the horizon, and A azimuths from the sun.  The
+radiance that comes along a ray,
 
-    I = sum over its segments of  T (1 - exp(-tau)) albedo P(ray . sun) B  /  of later orders: albedo J,
+    I = sum over its segments of  T (1 - exp(-tau)) S,
 
-B being the sunbeam, is summed for air, both aerosols and the ground apart, so phase functions act with all that is
-left of them when their peak is cut off at the Legendre moment CUT.  Nine moments of it stand for the light of a layer:
-J, the mean of I; the means of I u, I s, I u^2, I u s, I s^2, with u and s the parts upwards and towards the sun of the
-direction it comes from; and three of the polarisation of what air scattered once.  Along a line of sight the last
-scattering takes the moments of phase functions up to the second.
+S being what a segment sends of the light that reaches it over what it takes out of the ray: of the sunbeam, albedo
+P(ray . sun) B; of light scattered once and twice, the sum over the rays that reach its layer, turned into its
+direction; of later orders, albedo J.  Phase functions act with all that is left of them when their peak is cut off at
+the Legendre moment CUT.  The moments of I by harmonics up to DEGREE stand for the light of a layer (J is the first),
+and three of the polarisation of what air scattered once.  Along a line of sight the last scattering takes them.
 """
 
 from __future__ import annotations
 
-import functools
-from math import factorial
 from typing import NamedTuple
 
 import numpy as np
 
+from twilight.transport.diffuse_rays import (
+    ANGLES,
+    BOUNDARY_KM,
+    CUT,
+    DEGREE,
+    LAYERS,
+    REFRACTIVITY_SCALE_KM,
+    ZENITH_DEG,
+    Rays,
+    between,
+    harmonics,
+    log_reference,
+    rays,
+)
 from twilight.transport.shells import (
     AIR,
     ALTITUDE_KM,
     DARK,
-    EARTH_RADIUS_KM,
     HIGH,
     LOW,
-    SUBLAYERS,
     Air,
     Line,
     Shells,
@@ -38,231 +48,16 @@ from twilight.transport.shells import (
     summed,
 )
 
-BOUNDARY_KM = np.array([0, 0.45, 1.35, 2, 3, 4.5, 6, 8, 10, 13, 16, 19, 24, 30, 39, 60, 100])
-"""Boundaries of the layers of diffuse light, all in ALTITUDE_KM; the ground counts as the layer above them."""
-ZENITH_DEG = np.concatenate([[0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5], np.arange(89.0, 113.0), [115, 118, 122]])
-"""Local solar zenith angles of diffuse light [deg]."""
-POLAR = 7
-"""Rays on each side of the horizon."""
-POWER = 4
-"""Root of their cosines that follows Gauss's rule."""
-AZIMUTHS = 6
-"""Azimuths over half a turn."""
-CUT = 8
-"""Legendre moment that stands for the forward peak, whose light counts as not scattered."""
-DEGREE = 4
-"""Degree of the moments of radiance that the last scattering takes."""
+FOLLOWED = 3
+"""Orders of scattering whose phase functions act; later ones scatter alike into all directions."""
 SCATTERINGS = 8
 """Orders of scattering that are followed."""
 MOST_RATIO = 0.95
 """Largest ratio of two of them of which a geometric series is summed."""
-DECAY_DEG = 88.0
-"""Zenith angle from which on `_log_reference` falls."""
-DECAY = 1.1
-"""By how much it falls a degree, from 8 deg beyond it on."""
 LEAST_PHASE = 0.02
 """Least value of 4 pi times a phase function whose series is cut off."""
-FINE_DEG = 0.25
-"""Steps of local zenith angles along rays [deg]."""
 OPAQUE = 60.0
 """Optical depth of the ground."""
-REFRACTIVITY_SCALE_KM = 8.0
-"""Scale height of the air that bends rays between scatterings."""
-REFRACTIVITY = 2.8e-4
-"""Its n - 1 at the ground."""
-LONGEST = 0.1
-"""Longest segment of a ray, as an angle at the Earth's centre [rad]."""
-LAYERS = BOUNDARY_KM.size
-"""With the ground."""
-ANGLES = ZENITH_DEG.size
-
-
-class Rays(NamedTuple):
-    """N segments of R rays, under C zenith angles of the sun and A azimuths from it.
-
-    ray, layer, length_km (N,): of each segment its ray, layer and length; first (R,): first segment of each ray
-    start (L + 2,): first segment of the rays from each layer; on_ground (G,): segments that are the ground
-    fine (F, C): light at F local zenith angles, FINE_DEG apart, from that at ZENITH_DEG; place (C A, N): index of
-        (layer, fine angle) of each segment
-    legendre (L + 1, C A, r, CUT): Legendre polynomials of the cosine between the sun and the r rays of each layer
-    moments (L + 1, C, m + 3, A r): weights of these rays in the m moments of radiance, and the three of polarisation
-    pair_weight, pair_segment (P,): entries of the matrix of mean light, ordered by place in it; pairs, starts: these
-        places, in ((L + 1) C)^2, and their first entries
-    """
-
-    ray: np.ndarray
-    layer: np.ndarray
-    length_km: np.ndarray
-    first: np.ndarray
-    start: np.ndarray
-    on_ground: np.ndarray
-    fine: np.ndarray
-    place: np.ndarray
-    legendre: np.ndarray
-    moments: np.ndarray
-    pair_weight: np.ndarray
-    pair_segment: np.ndarray
-    pairs: np.ndarray
-    starts: np.ndarray
-
-    def collected(self, light: np.ndarray, parts: np.ndarray) -> np.ndarray:
-        """Light ((L + 1) C,) at the segments times parts of it (N, p), summed over each ray, (L + 1, C A, r, p)."""
-        count, p = 2 * POLAR, parts.shape[1]
-        by_ray = np.zeros((len(parts), count, p), parts.dtype)
-        by_ray[np.arange(len(parts)), self.ray % count] = parts
-        at_segments = np.take(light.reshape(LAYERS, ANGLES) @ self.fine.T, self.place)
-        out = np.empty((LAYERS, len(self.place), count * p), np.result_type(light, parts))
-        for k, some in enumerate(map(slice, self.start[:-1], self.start[1:])):
-            np.matmul(at_segments[:, some], by_ray[some].reshape(-1, count * p), out=out[k])
-        return out.reshape(LAYERS, -1, count, p)
-
-    def mean(self, rows: slice, radiance: np.ndarray) -> np.ndarray:
-        """Some of the moments, (L + 1, C, m), of radiance (L + 1, C A, r)."""
-        return (self.moments[:, :, rows] @ radiance.reshape(LAYERS, ANGLES, -1, 1))[..., 0]
-
-
-def gauss(count: int, power: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights of Gauss's rule from 0 to 1 over the root of this power."""
-    node, weight = np.polynomial.legendre.leggauss(count)
-    root = 0.5 * (node + 1.0)
-    return root**power, 0.5 * power * root ** (power - 1) * weight
-
-
-def segments() -> np.ndarray:
-    """Segments of rays, (N, 6): the layer where the ray starts, its number, the layer that is crossed, length [km],
-    angle at the Earth's centre from start to middle [rad], cosine of the ray's zenith angle; and the ray's weight."""
-    up, weight = gauss(POLAR, POWER)
-    around = np.concatenate([-up[::-1], up]), 0.5 * np.concatenate([weight[::-1], weight])
-    up, weight = gauss(2 * POLAR)
-    above, rows = (up, 2.0 * up * weight), []
-    for k in range(LAYERS):
-        ground = k == LAYERS - 1
-        for n, (c, w) in enumerate(zip(*(above if ground else around), strict=True)):
-            rows += [(2 * POLAR * k + n, *part, c, w) for part in _segments_of(float(c), None if ground else k)]
-    return np.array(rows)
-
-
-def _segments_of(cosine: float, layer: int | None) -> list[tuple[int, float, float]]:
-    """Layer, length [km] and angle at the Earth's centre from the ray's start to its middle [rad] of the parts of a ray
-    in one layer each.  layer: where it starts, in the middle; None: from the ground"""
-    low, high = BOUNDARY_KM[:-1, None], BOUNDARY_KM[1:, None]
-    part = np.append((low + np.arange(SUBLAYERS) / SUBLAYERS * (high - low)).ravel(), BOUNDARY_KM[-1])
-    radius, index = EARTH_RADIUS_KM + part, 1.0 + REFRACTIVITY * np.exp(-part / REFRACTIVITY_SCALE_KM)
-    x, mean = index * radius, 0.5 * (index[1:] + index[:-1])
-    slope = np.diff(x) / np.diff(radius)
-    first = 0 if layer is None else SUBLAYERS * layer + SUBLAYERS // 2
-    b = x[first] * np.sqrt(1.0 - cosine * cosine)
-    beyond = np.maximum(x, b)
-    path = np.diff(np.sqrt(beyond * beyond - b * b)) / slope
-    angle = np.diff(np.arccos(b / beyond)) * mean / slope
-    passed = list(range(first, path.size))
-    hit = cosine < 0.0 and bool(b < x[0])
-    if cosine < 0.0:
-        below = [i for i in range(first - 1, -1, -1) if path[i] > 0.0]
-        passed = below if hit else below + below[::-1] + passed
-    groups: list[list[tuple[int, float, float]]] = []
-    total = spanned = 0.0  # angles of the ray so far, and of the last group, which is of one layer and at most LONGEST
-    for i in passed:
-        if not groups or groups[-1][0][0] != i // SUBLAYERS or spanned + angle[i] > LONGEST:
-            groups.append([])
-            spanned = 0.0
-        groups[-1].append((i // SUBLAYERS, float(path[i]), total + 0.5 * float(angle[i])))
-        spanned += angle[i]
-        total += float(angle[i])
-    out = []
-    for group in groups:
-        length = sum(one[1] for one in group)
-        out.append((group[0][0], length, sum(one[1] * one[2] for one in group) / length))
-    return [*out, (LAYERS - 1, 0.0, total)] if hit else out
-
-
-@functools.lru_cache(maxsize=1)
-def rays() -> Rays:
-    """The rays between scatterings."""
-    ray, layer, length, angle, cosine, weight = segments().T
-    ray, layer, phi = ray.astype(int), layer.astype(int), angle
-    first = np.flatnonzero(np.diff(ray, prepend=-1))
-    azimuth = np.cos((np.arange(AZIMUTHS) + 0.5) * np.pi / AZIMUTHS)
-    chi = np.radians(ZENITH_DEG)[:, None, None]
-    local = np.cos(chi) * np.cos(phi) + np.sin(chi) * np.sin(phi) * azimuth[:, None]
-    angles_deg = np.arange(0.0, ZENITH_DEG[-1] + 0.5 * FINE_DEG, FINE_DEG)
-    rounded = np.rint(np.degrees(np.arccos(np.clip(local, -1.0, 1.0))) / FINE_DEG).astype(int)  # C A N
-    rounded = np.minimum(rounded, angles_deg.size - 1)
-    below, f = _between(angles_deg)
-    fine = np.zeros((angles_deg.size, ANGLES))
-    fine[np.arange(angles_deg.size), below] = 1.0 - f
-    fine[np.arange(angles_deg.size), below + 1] = f
-    fine *= np.exp(_log_reference(angles_deg)[:, None] - _log_reference(ZENITH_DEG))
-    place = layer * ANGLES + below[rounded]
-    # the matrix of mean light: entries of one segment at one place, of all azimuths together
-    from_layer = ray // (2 * POLAR)
-    row = (from_layer * ANGLES + np.arange(ANGLES)[:, None, None]) * (LAYERS * ANGLES)
-    key = np.concatenate([((row + place + more) * ray.size + np.arange(ray.size)).ravel() for more in (0, 1)])
-    entries, inverse = np.unique(key, return_inverse=True)
-    both = np.concatenate([fine[rounded, below[rounded] + more].ravel() for more in (0, 1)]) / AZIMUTHS
-    pair, segment = np.divmod(entries, ray.size)
-    pair_weight = np.bincount(inverse, both) * weight[segment]
-    starts = np.flatnonzero(np.diff(pair, prepend=-1))
-    # moments: u and s are the parts of the ray's direction upwards and towards the sun
-    mu, sun = cosine[first], azimuth[:, None]
-    u, s = mu + 0.0 * sun, np.sqrt(1.0 - mu * mu) * sun
-    w, towards = weight[first] / AZIMUTHS, u * np.cos(chi) + s * np.sin(chi)  # C A R
-    flat, sine2 = np.ones_like(towards), 1.0 - towards**2
-    across_u, across_s = np.cos(chi) - u * towards, np.sin(chi) - s * towards
-    parts = [part * flat for part in harmonics(u, s)]
-    parts.append(sine2 * (1.0 - u * u) - 2.0 * across_u * across_u)
-    parts.append(-sine2 * u * s - 2.0 * across_u * across_s)
-    parts.append(sine2 * (1.0 - s * s) - 2.0 * across_s * across_s)
-    moments = np.array([w * part for part in parts]).reshape(len(parts), ANGLES, AZIMUTHS, LAYERS, -1)
-    moments = moments.transpose(3, 1, 0, 2, 4).reshape(LAYERS, ANGLES, len(parts), -1)
-    legendre = np.polynomial.legendre.legvander(towards.reshape(-1, LAYERS, 2 * POLAR), CUT - 1)
-    return Rays(
-        ray,
-        layer,
-        length,
-        first,
-        np.append(first[:: 2 * POLAR], ray.size),
-        np.flatnonzero(layer == LAYERS - 1),
-        fine.astype(np.float32),
-        (layer * angles_deg.size + rounded).reshape(-1, ray.size),
-        np.ascontiguousarray(np.swapaxes(legendre, 0, 1), np.float32),
-        moments.astype(np.float32),
-        pair_weight.astype(np.float32),
-        segment,
-        pair[starts],
-        starts,
-    )
-
-
-def _between(degrees: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Index of the zenith angle before each, and the part of the way to the next."""
-    degrees = np.minimum(degrees, ZENITH_DEG[-1])
-    below = np.clip(np.searchsorted(ZENITH_DEG, degrees, side="right") - 1, 0, ANGLES - 2)
-    return below, (degrees - ZENITH_DEG[below]) / (ZENITH_DEG[below + 1] - ZENITH_DEG[below])
-
-
-def harmonics(up: np.ndarray, aside: np.ndarray) -> list[np.ndarray]:
-    """Harmonics of directions by their parts upwards and towards the sun, of degree 0 to DEGREE, each with its orders:
-    those of one degree, times each other for two directions and summed, are the mean of the Legendre polynomials of the
-    angle between the first direction and the second or its mirror image."""
-    x, y = aside, np.sqrt(np.maximum(1.0 - up * up - aside * aside, 0.0))
-    # sin^m cos(m azimuth), sin^m sin(m azimuth), and the Legendre functions over sin^m
-    cosine, sine = np.ones_like(x), np.zeros_like(x)
-    functions = {}
-    for m in range(DEGREE + 1):
-        before, now = 0.0, float(np.prod(np.arange(1, 2 * m, 2))) + 0.0 * up
-        for n in range(m, DEGREE + 1):
-            scale = np.sqrt((2.0 if m else 1.0) * factorial(n - m) / factorial(n + m))
-            functions[n, m] = scale * now * cosine
-            before, now = now, ((2 * n + 1) * up * now - (n + m) * before) / (n - m + 1)
-        cosine, sine = cosine * x - sine * y, sine * x + cosine * y
-    return [functions[n, m] for n in range(DEGREE + 1) for m in range(n + 1)]
-
-
-def _log_reference(zenith_deg: np.ndarray) -> np.ndarray:
-    """About the logarithm of the light of the sky over that of day, by which diffuse light is interpolated."""
-    beyond = np.maximum(np.asarray(zenith_deg, float) - DECAY_DEG, 0.0)
-    return -np.where(beyond < 8.0, DECAY * beyond**2 / 16.0, DECAY * (beyond - 4.0))
 
 
 def _positive(first: np.ndarray, further: np.ndarray) -> np.ndarray:
@@ -273,7 +68,7 @@ def _positive(first: np.ndarray, further: np.ndarray) -> np.ndarray:
 
 def diffuse_light(air: Air, shells: Shells) -> np.ndarray:
     """The moments of light scattered at least once, over F0, in layers between BOUNDARY_KM at ZENITH_DEG, the
-    reference taken off, (L C, 9, W)."""
+    reference taken off, (L C, m + 3, W)."""
     r, kinds = rays(), _kinds(air)
     # the sunbeam, and what it lights
     zenith = np.radians(ZENITH_DEG)
@@ -289,17 +84,17 @@ def diffuse_light(air: Air, shells: Shells) -> np.ndarray:
     passed = np.cumsum(tau, axis=0) - tau
     passed -= passed[r.first][r.ray]
     reaching = np.exp(-passed) * -np.expm1(-tau)
-    parts = np.concatenate([kinds.albedo[:, r.layer] * reaching, np.zeros_like(reaching)[None]])
-    parts[-1, r.on_ground] = reaching[r.on_ground]
+    parts = np.concatenate([kinds.albedo[:, r.layer] * reaching, np.zeros_like(reaching)[None], reaching[None]])
+    parts[3, r.on_ground] = reaching[r.on_ground]
     parts = np.ascontiguousarray(single(parts).transpose(2, 1, 0))
     depolarised = single((1.0 - air.depolarisation) / (2.0 + air.depolarisation))
-    ground_albedo, series = single(air.ground_albedo), single(kinds.series)
+    ground_albedo, albedo, series = single(air.ground_albedo), single(kinds.albedo), single(kinds.series)
     out = [
-        _of_wavelength(r, light[:, w], parts[w], series[..., w], depolarised[w], ground_albedo[w])
+        _of_wavelength(r, light[:, w], parts[w], albedo[..., w], series[..., w], depolarised[w], ground_albedo[w])
         for w in range(depolarised.size)
     ]
     moments = np.stack(out, axis=-1)[:-1]
-    moments *= np.exp(-_log_reference(ZENITH_DEG)).astype(np.float32)[:, None, None]
+    moments *= np.exp(-log_reference(ZENITH_DEG)).astype(np.float32)[:, None, None]
     return moments.reshape(-1, *moments.shape[2:])
 
 
@@ -307,28 +102,53 @@ def _of_wavelength(
     r: Rays,
     light: np.ndarray,
     parts: np.ndarray,
+    albedo: np.ndarray,
     series: np.ndarray,
     depolarised: np.floating,
     ground_albedo: np.floating,
 ) -> np.ndarray:
     """The moments (L + 1, C, m + 3) at one wavelength.
 
-    light ((L + 1) C,): what the sunbeam lights; parts (N, 4): part of it that each segment sends to the start of its
-    ray, scattered by air, by both aerosols and by the ground; series (2, CUT): of the phase functions of aerosols
+    light ((L + 1) C,): what the sunbeam lights; parts (N, 5): part of it that each segment sends to the start of its
+    ray, scattered by air, by both aerosols and by the ground, and if nothing were absorbed; albedo (3, L + 1) of
+    `_Kinds`; series (2, CUT): of the phase functions of aerosols
     """
-    by_air, *by_aerosols, radiance = np.moveaxis(r.collected(light, parts), -1, 0)
+    by_air, *by_aerosols, radiance = np.moveaxis(r.collected(light, parts[:, :4]), -1, 0)
     radiance = radiance + by_air * (1.0 + depolarised * r.legendre[..., 2])
     phases = r.legendre @ series.T
     for n, scattered in enumerate(by_aerosols):
         radiance += scattered * np.maximum(phases[..., n], LEAST_PHASE)
-    first = r.mean(slice(0, -3), radiance)
     polarised = r.mean(slice(-3, None), by_air) * (np.float32(0.75) * depolarised)
-    every = parts.sum(axis=1)
-    now = first[..., 0].copy()
+    into = _directed(r, albedo, series, depolarised)
+    last = radiance
+    for _ in range(FOLLOWED - 1):
+        source = _scattered_again(r, last, into, ground_albedo)
+        last = r.arriving(np.take(source, r.leaving), parts[:, 4:])[..., 0]
+        radiance = radiance + last
+    followed, now = r.mean(slice(0, -3), radiance), r.mean(slice(0, 1), last)[..., 0]
     now[-1] *= ground_albedo
-    total = _all_orders(r, every, ground_albedo, now.ravel())
-    more = r.mean(slice(1, -3), r.collected(total, every[:, None]))
-    return np.concatenate([total.reshape(LAYERS, ANGLES, 1), first[..., 1:] + more, polarised], axis=2)
+    every = parts[:, :4].sum(axis=1)
+    later = _all_orders(r, every, ground_albedo, now.ravel())
+    more = r.mean(slice(1, -3), r.collected(later, every[:, None]))
+    total = followed[..., 0] + later.reshape(now.shape) - now
+    return np.concatenate([total[..., None], followed[..., 1:] + more, polarised], axis=2)
+
+
+def _directed(r: Rays, albedo: np.ndarray, series: np.ndarray, depolarised: np.floating) -> np.ndarray:
+    """How much of light along the rays a layer scatters into azimuths and LEAVING_DEG, (L, A O, A r)."""
+    by_degree = albedo[1:, :-1].T @ series
+    by_degree[:, 0] += albedo[0, :-1]
+    by_degree[:, 2] += albedo[0, :-1] * depolarised
+    return (r.turned @ by_degree[:, None, :, None])[..., 0]
+
+
+def _scattered_again(r: Rays, radiance: np.ndarray, into: np.ndarray, ground_albedo: np.floating) -> np.ndarray:
+    """What layers and the ground send of light (L + 1, C A, r), over what they take out of a ray, (L + 1, A O, F)."""
+    at_layers = np.swapaxes(radiance.reshape(LAYERS, ANGLES, -1), 1, 2)
+    sent = np.empty((LAYERS, into.shape[1], ANGLES), np.result_type(into, radiance))
+    np.matmul(into, at_layers[:-1], out=sent[:-1])
+    sent[-1] = ground_albedo * r.mean(slice(0, 1), radiance)[-1, :, 0]
+    return np.where(sent.real > 0.0, sent, 0.0) @ r.fine.T
 
 
 class _Kinds(NamedTuple):
@@ -384,7 +204,7 @@ def seen_along(
     cosine = np.cos(angle)[:, None] * np.cos(sun) + np.sin(angle)[:, None] * azimuth * np.sin(sun)
     zenith = np.arccos(np.clip(cosine, -1.0, 1.0))  # S E A K
     degrees = np.degrees(zenith)
-    below, f = _between(degrees)
+    below, f = between(degrees)
     f = f.astype(np.float32)[..., None]
     place = layer * ANGLES + below
     at_points = light[place] * (1.0 - f[..., None]) + light[place + 1] * f[..., None]
@@ -404,13 +224,13 @@ def seen_along(
         first = n * (n + 1) // 2
         of_degree = sum(functions[k] * moments[k] for k in range(first, first + n + 1))
         further = further + (weights[n] + weights[-1] if n == 2 else weights[n]) * of_degree
-    source = _positive(weights[0] * moments[0], further) * np.exp(_log_reference(degrees)).astype(np.float32)[..., None]
+    source = _positive(weights[0] * moments[0], further) * np.exp(log_reference(degrees)).astype(np.float32)[..., None]
     return np.maximum(source.sum(axis=3), DARK)
 
 
 def _last_scattering(air: Air, shells: Shells, line: Line) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of lines of sight in the layers of diffuse light above the observer: what scattering of J, of the first and the
-    second moments by all and of the second by air alone adds, (4, E, K, W); angle at the Earth's centre from him to the
+    further moments by all and of the second by air alone adds, (DEGREE + 2, E, K, W); angle at the Earth's centre from him to the
     mean point (E, K) [rad]; layer (K,)."""
     middle = 0.5 * (shells.boundary_km[1:] + shells.boundary_km[:-1])[shells.first :]
     own = np.searchsorted(ALTITUDE_KM, middle) - 1

@@ -1,0 +1,280 @@
+"""The rays along which diffuse light is followed from layer to layer, for `diffuse`; by numpy alone.
+
+They are the same in all air: their segments in layers, the zenith angle of the sun at each, and weights.
+"""
+
+from __future__ import annotations
+
+import functools
+from math import factorial
+from typing import NamedTuple
+
+import numpy as np
+
+from twilight.transport.shells import EARTH_RADIUS_KM, SUBLAYERS
+
+BOUNDARY_KM = np.array([0, 0.45, 1.35, 2, 3, 4.5, 6, 8, 10, 12, 14, 16, 19, 22, 26, 30, 36, 45, 60, 78, 100])
+"""Boundaries of the layers of diffuse light, all in ALTITUDE_KM; the ground counts as the layer above them."""
+ZENITH_DEG = np.concatenate([[0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5], np.arange(89.0, 113.0), [115, 118, 122]])
+"""Local solar zenith angles of diffuse light [deg]."""
+ABOVE, GRAZING, BELOW = 8, 5, 3
+"""Rays from a layer above its horizontal, between it and the ground's horizon, and to the ground."""
+POWER, POWER_BELOW = 4, 2
+"""Root of their cosines that follows Gauss's rule: from the horizontal up, and from the ground's horizon down."""
+LEAVING_DEG = np.array([-60, -27, -12, -4, 4, 12, 27, 60.0])
+"""Elevations into which layers scatter light that was scattered before [deg]."""
+AZIMUTHS = 6
+"""Azimuths over half a turn."""
+CUT = 12
+"""Legendre moment that stands for the forward peak, whose light counts as not scattered."""
+DEGREE = 4
+"""Degree of the moments of radiance that the last scattering takes."""
+DECAY_DEG = 88.0
+"""Zenith angle from which on `log_reference` falls."""
+DECAY = 1.1
+"""By how much it falls a degree, from 8 deg beyond it on."""
+FINE_DEG = 0.25
+"""Steps of local zenith angles along rays [deg]."""
+REFRACTIVITY_SCALE_KM = 8.0
+"""Scale height of the air that bends rays between scatterings."""
+REFRACTIVITY = 2.8e-4
+"""Its n - 1 at the ground."""
+LONGEST = 0.1
+"""Longest segment of a ray, as an angle at the Earth's centre [rad]."""
+RAYS = ABOVE + GRAZING + BELOW
+"""Rays from a layer under one azimuth."""
+LAYERS = BOUNDARY_KM.size
+"""With the ground."""
+ANGLES = ZENITH_DEG.size
+
+
+class Rays(NamedTuple):
+    """N segments of R rays, under C zenith angles of the sun and A azimuths from it.
+
+    ray, layer, length_km (N,): of each segment its ray, layer and length; first (R,): first segment of each ray
+    start (L + 2,): first segment of the rays from each layer; on_ground (G,): segments that are the ground
+    fine (F, C): light at F local zenith angles, FINE_DEG apart, from that at ZENITH_DEG; place (C A, N): index of
+        (layer, fine angle) of each segment
+    legendre (L + 1, C A, r, CUT): Legendre polynomials of the cosine between the sun and the r rays of each layer
+    moments (L + 1, C, m + 3, A r): weights of these rays in the m moments of radiance, and the three of polarisation
+    leaving (C A, N): index of (layer, azimuth, elevation LEAVING_DEG, fine angle) of what each segment sends to the
+        start of its ray; turned (L, A O, A r, CUT): weights of rays, times Legendre polynomials of the angles between
+        them and these A O directions, of both sides of the sun
+    pair_weight, pair_segment (P,): entries of the matrix of mean light, ordered by place in it; pairs, starts: these
+        places, in ((L + 1) C)^2, and their first entries
+    """
+
+    ray: np.ndarray
+    layer: np.ndarray
+    length_km: np.ndarray
+    first: np.ndarray
+    start: np.ndarray
+    on_ground: np.ndarray
+    fine: np.ndarray
+    place: np.ndarray
+    legendre: np.ndarray
+    moments: np.ndarray
+    leaving: np.ndarray
+    turned: np.ndarray
+    pair_weight: np.ndarray
+    pair_segment: np.ndarray
+    pairs: np.ndarray
+    starts: np.ndarray
+
+    def collected(self, light: np.ndarray, parts: np.ndarray) -> np.ndarray:
+        """Light ((L + 1) C,) at the segments times parts of it (N, p), summed over each ray, (L + 1, C A, r, p)."""
+        return self.arriving(np.take(light.reshape(LAYERS, ANGLES) @ self.fine.T, self.place), parts)
+
+    def arriving(self, at_segments: np.ndarray, parts: np.ndarray) -> np.ndarray:
+        """Light at the segments (C A, N) times parts of it (N, p), summed over each ray, (L + 1, C A, r, p)."""
+        count, p = RAYS, parts.shape[1]
+        by_ray = np.zeros((len(parts), count, p), parts.dtype)
+        by_ray[np.arange(len(parts)), self.ray % count] = parts
+        out = np.empty((LAYERS, len(at_segments), count * p), np.result_type(at_segments, parts))
+        for k, some in enumerate(map(slice, self.start[:-1], self.start[1:])):
+            np.matmul(at_segments[:, some], by_ray[some].reshape(-1, count * p), out=out[k])
+        return out.reshape(LAYERS, -1, count, p)
+
+    def mean(self, rows: slice, radiance: np.ndarray) -> np.ndarray:
+        """Some of the moments, (L + 1, C, m), of radiance (L + 1, C A, r)."""
+        return (self.moments[:, :, rows] @ radiance.reshape(LAYERS, ANGLES, -1, 1))[..., 0]
+
+
+def gauss(count: int, power: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights of Gauss's rule from 0 to 1 over the root of this power."""
+    node, weight = np.polynomial.legendre.leggauss(count)
+    root = 0.5 * (node + 1.0)
+    return root**power, 0.5 * power * root ** (power - 1) * weight
+
+
+def segments() -> np.ndarray:
+    """Segments of rays, (N, 6): the layer where the ray starts, its number, the layer that is crossed, length [km],
+    angle at the Earth's centre from start to middle [rad], cosine of the ray's zenith angle; and the ray's weight."""
+    rows = []
+    for k in range(LAYERS):
+        layer = None if k == LAYERS - 1 else k
+        for n, (c, w) in enumerate(zip(*_directions(layer), strict=True)):
+            rows += [(RAYS * k + n, *part, c, w) for part in _segments_of(float(c), layer)]
+    return np.array(rows)
+
+
+def _directions(layer: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Cosines of the zenith angles of the rays from a layer or the ground, and their weights in means."""
+    if layer is None:
+        up, weight = gauss(RAYS)
+        return up, 2.0 * up * weight
+    x = _refracted_radius(np.array([0.0, BOUNDARY_KM[layer : layer + 2].mean()]))
+    horizon = float(np.sqrt(1.0 - (x[0] / x[1]) ** 2))
+    up, grazing, down = gauss(ABOVE, POWER), gauss(GRAZING), gauss(BELOW, POWER_BELOW)
+    cosine = np.concatenate([-horizon - (1.0 - horizon) * down[0][::-1], -horizon * grazing[0][::-1], up[0]])
+    weight = np.concatenate([(1.0 - horizon) * down[1][::-1], horizon * grazing[1][::-1], up[1]])
+    return cosine, 0.5 * weight
+
+
+def _refracted_radius(altitude_km: np.ndarray) -> np.ndarray:
+    """Refractive index times the distance from the Earth's centre [km]."""
+    index = 1.0 + REFRACTIVITY * np.exp(-altitude_km / REFRACTIVITY_SCALE_KM)
+    return index * (EARTH_RADIUS_KM + altitude_km)
+
+
+def _segments_of(cosine: float, layer: int | None) -> list[tuple[int, float, float]]:
+    """Layer, length [km] and angle at the Earth's centre from the ray's start to its middle [rad] of the parts of a ray
+    in one layer each.  layer: where it starts, in the middle; None: from the ground"""
+    low, high = BOUNDARY_KM[:-1, None], BOUNDARY_KM[1:, None]
+    part = np.append((low + np.arange(SUBLAYERS) / SUBLAYERS * (high - low)).ravel(), BOUNDARY_KM[-1])
+    radius, index = EARTH_RADIUS_KM + part, 1.0 + REFRACTIVITY * np.exp(-part / REFRACTIVITY_SCALE_KM)
+    x, mean = index * radius, 0.5 * (index[1:] + index[:-1])
+    slope = np.diff(x) / np.diff(radius)
+    first = 0 if layer is None else SUBLAYERS * layer + SUBLAYERS // 2
+    b = x[first] * np.sqrt(1.0 - cosine * cosine)
+    beyond = np.maximum(x, b)
+    path = np.diff(np.sqrt(beyond * beyond - b * b)) / slope
+    angle = np.diff(np.arccos(b / beyond)) * mean / slope
+    passed = list(range(first, path.size))
+    hit = cosine < 0.0 and bool(b < x[0])
+    if cosine < 0.0:
+        below = [i for i in range(first - 1, -1, -1) if path[i] > 0.0]
+        passed = below if hit else below + below[::-1] + passed
+    groups: list[list[tuple[int, float, float]]] = []
+    total = spanned = 0.0  # angles of the ray so far, and of the last group, which is of one layer and at most LONGEST
+    for i in passed:
+        if not groups or groups[-1][0][0] != i // SUBLAYERS or spanned + angle[i] > LONGEST:
+            groups.append([])
+            spanned = 0.0
+        groups[-1].append((i // SUBLAYERS, float(path[i]), total + 0.5 * float(angle[i])))
+        spanned += angle[i]
+        total += float(angle[i])
+    out = []
+    for group in groups:
+        length = sum(one[1] for one in group)
+        out.append((group[0][0], length, sum(one[1] * one[2] for one in group) / length))
+    return [*out, (LAYERS - 1, 0.0, total)] if hit else out
+
+
+@functools.lru_cache(maxsize=1)
+def rays() -> Rays:
+    """The rays between scatterings."""
+    ray, layer, length, angle, cosine, weight = segments().T
+    ray, layer, phi = ray.astype(int), layer.astype(int), angle
+    first = np.flatnonzero(np.diff(ray, prepend=-1))
+    azimuth = np.cos((np.arange(AZIMUTHS) + 0.5) * np.pi / AZIMUTHS)
+    chi = np.radians(ZENITH_DEG)[:, None, None]
+    local = np.cos(chi) * np.cos(phi) + np.sin(chi) * np.sin(phi) * azimuth[:, None]
+    angles_deg = np.arange(0.0, ZENITH_DEG[-1] + 0.5 * FINE_DEG, FINE_DEG)
+    rounded = np.rint(np.degrees(np.arccos(np.clip(local, -1.0, 1.0))) / FINE_DEG).astype(int)  # C A N
+    rounded = np.minimum(rounded, angles_deg.size - 1)
+    below, f = between(angles_deg)
+    fine = np.zeros((angles_deg.size, ANGLES))
+    fine[np.arange(angles_deg.size), below] = 1.0 - f
+    fine[np.arange(angles_deg.size), below + 1] = f
+    fine *= np.exp(log_reference(angles_deg)[:, None] - log_reference(ZENITH_DEG))
+    place = layer * ANGLES + below[rounded]
+    # the matrix of mean light: entries of one segment at one place, of all azimuths together
+    from_layer = ray // (RAYS)
+    row = (from_layer * ANGLES + np.arange(ANGLES)[:, None, None]) * (LAYERS * ANGLES)
+    key = np.concatenate([((row + place + more) * ray.size + np.arange(ray.size)).ravel() for more in (0, 1)])
+    entries, inverse = np.unique(key, return_inverse=True)
+    both = np.concatenate([fine[rounded, below[rounded] + more].ravel() for more in (0, 1)]) / AZIMUTHS
+    pair, segment = np.divmod(entries, ray.size)
+    pair_weight = np.bincount(inverse, both) * weight[segment]
+    starts = np.flatnonzero(np.diff(pair, prepend=-1))
+    # moments: u and s are the parts of the ray's direction upwards and towards the sun
+    mu, sun = cosine[first], azimuth[:, None]
+    u, s = mu + 0.0 * sun, np.sqrt(1.0 - mu * mu) * sun
+    w, towards = weight[first] / AZIMUTHS, u * np.cos(chi) + s * np.sin(chi)  # C A R
+    flat, sine2 = np.ones_like(towards), 1.0 - towards**2
+    across_u, across_s = np.cos(chi) - u * towards, np.sin(chi) - s * towards
+    parts = [part * flat for part in harmonics(u, s)]
+    parts.append(sine2 * (1.0 - u * u) - 2.0 * across_u * across_u)
+    parts.append(-sine2 * u * s - 2.0 * across_u * across_s)
+    parts.append(sine2 * (1.0 - s * s) - 2.0 * across_s * across_s)
+    moments = np.array([w * part for part in parts]).reshape(len(parts), ANGLES, AZIMUTHS, LAYERS, -1)
+    moments = moments.transpose(3, 1, 0, 2, 4).reshape(LAYERS, ANGLES, len(parts), -1)
+    legendre = np.polynomial.legendre.legvander(towards.reshape(-1, LAYERS, RAYS), CUT - 1)
+    # light scattered again: into azimuths of the rays and elevations near theirs at each segment
+    elevation = np.degrees(np.arcsin(cosine) + angle)
+    near = np.abs(elevation[:, None] - LEAVING_DEG).argmin(axis=1)
+    every = np.arange(AZIMUTHS)[:, None]
+    leaving = ((layer * AZIMUTHS + every) * LEAVING_DEG.size + near) * angles_deg.size + rounded
+    return Rays(
+        ray,
+        layer,
+        length,
+        first,
+        np.append(first[::RAYS], ray.size),
+        np.flatnonzero(layer == LAYERS - 1),
+        fine.astype(np.float32),
+        (layer * angles_deg.size + rounded).reshape(-1, ray.size),
+        np.ascontiguousarray(np.swapaxes(legendre, 0, 1), np.float32),
+        moments.astype(np.float32),
+        leaving.reshape(-1, ray.size),
+        _turned(mu.reshape(LAYERS, RAYS)[:-1], weight[first].reshape(LAYERS, RAYS)[:-1]),
+        pair_weight.astype(np.float32),
+        segment,
+        pair[starts],
+        starts,
+    )
+
+
+def _turned(mu: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """`Rays.turned`, from cosines of zenith angles of rays (L, r) and their weights."""
+    azimuth = (np.arange(AZIMUTHS) + 0.5) * np.pi / AZIMUTHS
+    up, flat = (f(np.radians(LEAVING_DEG))[:, None, None] for f in (np.sin, np.cos))
+    out = 0.0
+    for side in (1.0, -1.0):
+        aside = np.cos(azimuth[:, None] - side * azimuth)[:, None, :, None]
+        cosine = up * mu[:, None, None, None] + flat * np.sqrt(1.0 - mu * mu)[:, None, None, None] * aside
+        out = out + 0.5 * np.polynomial.legendre.legvander(cosine, CUT - 1)
+    out = out * (weight / AZIMUTHS)[:, None, None, None, :, None]
+    return out.reshape(len(mu), AZIMUTHS * LEAVING_DEG.size, AZIMUTHS * RAYS, CUT).astype(np.float32)
+
+
+def between(degrees: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Index of the zenith angle before each, and the part of the way to the next."""
+    degrees = np.minimum(degrees, ZENITH_DEG[-1])
+    below = np.clip(np.searchsorted(ZENITH_DEG, degrees, side="right") - 1, 0, ANGLES - 2)
+    return below, (degrees - ZENITH_DEG[below]) / (ZENITH_DEG[below + 1] - ZENITH_DEG[below])
+
+
+def harmonics(up: np.ndarray, aside: np.ndarray) -> list[np.ndarray]:
+    """Harmonics of directions by their parts upwards and towards the sun, of degree 0 to DEGREE, each with its orders:
+    those of one degree, times each other for two directions and summed, are the mean of the Legendre polynomials of the
+    angle between the first direction and the second or its mirror image."""
+    x, y = aside, np.sqrt(np.maximum(1.0 - up * up - aside * aside, 0.0))
+    # sin^m cos(m azimuth), sin^m sin(m azimuth), and the Legendre functions over sin^m
+    cosine, sine = np.ones_like(x), np.zeros_like(x)
+    functions = {}
+    for m in range(DEGREE + 1):
+        before, now = 0.0, float(np.prod(np.arange(1, 2 * m, 2))) + 0.0 * up
+        for n in range(m, DEGREE + 1):
+            scale = np.sqrt((2.0 if m else 1.0) * factorial(n - m) / factorial(n + m))
+            functions[n, m] = scale * now * cosine
+            before, now = now, ((2 * n + 1) * up * now - (n + m) * before) / (n - m + 1)
+        cosine, sine = cosine * x - sine * y, sine * x + cosine * y
+    return [functions[n, m] for n in range(DEGREE + 1) for m in range(n + 1)]
+
+
+def log_reference(zenith_deg: np.ndarray) -> np.ndarray:
+    """About the logarithm of the light of the sky over that of day, by which diffuse light is interpolated."""
+    beyond = np.maximum(np.asarray(zenith_deg, float) - DECAY_DEG, 0.0)
+    return -np.where(beyond < 8.0, DECAY * beyond**2 / 16.0, DECAY * (beyond - 4.0))
