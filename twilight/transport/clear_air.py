@@ -1,5 +1,5 @@
-"""The light of every clear sky, from one file: `data/compact/clear-air.npz`, this module and the two that it stands on,
-`shells` and `diffuse`, need numpy alone.
+"""The light of every clear sky, from one file: `data/compact/clear-air.npz`, this module and the three that it stands on,
+`shells`, `diffuse` and `diffuse_rays`, need numpy alone.
 
     L / F0 = sum_k P_k(angle from the sun) Q_k  +  M,        M = M_0 exp(sum_n c_n v_n(sun, elevation, azimuth))
 

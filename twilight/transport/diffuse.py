@@ -229,9 +229,9 @@ def seen_along(
 
 
 def _last_scattering(air: Air, shells: Shells, line: Line) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of lines of sight in the layers of diffuse light above the observer: what scattering of J, of the first and the
-    further moments by all and of the second by air alone adds, (DEGREE + 2, E, K, W); angle at the Earth's centre from him to the
-    mean point (E, K) [rad]; layer (K,)."""
+    """Of lines of sight in the layers of diffuse light above the observer: what scattering of J, of the moments of each
+    further degree by aerosols and of the second by air alone adds, (DEGREE + 2, E, K, W); angle at the Earth's centre
+    from him to the mean point (E, K) [rad]; layer (K,)."""
     middle = 0.5 * (shells.boundary_km[1:] + shells.boundary_km[:-1])[shells.first :]
     own = np.searchsorted(ALTITUDE_KM, middle) - 1
     peak, moments = air.peaks(air.mixed_moments), air.mixed_moments
