@@ -2,10 +2,11 @@
 
     python benchmarks/clear_air_airs.py FOLDER               in two processes: --step 2, and --first 1 --step 2
 
-One file for each air, FOLDER/<number>.npz, until --last is reached or it is stopped; what is there stays.  An air is
-drawn from its number alone.  5 to 40 processor seconds an air.  `--approximate FOLDER2` computes in place of it what
-the model itself computes of the airs that are there, to be done again when its code changes: a processor second each.
-`benchmarks/clear_air.py` fits both.
+One file for each number, FOLDER/<number>.npz, until --last is reached or it is stopped; what is there stays.  What it
+holds is drawn from its number alone: one air at eight wavelengths, from SIDE_BY_SIDE on eight airs at one wavelength
+each.  5 to 100 processor seconds a file.  `--approximate FOLDER2` computes in place of it what the model itself
+computes of the airs that are there, to be done again when its code changes: three processor seconds each; and with
+--first UNSOLVED --last N that of airs that are not solved.  `benchmarks/clear_air_fit.py` fits them.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any, get_args
 import numpy as np
 
 from twilight.atmosphere.medium import ON_LEVELS, Medium
+from twilight.atmosphere.opac import opac_type
 from twilight.atmosphere.profiles import PROFILES
 from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file
@@ -69,6 +71,10 @@ HIGHEST_KM = 15.0
 SETTINGS = QUALITIES["draft"]
 SIDE_BY_SIDE = 1000
 """Number from which on each wavelength has an air of its own, over one ground and profile; before, all have one air."""
+ONE_SHAPE = 4000
+"""Number from which on these have their haze at the same altitudes: half the nodes that eight shapes need."""
+UNSOLVED = 10000
+"""Number from which on airs are as the first ones, and are not solved: teachers say what their light is."""
 OF_WAVELENGTHS = (
     *("wavelength_nm", "aerosol_phase_fraction", "depolarisation", "ground_albedo"),
     "overhead_absorption_optical_depth",
@@ -190,12 +196,17 @@ def side_by_side(rng: np.random.Generator, number: int) -> Medium:
     """The medium of several drawn climates over one ground, each at one wavelength: each with two aerosols, the means
     of its own below and above 12 km."""
     over = drawn_climate(rng, number)
+    while number >= ONE_SHAPE and "aerosol" not in over:
+        over = drawn_climate(rng, number)
     shared = {"ground": over["ground"], "atmosphere": over["atmosphere"]}
     media = []
     while len(media) < CANDIDATES:
         nm = float(rng.choice(WAVELENGTH_NM, p=chances()))
+        one = drawn_climate(rng, int(rng.integers(1000))) | shared
+        if number >= ONE_SHAPE:
+            shaped(one, over)
         try:
-            climate = load_climate_document(drawn_climate(rng, int(rng.integers(1000))) | shared)
+            climate = load_climate_document(one)
             media.append(two_phase_functions(changed(rng, climate_medium(climate, np.array([nm])))))
         except TwilightError:  # less aerosol in all than in the stratosphere alone
             continue
@@ -220,6 +231,22 @@ def side_by_side(rng: np.random.Generator, number: int) -> Medium:
     return replace(chosen[0], phase_functions=tuple(phases), **joined)
 
 
+def shaped(document: dict[str, Any], like: dict[str, Any]) -> None:
+    """Give the haze of a drawn climate the altitudes of another's, so that both need the same nodes."""
+    if "aerosol" not in document:
+        return
+    document["stratosphere"] = like["stratosphere"]
+    aerosol, other = document["aerosol"], like["aerosol"]
+    own = opac_type(other.get("type", "continental_average"))
+    for key in ("boundary_layer_top_km", "scale_height_km"):
+        aerosol[key] = other.get(key, getattr(own, key))
+    dust, layer = aerosol.pop("mineral_transported", None), other.get("mineral_transported")
+    if dust is None and layer is not None:
+        aerosol["optical_depth_550nm"] = 0.4 + 0.6 * aerosol["optical_depth_550nm"]
+    if layer is not None:
+        aerosol["mineral_transported"] = layer | {"optical_depth_550nm": (dust or layer)["optical_depth_550nm"]}
+
+
 def on_levels(medium: Medium, levels: np.ndarray) -> Medium:
     """The same medium on levels that hold all of its own."""
     z = medium.altitude_km
@@ -238,13 +265,13 @@ def on_levels(medium: Medium, levels: np.ndarray) -> Medium:
 def drawn(number: int) -> tuple[Medium, tuple[float, ...]]:
     """The air of a number, and its observers' altitudes above the ground [km]."""
     rng = np.random.default_rng([49, number])
-    medium = (side_by_side if number >= SIDE_BY_SIDE else drawn_medium)(rng, number)
+    medium = (side_by_side if SIDE_BY_SIDE <= number < UNSOLVED else drawn_medium)(rng, number)
     return medium, (0.0, float(HIGHEST_KM * rng.random() ** 2))
 
 
 def airs_of(medium: Medium, number: int) -> Air:
     """What the model takes of the air of a number: where each wavelength has its own, each by itself."""
-    if number < SIDE_BY_SIDE:
+    if not SIDE_BY_SIDE <= number < UNSOLVED:
         return air_of(medium)
     return joined_airs([air_of(medium.select(np.array([w]))) for w in range(medium.n_wavelengths)])
 
@@ -256,17 +283,20 @@ def sample(path: Path, number: int) -> None:
 
 
 def approximate(path: Path, number: int) -> None:
-    """Write what the model computes of a drawn air: inputs of the network, M_0, light scattered once."""
+    """Write what the model computes of a drawn air: inputs of the network, and of a solved one M_0 and light scattered
+    once."""
     medium, observers = drawn(number)
     air = airs_of(medium, number)
     skies = [Skies(None, air, above) for above in observers]
-    write(
-        path,
-        base=np.array([s.base_at(SUN_DEG, ELEVATION_DEG, AZIMUTH_DEG, s.nodes) for s in skies], np.float32),
-        single=np.array([[_single_scattering(one, float(sun)) for sun in SUN_DEG] for one in skies], np.float32),
-        inputs=np.array([one.inputs for one in skies], np.float32),
-        log_base=np.array([one.log_base for one in skies], np.float32),
-    )
+    arrays = {
+        "inputs": np.array([one.inputs for one in skies], np.float32),
+        "log_base": np.array([one.log_base for one in skies], np.float32),
+    }
+    if number < UNSOLVED:
+        base = [s.base_at(SUN_DEG, ELEVATION_DEG, AZIMUTH_DEG, s.nodes) for s in skies]
+        single = [[_single_scattering(one, float(sun)) for sun in SUN_DEG] for one in skies]
+        arrays |= {"base": np.array(base, np.float32), "single": np.array(single, np.float32)}
+    write(path, **arrays)
 
 
 def _single_scattering(skies: Skies, sun_deg: float) -> np.ndarray:
@@ -288,14 +318,14 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--step", type=int, default=1)
-    parser.add_argument("--last", type=int, default=4000)
+    parser.add_argument("--last", type=int, default=UNSOLVED)
     parser.add_argument("--approximate", type=Path)
     options = parser.parse_args()
     for number in range(options.first, options.last, options.step):
         light = options.folder / f"{number:05d}.npz"
         path = options.approximate / light.name if options.approximate else light
         path.parent.mkdir(parents=True, exist_ok=True)
-        if options.approximate and light.exists() and not path.exists():
+        if options.approximate and (light.exists() or number >= UNSOLVED) and not path.exists():
             approximate(path, number)
         elif not options.approximate and not path.exists():
             sample(path, number)

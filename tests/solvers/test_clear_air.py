@@ -22,7 +22,7 @@ from twilight.scene import resolve
 from twilight.solvers.compact.air import air_of, side_by_side, slope
 from twilight.solvers.compact.field import SHIPPED, load_model
 from twilight.transport.clear_air import AZIMUTH_DEG, Skies, azimuth_splines, splines
-from twilight.transport.diffuse import BOUNDARY_KM
+from twilight.transport.diffuse_rays import BELOW, LAYERS, RAYS, segments
 from twilight.transport.shells import ALTITUDE_KM, Shells, sublayers
 
 WAVELENGTH_NM = [380.0, 450.0, 550.0, 650.0]
@@ -107,15 +107,18 @@ def test_the_sun_is_lifted_as_by_the_sunbeam_of_other_solvers(urban):
         assert skies.shells.apparent_elevation_deg(sun) - sun == pytest.approx(urban.direct(sun).bending_deg, abs=0.02)
 
 
-def test_rays_between_scatterings_see_all_directions_and_stay_in_the_air():
-    """Weights of rays would not be a mean over the sphere, or a way be negative."""
-    start, layer, length, _, cosine, weight = load_model(SHIPPED).segments
-    for k in range(BOUNDARY_KM.size):
-        assert weight[start == k].sum() == pytest.approx(1.0, abs=1e-6)
-        assert (weight * cosine)[start == k].sum() == pytest.approx(
-            2 / 3 if k == BOUNDARY_KM.size - 1 else 0.0, abs=1e-3
-        )
-    assert length.min() >= 0.0 and np.abs(np.diff(layer)[weight[1:] == 0.0]).max() <= BOUNDARY_KM.size - 1
+def test_rays_between_scatterings_see_all_directions_and_end_on_the_ground_below_its_horizon():
+    """Weights of rays would not be a mean over the sphere, a way be negative, or a ray pass through the Earth."""
+    ray, layer, length, _, cosine, weight = segments().T
+    first = np.flatnonzero(np.diff(ray, prepend=-1))
+    start, last = ray[first] // RAYS, np.append(first[1:], ray.size) - 1
+    for k in range(LAYERS):
+        some, ground = start == k, k == LAYERS - 1
+        assert weight[first][some].sum() == pytest.approx(1.0, abs=1e-9)
+        assert (weight * cosine)[first][some].sum() == pytest.approx(2 / 3 if ground else 0.0, abs=1e-9)
+        hits = np.arange(RAYS) < (0 if ground else BELOW)
+        np.testing.assert_array_equal(layer[last][some] == LAYERS - 1, hits)
+    assert length.min() >= 0.0 and length[layer < LAYERS - 1].min() > 0.0
 
 
 @pytest.mark.parametrize(

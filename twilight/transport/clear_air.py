@@ -1,4 +1,4 @@
-"""The light of every clear sky, from one file: `data/compact/clear-air.npz`, this module and the three that it stands on,
+"""The light of every clear sky, from one file: `data/compact/clear-air.npz`, this module and those that it stands on,
 `shells`, `diffuse` and `diffuse_rays`, need numpy alone.
 
     L / F0 = sum_k P_k(angle from the sun) Q_k  +  M,        M = M_0 exp(sum_n c_n v_n(sun, elevation, azimuth))
@@ -168,7 +168,7 @@ class Model:
     def at_nodes(self, air: np.ndarray, log_base: np.ndarray) -> np.ndarray:
         """ln(M / M_0), Q / M, U / M and the spread of ln M at the nodes, (4, W, suns, elevations, azimuths)."""
         inputs = self.standardised(air, log_base)
-        each = np.array([_outputs(layers, inputs) for layers in self.members])
+        each = np.array([outputs(layers, inputs) for layers in self.members])
         c, k = each.mean(axis=0), self.intensity.shape[0]
         spread = np.sqrt(np.mean([((one - c).real[:, :k] @ self.intensity) ** 2 for one in each], axis=0))
         polarisation = self.polarisation_mean + c[:, k:] @ self.polarisation
@@ -176,7 +176,7 @@ class Model:
         return np.stack([part.reshape(inputs.shape[0], *NODES) for part in parts])
 
 
-def _outputs(layers: tuple, hidden: np.ndarray) -> np.ndarray:
+def outputs(layers: tuple, hidden: np.ndarray) -> np.ndarray:
     """Outputs (W, K + N) of a network for standardised inputs (W, F)."""
     for n, (weights, offsets) in enumerate(layers[:-1]):
         linear = hidden @ weights + offsets

@@ -1,0 +1,392 @@
+"""Fit the model of all clear air to airs that `clear_air_airs.py` drew and solved.
+
+    python benchmarks/clear_air_fit.py AIRS APPROXIMATE [FILE.npz]       with the folders of clear_air_airs.py
+
+Needs PyTorch, takes a quarter of an hour and holds one file of airs in ten out: it prints the errors in these, and
+calibrates the model's estimate of its error on them.
+
+A Gaussian process on the airs and networks fitted to them err differently: their mean is nearer than either.  It
+teaches the networks of the file, by airs in APPROXIMATE that nobody has solved, what lies between those that are.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from clear_air_airs import SETTINGS, SIDE_BY_SIDE, UNSOLVED, airs_of, drawn
+
+from twilight import __version__
+from twilight.base.whole_files import whole_file
+from twilight.solvers.compact.air import limited
+from twilight.solvers.compact.field import SHIPPED
+from twilight.transport.clear_air import FORMAT, NODES, SUN_DEG, Model, outputs
+
+HELD_OUT = 10
+"""One file in so many judges the fit."""
+COMPONENTS = {"intensity": 128, "polarisation": 64, "base": 48}
+"""Principal components of ln(M / M_0), of Q / M and U / M, and of ln M_0 under all suns."""
+MEMBERS = 3
+"""Networks whose mean counts; their spread gives the error of a sky."""
+WIDTH = 256
+"""Units of a hidden layer."""
+DEPTH = 3
+"""Hidden layers."""
+EPOCHS, TAUGHT_EPOCHS, FINE_EPOCHS = 300, 60, 60
+"""Passes over the samples: in the fit of coefficients to solved airs, then to the teacher's too, then of light."""
+BATCH = 128
+"""Samples of a step."""
+RATE, TAUGHT_RATE, FINE_RATE = 2e-3, 1e-3, 3e-4
+"""Largest steps of AdamW in them."""
+DECAY = 0.1
+"""Weight decay of AdamW."""
+TOLERATED = np.interp(SUN_DEG, [-18.0, -12.0, -6.0, 0.0], [0.05, 0.03, 0.015, 0.01])
+"""Errors of radiance that weigh the same under each sun."""
+TOLERATED_POLARISATION = 0.01
+"""Error of Q / I and U / I that weighs as much."""
+LEAST_PART = 0.1
+"""Fraction of all light that light scattered more than once counts as at least."""
+COVERED = 0.95
+"""Fraction of the skies whose error is at most the one that the model estimates."""
+SINGLE_ERROR = np.interp(SUN_DEG, [-7.0, -4.0, -1.0, 3.0], [0.0, 0.004, 0.008, 0.003])
+"""Error of light scattered once, of all light, about: it is computed, not fitted."""
+DARKEST = 1e-32
+"""Least M over F0 that is fitted [sr^-1]."""
+LENGTHS_OF = 700
+"""Samples of a step in the fit of the process's lengths."""
+LENGTH_STEPS, LENGTH_RATE = 60, 0.05
+"""Steps of Adam in it, and their size."""
+LEADING = 40
+"""Components that it looks at."""
+
+
+@dataclass
+class Data:
+    """Samples, one for each air, observer and wavelength: inputs (N, F'), ln M_0 (N, B), ln(M / M_0) (N, P), Q / M and
+    U / M (N, 2 P), part of M in all light (N, P), number of the file (N,); what limits the airs; of airs that are not
+    solved inputs (D, F') and ln M_0 (D, B)."""
+
+    inputs: np.ndarray
+    log_base: np.ndarray
+    ratio: np.ndarray
+    polarised: np.ndarray
+    part: np.ndarray
+    number: np.ndarray
+    limits: np.ndarray
+    unsolved: tuple[np.ndarray, np.ndarray]
+
+
+def read(airs: Path, approximate: Path) -> Data:
+    """The samples of all airs that both folders have: solved ones, and what the model computes of them."""
+    rows: dict[str, list[np.ndarray]] = {
+        key: [] for key in ("inputs", "log_base", "ratio", "polarised", "part", "number")
+    }
+    limits, unsolved = [], []
+    for name in sorted(approximate.glob("*.npz")):
+        path, number = airs / name.name, int(name.stem)
+        with np.load(name) as computed:
+            inputs, log_base = (_samples(computed[key]) for key in ("inputs", "log_base"))
+            if number >= UNSOLVED:
+                unsolved.append((inputs, log_base))
+                continue
+            base, single = (_samples(np.moveaxis(computed[key], -1, 1)) for key in ("base", "single"))
+        with np.load(path) as solved:
+            best = solved["standard" if "standard" in solved else "light"]
+        light = np.moveaxis(best, (-1, -2), (1, 2)).astype(float)  # observers W Stokes suns E A
+        multiple = np.maximum(_samples(light[:, :, 0]), DARKEST)
+        rows["ratio"].append(np.log(multiple / base).astype(np.float32))
+        rows["part"].append((multiple / (multiple + single)).astype(np.float16))
+        stokes = _samples(light[:, :, 1:]) / np.concatenate([multiple] * 2, axis=1)
+        rows["polarised"].append(np.clip(stokes, -1.0, 1.0).astype(np.float32))
+        rows["inputs"].append(inputs)
+        rows["log_base"].append(log_base)
+        rows["number"].append(np.full(len(inputs), number))
+        limits.append(limited(airs_of(drawn(number)[0], number)))
+    every = np.concatenate(limits, axis=1)
+    outermost = np.stack([np.nanmin(every, axis=1), np.nanmax(every, axis=1)], axis=1)
+    together = tuple(np.concatenate(some) for some in zip(*unsolved, strict=True))
+    if not together:
+        sys.exit(f"{approximate}: no airs that are not solved; see --first in clear_air_airs.py")
+    return Data(
+        **{key: np.concatenate(value) for key, value in rows.items()},
+        limits=outermost,
+        unsolved=(together[0], together[1]),
+    )
+
+
+def _samples(values: np.ndarray) -> np.ndarray:
+    """Values (observers, W, ...) as rows (N, ...)."""
+    return values.reshape(values.shape[0] * values.shape[1], -1)
+
+
+def components(values: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (P,) and principal components (count, P) of values (N, P), from their largest covariances."""
+    mean = values.mean(axis=0)
+    rng = np.random.default_rng(0)
+    start = rng.standard_normal((values.shape[1], count + 16)).astype(np.float32)
+    centred = values - mean
+    for _ in range(4):  # subspace iteration
+        start, _ = np.linalg.qr(centred.T @ (centred @ start))
+    _, _, turned = np.linalg.svd(centred @ start, full_matrices=False)
+    return mean, (turned[:count] @ start.T).astype(np.float32)
+
+
+def fit(data: Data) -> Model:
+    """The model of samples."""
+    import torch
+
+    torch.set_num_threads(2)
+    train = data.number % HELD_OUT != 0
+    model, coefficients = _without_networks(data, train)
+    k = COMPONENTS["intensity"]
+    parts = np.split(coefficients[train], [k], axis=1)
+    scale = np.concatenate([np.full(part.shape[1], part.std(), np.float32) for part in parts])
+    target = (coefficients[train] / scale).astype(np.float32)
+    solved = model.standardised(data.inputs, data.log_base)
+    unsolved = model.standardised(*data.unsolved)
+    processes = [_process(torch, solved[train], target[:, some]) for some in (slice(0, k), slice(k, None))]
+    by_process = [np.concatenate([one(x) for one in processes], axis=1) * scale for x in (solved[~train], unsolved)]
+    print(f"process, held out:\n{_errors(model, data, ~train, by_process[0])}", flush=True)
+    members = []
+    for seed in range(MEMBERS):
+        network = _Network(torch, seed, solved.shape[1], scale, model)
+        network.fit_coefficients(solved[train], target, EPOCHS, RATE)
+        network.fit_light(data, train, solved, None)
+        taught = 0.5 * (by_process[1] + network(unsolved))
+        print(f"network {seed}, held out:\n{_errors(model, data, ~train, network(solved[~train]))}", flush=True)
+        both = np.concatenate([solved[train], unsolved]), np.concatenate([target, taught / scale])
+        network.fit_coefficients(*both, TAUGHT_EPOCHS, TAUGHT_RATE)
+        network.fit_light(data, train, solved, (unsolved, taught))
+        print(f"taught, held out:\n{_errors(model, data, ~train, network(solved[~train]))}", flush=True)
+        members.append(network.layers())
+    model = replace(model, members=tuple(members))
+    print(f"all, held out:\n{_errors(model, data, ~train)}", flush=True)
+    settings = ("degree", "max_degree", "altitude_density", "zenith_density")
+    return replace(
+        model,
+        error=_calibrated(model, data, ~train),
+        provenance={
+            "version": __version__,
+            "airs": int((data.number < SIDE_BY_SIDE).sum() // 16 + (data.number >= SIDE_BY_SIDE).sum() // 2),
+            "solver": "zones",
+            "settings": {key: getattr(SETTINGS, key) for key in settings},
+        },
+    )
+
+
+def _weight_of_suns() -> np.ndarray:
+    """By how much ln M counts at each node (P,): errors that weigh the same are `TOLERATED`."""
+    return np.repeat((TOLERATED.min() / TOLERATED).astype(np.float32), NODES[1] * NODES[2])
+
+
+def _without_networks(data: Data, train: np.ndarray) -> tuple[Model, np.ndarray]:
+    """A model without networks, and the coefficients of its principal components that make the samples, (N, K)."""
+    by_sun = _weight_of_suns()
+    mean, vectors = components(data.ratio[train] * by_sun, COMPONENTS["intensity"])
+    coefficients = (data.ratio * by_sun - mean) @ vectors.T
+    polarisation_mean, polarisation = components(data.polarised[train], COMPONENTS["polarisation"])
+    of_polarisation = (data.polarised - polarisation_mean) @ polarisation.T
+    base_mean, base_vectors = components(data.log_base[train], COMPONENTS["base"])
+    inputs = np.concatenate([data.inputs, (data.log_base - base_mean) @ base_vectors.T], axis=1)[train]
+    model = Model(
+        (),
+        *(inputs.mean(axis=0), inputs.std(axis=0) + 1e-6),
+        *(base_mean, base_vectors),
+        *(mean / by_sun, vectors / by_sun),
+        *(polarisation_mean, polarisation),
+        data.limits,
+        np.zeros((2, SUN_DEG.size)),
+        {},
+    )
+    return model, np.concatenate([coefficients, of_polarisation], axis=1)
+
+
+def _process(torch: Any, inputs: np.ndarray, target: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """The mean of a Gaussian process through targets (N, K), as a function of inputs (M, F): Matern's kernel 5/2 with a
+    length for each input, and a linear one, both by marginal likelihood of the leading components."""
+    torch.manual_seed(0)
+    x, y = (torch.tensor(values).double() for values in (inputs, target))
+    n = x.shape[1]
+    lengths = torch.full((n,), 0.5 * float(np.log(n)), dtype=torch.double, requires_grad=True)
+    others = torch.tensor(np.log([0.02, 0.1]), requires_grad=True)  # variances of noise and of the linear kernel
+
+    def kernel(a, b):
+        a, b = (part * torch.exp(-lengths) for part in (a, b))
+        square = (a * a).sum(1)[:, None] + (b * b).sum(1) - 2.0 * a @ b.T
+        d = torch.sqrt(5.0 * torch.clamp(square, min=1e-12))
+        return (1.0 + d + d * d / 3.0) * torch.exp(-d) + torch.exp(others[1]) * (a @ b.T)
+
+    def factor(a):
+        return torch.linalg.cholesky(kernel(a, a) + torch.exp(others[0]) * torch.eye(len(a), dtype=torch.double))
+
+    optimiser = torch.optim.Adam([lengths, others], lr=LENGTH_RATE)
+    share = (y[:, :LEADING] ** 2).mean(0)
+    share = share / share.sum()
+    for _ in range(LENGTH_STEPS):
+        some = torch.randperm(len(x))[:LENGTHS_OF]
+        lower, values = factor(x[some]), y[some][:, :LEADING]
+        fitted = (values * torch.cholesky_solve(values, lower)).sum(0) / len(some)
+        loss = 0.5 * len(some) * (share * torch.log(fitted)).sum() + torch.log(torch.diagonal(lower)).sum()
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+    with torch.no_grad():
+        weights = torch.cholesky_solve(y, factor(x))
+
+    def mean(at: np.ndarray) -> np.ndarray:
+        with torch.no_grad():
+            rows = [kernel(part, x) @ weights for part in torch.split(torch.tensor(at).double(), 2048)]
+            return torch.cat(rows).numpy().astype(np.float32)
+
+    return mean
+
+
+class _Network:
+    """One network, in training: called with inputs (N, F), it gives coefficients (N, K)."""
+
+    def __init__(self, torch: Any, seed: int, count: int, scale: np.ndarray, model: Model):
+        torch.manual_seed(seed)
+        self.torch, self.model, self.scale = torch, model, torch.tensor(scale)
+        sizes = [count, *[WIDTH] * DEPTH]
+        self.hidden = torch.nn.ModuleList(torch.nn.Linear(i, o) for i, o in pairwise(sizes))
+        self.last = torch.nn.Linear(WIDTH, scale.size)
+        with torch.no_grad():
+            self.last.weight.zero_()
+            self.last.bias.zero_()
+
+    def _forward(self, x):
+        for n, layer in enumerate(self.hidden):
+            active = self.torch.nn.functional.silu(layer(x))
+            x = active + x if n else active
+        return self.last(x)
+
+    def __call__(self, inputs: np.ndarray) -> np.ndarray:
+        with self.torch.no_grad():
+            return (self._forward(self.torch.tensor(inputs)) * self.scale).numpy()
+
+    def _epochs(self, samples: int, epochs: int, rate: float, loss_of) -> None:
+        torch, parameters = self.torch, [*self.hidden.parameters(), *self.last.parameters()]
+        optimiser = torch.optim.AdamW(parameters, lr=rate, weight_decay=DECAY)
+        steps = epochs * -(-samples // BATCH)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=steps, pct_start=0.1)
+        for _ in range(epochs):
+            for some in torch.split(torch.randperm(samples), BATCH):
+                loss = loss_of(some)
+                optimiser.zero_grad()
+                loss.backward()
+                optimiser.step()
+                schedule.step()
+
+    def fit_coefficients(self, inputs: np.ndarray, target: np.ndarray, epochs: int, rate: float) -> None:
+        """Fit to coefficients over their scale."""
+        x, t = self.torch.tensor(inputs), self.torch.tensor(target)
+        self._epochs(len(x), epochs, rate, lambda some: ((self._forward(x[some]) - t[some]) ** 2).mean())
+
+    def fit_light(self, data: Data, train: np.ndarray, inputs: np.ndarray, taught) -> None:
+        """Fit to the light of the airs, and to coefficients that a teacher gives for other inputs."""
+        torch, model, k = self.torch, self.model, self.model.intensity.shape[0]
+        x = torch.tensor(inputs[train])
+        intensity, polarisation = torch.tensor(model.intensity), torch.tensor(model.polarisation)
+        ratio = torch.tensor(data.ratio[train] - model.intensity_mean)
+        polarised = torch.tensor(data.polarised[train] - model.polarisation_mean)
+        part = torch.tensor(data.part[train])
+        tolerated = torch.tensor(np.repeat(TOLERATED.astype(np.float32), NODES[1] * NODES[2]))
+        others = None if taught is None else tuple(torch.tensor(one) for one in taught)
+        usual = part.float().mean(0)
+
+        def distance(off, parts, nodes, turned):
+            off = off * torch.clamp(parts, min=LEAST_PART) / tolerated[nodes]
+            turned = turned * torch.cat([parts] * 2, dim=-1) / TOLERATED_POLARISATION
+            # errors beyond three tolerated ones count by their size, not its square: a few airs are no rule for all
+            losses = (torch.nn.functional.huber_loss(one, 0.0 * one, delta=3.0) for one in (off, turned))
+            return sum(losses)
+
+        def of_light(some):
+            nodes = torch.randperm(ratio.shape[1])[: ratio.shape[1] // 6]
+            both = torch.cat([nodes, nodes + ratio.shape[1]])
+            seen, crossed = intensity[:, nodes], polarisation[:, both]
+            c = self._forward(x[some]) * self.scale
+            off, turned = c[:, :k] @ seen - ratio[some][:, nodes], c[:, k:] @ crossed - polarised[some][:, both]
+            loss = distance(off, part[some][:, nodes].float(), nodes, turned)
+            if others is not None:
+                few = torch.randint(len(others[0]), (BATCH,))
+                c = self._forward(others[0][few]) * self.scale - others[1][few]
+                loss = loss + distance(c[:, :k] @ seen, usual[nodes].expand(len(c), -1), nodes, c[:, k:] @ crossed)
+            return loss
+
+        self._epochs(len(x), FINE_EPOCHS, FINE_RATE, of_light)
+
+    def layers(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """What `Model.members` holds of it."""
+        layers = [(one.weight.detach().numpy().T.copy(), one.bias.detach().numpy().copy()) for one in self.hidden]
+        scale, last = self.scale.numpy(), self.last
+        return *layers, (last.weight.detach().numpy().T * scale, last.bias.detach().numpy() * scale)
+
+
+def _calibrated(model: Model, data: Data, some: np.ndarray) -> np.ndarray:
+    """`Model.error`, by which COVERED of the skies are at least as near as estimated, (2, suns)."""
+    ratio, _, _, spread = model.at_nodes(data.inputs[some], data.log_base[some])
+    part = data.part[some].astype(np.float32).reshape(-1, *NODES)
+    off = np.abs(ratio - data.ratio[some].reshape(-1, *NODES)) * part
+    sky_off, sky_spread = (np.percentile(one, 95, axis=(2, 3)) for one in (off, spread * part))
+    times = sky_off / np.maximum(sky_spread, 1e-9)
+    near = [slice(max(0, n - 1), n + 2) for n in range(SUN_DEG.size)]
+    return np.stack([SINGLE_ERROR, [np.quantile(times[:, suns], COVERED) for suns in near]])
+
+
+def _errors(model: Model, data: Data, some: np.ndarray, coefficients: np.ndarray | None = None) -> str:
+    """Errors of all light by sun [per cent]: at 95 % of all nodes, and at 95 % of those of the median sky."""
+    if coefficients is None:
+        inputs = model.standardised(data.inputs[some], data.log_base[some])
+        coefficients = np.mean([outputs(layers, inputs) for layers in model.members], axis=0)
+    k = model.intensity.shape[0]
+    part = data.part[some].astype(np.float32)
+    off = np.abs(model.intensity_mean + coefficients[:, :k] @ model.intensity - data.ratio[some]) * part
+    turned = model.polarisation_mean + coefficients[:, k:] @ model.polarisation - data.polarised[some]
+    turned = np.abs(turned * np.tile(part, 2)).reshape(-1, 2, *NODES)
+    percent = 100.0 * off.reshape(-1, *NODES)
+    columns = (
+        np.percentile(percent, 95, axis=(0, 2, 3)),
+        np.median(np.percentile(percent, 95, axis=(2, 3)), axis=0),
+        np.percentile(turned, 95, axis=(0, 1, 3, 4)),
+    )
+    return "\n".join(
+        f"{sun:6.1f} deg: 95 % {most:.2f} %, of the median sky {sky:.2f} %; Q, U over I {q:.4f}"
+        for sun, most, sky, q in list(zip(SUN_DEG, *columns, strict=True))[1::3]
+    )
+
+
+def save(model: Model, path: Path) -> None:
+    """Write the file that `twilight.transport.clear_air` describes: components and weights as half floats."""
+    keys = [key for key in Model.__dataclass_fields__ if key not in ("members", "provenance")]
+    arrays: dict[str, Any] = {key: getattr(model, key).astype(np.float32) for key in keys}
+    for key in ("intensity", "polarisation"):
+        scale = np.abs(arrays[key]).max(axis=1)
+        arrays[f"{key}_scale"] = scale
+        arrays[key] = (arrays[key] / scale[:, None]).astype(np.float16)
+    arrays["base_vectors"] = arrays["base_vectors"].astype(np.float16)
+    arrays["layers"] = np.array([[w.shape[0] for w, _ in m] + [m[-1][0].shape[1]] for m in model.members])
+    weights = [a.ravel() for m in model.members for layer in m for a in layer]
+    arrays["weights"] = np.concatenate(weights).astype(np.float16)
+    with whole_file(path) as unfinished, open(unfinished, "wb") as file:
+        np.savez_compressed(file, format=FORMAT, provenance=json.dumps(model.provenance), **arrays)
+
+
+def main(words: Sequence[str]) -> None:
+    match words:
+        case [airs, approximate, *output] if len(output) < 2:
+            path = Path(output[0]) if output else SHIPPED
+            save(fit(read(Path(airs), Path(approximate))), path)
+            print(f"wrote {path} ({path.stat().st_size / 1e6:.2f} MB)")
+        case _:
+            sys.exit(__doc__)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
