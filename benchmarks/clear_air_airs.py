@@ -28,7 +28,7 @@ from twilight.config.load import load_climate
 from twilight.numerics.phase import TABLE, PhaseFunction
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.compact.air import air_of, two_phase_functions
+from twilight.solvers.compact.air import air_of, limited, two_phase_functions
 from twilight.solvers.compact.air import side_by_side as joined_airs
 from twilight.solvers.zones.settings import QUALITIES
 from twilight.transport.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, Skies, Sky
@@ -283,8 +283,8 @@ def sample(path: Path, number: int) -> None:
 
 
 def approximate(path: Path, number: int) -> None:
-    """Write what the model computes of a drawn air: inputs of the network, and of a solved one M_0 and light scattered
-    once."""
+    """Write what the model computes of a drawn air: inputs of the network, and of a solved one M_0, light scattered
+    once and what limits airs."""
     medium, observers = drawn(number)
     air = airs_of(medium, number)
     skies = [Skies(None, air, above) for above in observers]
@@ -293,6 +293,7 @@ def approximate(path: Path, number: int) -> None:
         "log_base": np.array([one.log_base for one in skies], np.float32),
     }
     if number < UNSOLVED:
+        arrays["limits"] = limited(air)
         base = [s.base_at(SUN_DEG, ELEVATION_DEG, AZIMUTH_DEG, s.nodes) for s in skies]
         single = [[_single_scattering(one, float(sun)) for sun in SUN_DEG] for one in skies]
         arrays |= {"base": np.array(base, np.float32), "single": np.array(single, np.float32)}

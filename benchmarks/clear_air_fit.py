@@ -1,6 +1,7 @@
 """Fit the model of all clear air to airs that `clear_air_airs.py` drew and solved.
 
-    python benchmarks/clear_air_fit.py AIRS APPROXIMATE [FILE.npz]       with the folders of clear_air_airs.py
+    python benchmarks/clear_air_fit.py AIRS APPROXIMATE [FILE.npz]       folders of clear_air_airs.py; AIRS may be a
+                                                                         file of clear_air_kept.py
 
 Needs PyTorch, takes a quarter of an hour and holds one file of airs in ten out: it prints the errors in these, and
 calibrates the model's estimate of its error on them.
@@ -20,11 +21,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from clear_air_airs import SETTINGS, SIDE_BY_SIDE, UNSOLVED, airs_of, drawn
+from clear_air_airs import SETTINGS, SIDE_BY_SIDE, UNSOLVED
+from clear_air_kept import components, solved
 
 from twilight import __version__
 from twilight.base.whole_files import whole_file
-from twilight.solvers.compact.air import limited
 from twilight.solvers.compact.field import SHIPPED
 from twilight.transport.clear_air import FORMAT, NODES, SUN_DEG, Model, outputs
 
@@ -56,8 +57,6 @@ COVERED = 0.95
 """Fraction of the skies whose error is at most the one that the model estimates."""
 SINGLE_ERROR = np.interp(SUN_DEG, [-7.0, -4.0, -1.0, 3.0], [0.0, 0.004, 0.008, 0.003])
 """Error of light scattered once, of all light, about: it is computed, not fitted."""
-DARKEST = 1e-32
-"""Least M over F0 that is fitted [sr^-1]."""
 LENGTHS_OF = 700
 """Samples of a step in the fit of the process's lengths."""
 LENGTH_STEPS, LENGTH_RATE = 60, 0.05
@@ -83,31 +82,28 @@ class Data:
 
 
 def read(airs: Path, approximate: Path) -> Data:
-    """The samples of all airs that both folders have: solved ones, and what the model computes of them."""
+    """The samples of all airs that are solved, and what the model computes of them; airs: a folder or a kept file."""
     rows: dict[str, list[np.ndarray]] = {
         key: [] for key in ("inputs", "log_base", "ratio", "polarised", "part", "number")
     }
-    limits, unsolved = [], []
-    for name in sorted(approximate.glob("*.npz")):
-        path, number = airs / name.name, int(name.stem)
+    limits = []
+    for number, multiple, polarised in solved(airs):
+        name = approximate / f"{number:05d}.npz"
+        if not name.exists():
+            sys.exit(f"{name}: missing; see --approximate in clear_air_airs.py")
         with np.load(name) as computed:
-            inputs, log_base = (_samples(computed[key]) for key in ("inputs", "log_base"))
-            if number >= UNSOLVED:
-                unsolved.append((inputs, log_base))
-                continue
             base, single = (_samples(np.moveaxis(computed[key], -1, 1)) for key in ("base", "single"))
-        with np.load(path) as solved:
-            best = solved["standard" if "standard" in solved else "light"]
-        light = np.moveaxis(best, (-1, -2), (1, 2)).astype(float)  # observers W Stokes suns E A
-        multiple = np.maximum(_samples(light[:, :, 0]), DARKEST)
+            rows["inputs"].append(_samples(computed["inputs"]))
+            rows["log_base"].append(_samples(computed["log_base"]))
+            limits.append(computed["limits"])
         rows["ratio"].append(np.log(multiple / base).astype(np.float32))
         rows["part"].append((multiple / (multiple + single)).astype(np.float16))
-        stokes = _samples(light[:, :, 1:]) / np.concatenate([multiple] * 2, axis=1)
-        rows["polarised"].append(np.clip(stokes, -1.0, 1.0).astype(np.float32))
-        rows["inputs"].append(inputs)
-        rows["log_base"].append(log_base)
-        rows["number"].append(np.full(len(inputs), number))
-        limits.append(limited(airs_of(drawn(number)[0], number)))
+        rows["polarised"].append(polarised.astype(np.float32))
+        rows["number"].append(np.full(len(multiple), number))
+    unsolved = []
+    for name in (path for path in approximate.glob("*.npz") if int(path.stem) >= UNSOLVED):
+        with np.load(name) as computed:
+            unsolved.append(tuple(_samples(computed[key]) for key in ("inputs", "log_base")))
     every = np.concatenate(limits, axis=1)
     outermost = np.stack([np.nanmin(every, axis=1), np.nanmax(every, axis=1)], axis=1)
     together = tuple(np.concatenate(some) for some in zip(*unsolved, strict=True))
@@ -125,18 +121,6 @@ def _samples(values: np.ndarray) -> np.ndarray:
     return values.reshape(values.shape[0] * values.shape[1], -1)
 
 
-def components(values: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (P,) and principal components (count, P) of values (N, P), from their largest covariances."""
-    mean = values.mean(axis=0)
-    rng = np.random.default_rng(0)
-    start = rng.standard_normal((values.shape[1], count + 16)).astype(np.float32)
-    centred = values - mean
-    for _ in range(4):  # subspace iteration
-        start, _ = np.linalg.qr(centred.T @ (centred @ start))
-    _, _, turned = np.linalg.svd(centred @ start, full_matrices=False)
-    return mean, (turned[:count] @ start.T).astype(np.float32)
-
-
 def fit(data: Data) -> Model:
     """The model of samples."""
     import torch
@@ -148,22 +132,22 @@ def fit(data: Data) -> Model:
     parts = np.split(coefficients[train], [k], axis=1)
     scale = np.concatenate([np.full(part.shape[1], part.std(), np.float32) for part in parts])
     target = (coefficients[train] / scale).astype(np.float32)
-    solved = model.standardised(data.inputs, data.log_base)
+    inputs = model.standardised(data.inputs, data.log_base)
     unsolved = model.standardised(*data.unsolved)
-    processes = [_process(torch, solved[train], target[:, some]) for some in (slice(0, k), slice(k, None))]
-    by_process = [np.concatenate([one(x) for one in processes], axis=1) * scale for x in (solved[~train], unsolved)]
+    processes = [_process(torch, inputs[train], target[:, some]) for some in (slice(0, k), slice(k, None))]
+    by_process = [np.concatenate([one(x) for one in processes], axis=1) * scale for x in (inputs[~train], unsolved)]
     print(f"process, held out:\n{_errors(model, data, ~train, by_process[0])}", flush=True)
     members = []
     for seed in range(MEMBERS):
-        network = _Network(torch, seed, solved.shape[1], scale, model)
-        network.fit_coefficients(solved[train], target, EPOCHS, RATE)
-        network.fit_light(data, train, solved, None)
+        network = _Network(torch, seed, inputs.shape[1], scale, model)
+        network.fit_coefficients(inputs[train], target, EPOCHS, RATE)
+        network.fit_light(data, train, inputs, None)
         taught = 0.5 * (by_process[1] + network(unsolved))
-        print(f"network {seed}, held out:\n{_errors(model, data, ~train, network(solved[~train]))}", flush=True)
-        both = np.concatenate([solved[train], unsolved]), np.concatenate([target, taught / scale])
+        print(f"network {seed}, held out:\n{_errors(model, data, ~train, network(inputs[~train]))}", flush=True)
+        both = np.concatenate([inputs[train], unsolved]), np.concatenate([target, taught / scale])
         network.fit_coefficients(*both, TAUGHT_EPOCHS, TAUGHT_RATE)
-        network.fit_light(data, train, solved, (unsolved, taught))
-        print(f"taught, held out:\n{_errors(model, data, ~train, network(solved[~train]))}", flush=True)
+        network.fit_light(data, train, inputs, (unsolved, taught))
+        print(f"taught, held out:\n{_errors(model, data, ~train, network(inputs[~train]))}", flush=True)
         members.append(network.layers())
     model = replace(model, members=tuple(members))
     print(f"all, held out:\n{_errors(model, data, ~train)}", flush=True)
