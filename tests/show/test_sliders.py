@@ -13,8 +13,7 @@ from twilight.cli.app import app
 from twilight.config import load
 from twilight.numerics.projections import view_directions
 from twilight.scene import resolve
-from twilight.show.page import program_text
-from twilight.show.sliders import view_air
+from twilight.show.sliders import model_text, view_air
 from twilight.show.tones import Channels
 from twilight.solvers.compact.air import air_of
 from twilight.solvers.compact.field import SHIPPED, shipped_model
@@ -48,7 +47,7 @@ def air(name, **settings):
 
 def test_the_port_has_the_light_of_python(tmp_path):
     """Another program could not read the file by its description."""
-    (tmp_path / "reader.html").write_text(READER.format(port=program_text("clear_air.js")), encoding="utf-8")
+    (tmp_path / "reader.html").write_text(READER.format(port=model_text()), encoding="utf-8")
     copy(SHIPPED, tmp_path / "clear-air.npz")
     airs = {"continental-average": 0.0, "volcanic-stratosphere": 2.6}
     for name in airs:

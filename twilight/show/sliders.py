@@ -1,4 +1,4 @@
-"""A page whose sliders change the air: the model of all clear air, computed in the browser (`web/clear_air.js`).
+"""A page whose sliders change the air: the model of all clear air, computed in the browser (`model_text`).
 
 The page holds the model's file and two airs of `transport.clear_air`: what is below the stratosphere, and what is in
 it.  Their optical depths are scaled apart and added, which is exact; so is ozone's absorption, which goes with its
@@ -33,6 +33,11 @@ COLOUR_NM = VISIBLE_NM[::10]
 """Wavelengths at which the page has spectra to take their colours [nm]."""
 SMALL = 1e-3
 """Change of a logarithm from which its derivative is taken."""
+
+
+def model_text() -> str:
+    """The model of all clear air in JavaScript."""
+    return "\n".join(program_text(f"{name}.js") for name in ("shells", "diffuse", "clear_air"))
 
 
 def check_sliders(scene: Scene, name: str) -> None:
@@ -79,7 +84,7 @@ def view_air(scene: Scene, *, name: str, start: dict[str, Any] | None = None) ->
         "highest_km": medium.bottom_km + HIGHEST_OBSERVER_KM,
         "sun_deg": [float(SUN_DEG[0]), float(SUN_DEG[-1])],
         "air": {"now": now, "most": most, "column": around, "columns": COLUMNS_DEG.tolist()},
-        "worker": program_text("clear_air.js") + program_text("sky_worker.js"),
+        "worker": model_text() + program_text("sky_worker.js"),
     }
     nodes = {"sun_node_deg": [0.0], "spectrum_sun_deg": [0.0], "lift_deg": [[0.0]], "horizon_deg": [0.0]}
     pack.header["fields"].append(channel_facts(channels) | nodes | {"haze_deg": [0.0]})

@@ -1,0 +1,412 @@
+// M_0, light that is scattered more than once: a port of twilight/transport/diffuse_rays.py and diffuse.py (see shells.js).
+// Sums over azimuths go by waves, cos(m azimuth), m < AZIMUTHS: scattering turns each into itself, and harmonics of order m
+// are sums over the m-th alone.
+const BOUNDARY_KM = [0, 0.45, 1.35, 2, 3, 4.5, 6, 8, 10, 12, 14, 16, 19, 22, 26, 30, 36, 45, 60, 78, 100];
+const ZENITH_DEG = [0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5, ...steps(89, 113, 1), 115, 118, 122], LEAVING_DEG = [-60, -27, -12, -4, 4, 12, 27, 60];
+const ABOVE = 8, GRAZING = 5, BELOW = 3, RAYS = ABOVE + GRAZING + BELOW, POWER = 4, POWER_BELOW = 2, AZIMUTHS = 6, CUT = 12, DEGREE = 4, FOLLOWED = 3, SCATTERINGS = 8, MOST_RATIO = 0.95, LEAST_PHASE = 0.02;
+const DECAY_DEG = 88, DECAY = 1.1, FINE_DEG = 0.25, OPAQUE = 60, SCALE_HEIGHT_KM = 8, REFRACTIVITY = 2.8e-4, LONGEST = 0.1, LAYERS = BOUNDARY_KM.length, ANGLES = ZENITH_DEG.length, LEAVING = LEAVING_DEG.length;
+const HARMONICS = (DEGREE + 1) * (DEGREE + 2) / 2, MOMENTS = HARMONICS + 3, LINES = ANGLES * LAYERS * RAYS;   // of one azimuth
+const WAVE_OF = range(DEGREE + 1).flatMap((n) => range(n + 1));   // of harmonics
+const AZIMUTH = range(AZIMUTHS, (a) => (a + 0.5) * Math.PI / AZIMUTHS), WAVES = Float64Array.from({ length: AZIMUTHS ** 2 }, (_, i) => Math.cos(Math.floor(i / AZIMUTHS) * AZIMUTH[i % AZIMUTHS]));
+
+// Nodes and weights of Gauss's rule from 0 to 1 over the root of this power.
+function gauss(count, power = 1) {
+  const out = range(count, (k) => {
+    let x = -Math.cos(Math.PI * (k + 0.75) / (count + 0.5)), slope = 1;
+    for (let step = 0; step < 8; step++) {
+      const p = legendre(x, count);
+      slope = count * (x * p[count] - p[count - 1]) / (x * x - 1);
+      x -= p[count] / slope;
+    }
+    return [0.5 * (x + 1), 1 / ((1 - x * x) * slope * slope)];
+  });
+  return [out.map(([root]) => root ** power), out.map(([root, w]) => power * root ** (power - 1) * w)];
+}
+
+// Legendre polynomials up to a degree.
+function legendre(x, degree) {
+  const p = [1, x];
+  for (let n = 1; n < degree; n++) p.push(((2 * n + 1) * x * p[n] - n * p[n - 1]) / (n + 1));
+  return p;
+}
+
+// Layer, length [km] and angle at the Earth's centre to the middle [rad] of a ray's parts; layer null: from the ground.
+function segmentsOf(parts, cosine, layer) {
+  const first = layer === null ? 0 : SUBLAYERS * layer + SUBLAYERS / 2, b = parts.x[first] * Math.sqrt(1 - cosine * cosine), path = [], angle = [];
+  throughParts(parts, 0, b, (i, s, phi) => { path[i] = s; angle[i] = phi; });
+  const hit = cosine < 0 && b < parts.x[0], up = steps(first, path.length, 1), down = range(first, (i) => first - 1 - i).filter((i) => path[i] > 0);
+  const passed = cosine >= 0 ? up : hit ? down : [...down, ...down.toReversed(), ...up], groups = [];
+  let total = 0, spanned = 0;
+  for (const i of passed) {
+    const own = Math.floor(i / SUBLAYERS);
+    if (groups.at(-1)?.layer !== own || spanned + angle[i] > LONGEST) { groups.push({ layer: own, length: 0, moment: 0 }); spanned = 0; }
+    groups.at(-1).length += path[i];
+    groups.at(-1).moment += path[i] * (total + 0.5 * angle[i]);
+    spanned += angle[i];
+    total += angle[i];
+  }
+  return [...groups.map((g) => [g.layer, g.length, g.moment / g.length]), ...(hit ? [[LAYERS - 1, 0, total]] : [])];
+}
+
+// Index of the zenith angle before one, and the part of the way to the next.
+function betweenZeniths(degrees) {
+  const d = Math.min(degrees, ZENITH_DEG[ANGLES - 1]);
+  let i = ANGLES - 2;
+  while (i > 0 && ZENITH_DEG[i] > d) i--;
+  return [i, (d - ZENITH_DEG[i]) / (ZENITH_DEG[i + 1] - ZENITH_DEG[i])];
+}
+
+const logReference = (zenith) => { const d = Math.max(zenith - DECAY_DEG, 0); return -(d < 8 ? DECAY * d * d / 16 : DECAY * (d - 4)); };
+
+// sqrt((2 or 1) (n - m)! / (n + m)!)
+const SCALE = range(DEGREE + 1, (n) => range(n + 1, (m) => Math.sqrt((m ? 2 : 1) / range(2 * m, (i) => n - m + 1 + i).reduce((a, b) => a * b, 1))));
+
+// Harmonics of a direction by its parts upwards and towards the sun, degree by degree, into out.
+function harmonics(up, aside, out) {
+  const y = Math.sqrt(Math.max(1 - up * up - aside * aside, 0));
+  let cosine = 1, sine = 0, odd = 1;   // sin^m cos(m azimuth), sin^m sin(m azimuth), (2 m - 1)!!
+  for (let m = 0; m <= DEGREE; m++) {
+    for (let n = m, before = 0, now = odd; n <= DEGREE; n++) {
+      out[n * (n + 1) / 2 + m] = SCALE[n][m] * now * cosine;
+      [before, now] = [now, ((2 * n + 1) * up * now - (n + m) * before) / (n - m + 1)];
+    }
+    [cosine, sine] = [cosine * aside - sine * y, sine * aside + cosine * y];
+    odd *= 2 * m + 1;
+  }
+}
+
+// Cosines of the zenith angles of the rays from a layer, or null for the ground, and their weights in means.
+function directions(layer) {
+  if (layer === null) { const [up, weight] = gauss(RAYS); return [up, up.map((u, i) => 2 * u * weight[i])]; }
+  const [ground, own] = [0, 0.5 * (BOUNDARY_KM[layer] + BOUNDARY_KM[layer + 1])].map((z) => (1 + REFRACTIVITY * Math.exp(-z / SCALE_HEIGHT_KM)) * (EARTH_RADIUS_KM + z));
+  const horizon = Math.sqrt(1 - (ground / own) ** 2), beyond = 1 - horizon, up = gauss(ABOVE, POWER), grazing = gauss(GRAZING), down = gauss(BELOW, POWER_BELOW);
+  return [[...down[0].map((c) => -horizon - beyond * c).reverse(), ...grazing[0].map((c) => -horizon * c).reverse(), ...up[0]],
+    [...down[1].map((w) => 0.5 * beyond * w).reverse(), ...grazing[1].map((w) => 0.5 * horizon * w).reverse(), ...up[1].map((w) => 0.5 * w)]];
+}
+
+// The rays between scatterings, seen under azimuths a and zenith angles c of the sun: segments n of rays r, RAYS from each
+// layer k.  place: [a][c][n], of each segment in light by layer and fine zenith angle; leaving: how much further it is
+// in light by layer, elevation and fine zenith angle; turned, means: see `into` and `scatteredAgain`.
+let made = null;
+function rays() {
+  if (made) return made;
+  const heights = sublayers(BOUNDARY_KM), parts = partsOf(heights.map((z) => EARTH_RADIUS_KM + z), heights.map((z) => 1 + REFRACTIVITY * Math.exp(-z / SCALE_HEIGHT_KM)));
+  const segment = { ray: [], layer: [], length: [], angle: [], leaving: [] }, cosine = [], weight = [], first = [], fineCount = Math.round(ZENITH_DEG.at(-1) / FINE_DEG) + 1;
+  for (let k = 0; k < LAYERS; k++) {
+    const from = k < LAYERS - 1 ? k : null, [cosines, weights] = directions(from);
+    cosines.forEach((c, i) => {
+      first.push(segment.ray.length);
+      for (const [layer, length, angle] of segmentsOf(parts, c, from)) {
+        const near = nearest(LEAVING_DEG, (Math.asin(c) + angle) / RAD), values = { ray: RAYS * k + i, layer, length, angle, leaving: ((LEAVING - 1) * layer + near) * fineCount };
+        for (const key in values) segment[key].push(values[key]);
+      }
+    });
+    cosine.push(...cosines);
+    weight.push(...weights);
+  }
+  for (const key in segment) segment[key] = (key === "length" || key === "angle" ? Float64Array : Int32Array).from(segment[key]);
+  const count = segment.ray.length, fine = { below: new Uint8Array(fineCount), one: new Float64Array(fineCount), other: new Float64Array(fineCount) };
+  for (let i = 0; i < fineCount; i++) {
+    const [below, f] = betweenZeniths(FINE_DEG * i), [one, other] = [below, below + 1].map((j) => Math.exp(logReference(FINE_DEG * i) - logReference(ZENITH_DEG[j])));
+    fine.below[i] = below;
+    fine.one[i] = (1 - f) * one;
+    fine.other[i] = f * other;
+  }
+  first.push(count);
+  return (made = { ...segment, count, first: Int32Array.from(first), cosine, weight, fine, fineCount, ...placesOf(segment, weight, first, fine), ...turning(cosine, weight),
+    last: new Float64Array(AZIMUTHS * LINES), all: new Float64Array(AZIMUTHS * LINES), sent: new Float64Array(AZIMUTHS * LAYERS * LEAVING * ANGLES), table: new Float64Array(LAYERS * LEAVING * fineCount) });
+}
+
+// `place` of segments, and the matrix of mean light, row by row: entries are sums of weights of segments.
+function placesOf({ ray, layer, angle }, weight, first, fine) {
+  const count = ray.length, fineCount = fine.one.length, place = new Uint16Array(AZIMUTHS * ANGLES * count), pairs = { start: [0], column: [], place: [], segment: [], weight: [] }, slots = new Float64Array(ANGLES);
+  const sides = AZIMUTH.map(Math.cos), entry = new Int32Array(LAYERS * ANGLES);   // of each column in this row
+  for (let k = 0; k < LAYERS; k++) for (let c = 0; c < ANGLES; c++) {
+    const cos = Math.cos(ZENITH_DEG[c] * RAD), sin = Math.sin(ZENITH_DEG[c] * RAD);
+    entry.fill(-1);
+    for (let n = first[RAYS * k]; n < first[RAYS * (k + 1)]; n++) {
+      const near = cos * Math.cos(angle[n]), far = sin * Math.sin(angle[n]);
+      let low = ANGLES, high = 0;
+      for (let a = 0; a < AZIMUTHS; a++) {
+        const i = Math.min(Math.round(Math.acos(within(near + far * sides[a], -1, 1)) / RAD / FINE_DEG), fineCount - 1), below = fine.below[i];
+        place[(a * ANGLES + c) * count + n] = layer[n] * fineCount + i;
+        slots[below] += fine.one[i];
+        slots[below + 1] += fine.other[i];
+        low = Math.min(low, below);
+        high = Math.max(high, below + 1);
+      }
+      for (let i = low; i <= high; i++) {
+        if (!slots[i]) continue;
+        const column = layer[n] * ANGLES + i;
+        if (entry[column] < 0) entry[column] = pairs.column.push(column) - 1;
+        pairs.place.push(entry[column]);
+        pairs.segment.push(n);
+        pairs.weight.push(slots[i] / AZIMUTHS * weight[ray[n]]);
+        slots[i] = 0;
+      }
+    }
+    pairs.start.push(pairs.column.length);
+  }
+  for (const key in pairs) pairs[key] = (key === "weight" ? Float32Array : Int32Array).from(pairs[key]);
+  return { place, pairs };
+}
+
+// turned: [layer][wave][leaving][ray][CUT], weights of waves of rays in those of light that leaves, times Legendre
+// polynomials of the angles between them; means: [layer][harmonic][ray], weights of waves of rays in the harmonics.
+function turning(cosine, weight) {
+  const turned = new Float32Array((LAYERS - 1) * AZIMUTHS * LEAVING * RAYS * CUT), means = new Float64Array(LAYERS * HARMONICS * RAYS), out = new Float64Array(HARMONICS);
+  for (let r = 0; r < LAYERS * RAYS; r++) {
+    const k = Math.floor(r / RAYS), i = r % RAYS, aside = Math.sqrt(1 - cosine[r] ** 2);
+    harmonics(cosine[r], aside, out);
+    for (let m = 0; m < HARMONICS; m++) means[(k * HARMONICS + m) * RAYS + i] = weight[r] / AZIMUTHS * out[m];
+    for (let o = 0; o < LEAVING && k < LAYERS - 1; o++) for (let j = 0; j <= AZIMUTHS; j++) {
+      const e = LEAVING_DEG[o] * RAD, p = legendre(Math.sin(e) * cosine[r] + Math.cos(e) * aside * Math.cos(j * Math.PI / AZIMUTHS), CUT - 1);
+      for (let m = 0; m < AZIMUTHS; m++) {
+        // both sides of the sun, and twice (for waves above the 0th) a mean over azimuths
+        const by = weight[r] / AZIMUTHS ** 2 * Math.cos(m * j * Math.PI / AZIMUTHS) * (j % AZIMUTHS ? 1 : 0.5) * (m ? 2 : 1), at = (((k * AZIMUTHS + m) * LEAVING + o) * RAYS + i) * CUT;
+        for (let l = 0; l < CUT; l++) turned[at + l] += by * p[l];
+      }
+    }
+  }
+  return { turned, means };
+}
+
+// Light by layer and zenith angle, from one layer on, at the fine zenith angles.
+function atFine({ fine: { below, one, other }, fineCount }, light, from, count, out) {
+  for (let l = 0, o = 0, j = from * ANGLES; l < count; l++, j += ANGLES) for (let i = 0; i < fineCount; i++, o++) out[o] = one[i] * light[j + below[i]] + other[i] * light[j + below[i] + 1];
+}
+
+// The first waves of light along the rays from a layer under a zenith angle, which starts at `at`: [wave][ray].
+function wavesOf(radiance, at, count, out) {
+  for (let m = 0, o = 0; m < count; m++) for (let i = 0; i < RAYS; i++, o++) {
+    let wave = 0;
+    for (let a = 0, q = at + i; a < AZIMUTHS; a++, q += LINES) wave += WAVES[m * AZIMUTHS + a] * radiance[q];
+    out[o] = wave;
+  }
+}
+
+// What scatters in the layers between BOUNDARY_KM: extinction [km^-1], albedo of air and both aerosols, (2 l + 1) x moments.
+function kindsOf(air) {
+  const place = BOUNDARY_KM.map((z) => searchsorted(ALTITUDE_KM, z - 1e-9)), rows = air.depth.map((row) => { const below = cumulative(row); return range(LAYERS - 1, (l) => below[place[l + 1]] - below[place[l]]); });
+  const peaks = air.mixedMoments.map((m) => Math.max(m[CUT], 0)), scattering = [rows[AIR], ...[LOW, HIGH].map((k, i) => rows[k].map((v) => (1 - peaks[i]) * v))];
+  const depth = rows[AIR].map((v, l) => v + rows[ABSORPTION][l] + rows[EXTINCTION][l] - peaks[0] * rows[LOW][l] - peaks[1] * rows[HIGH][l]);
+  return {
+    polarising: (1 - air.depolarisation) / (2 + air.depolarisation),
+    extinction: [...depth.map((v, l) => v / (BOUNDARY_KM[l + 1] - BOUNDARY_KM[l])), 0],
+    albedo: scattering.map((row) => [...row.map((v, l) => v / depth[l]), 0]),
+    series: air.mixedMoments.map((m, k) => range(CUT, (l) => (2 * l + 1) * (m[l] - peaks[k]) / (1 - peaks[k]))),
+  };
+}
+
+// Coefficients of powers in a Legendre series.
+const POWERS = range(CUT).reduce((rows, l) => [...rows, range(CUT, (p) => (l < 2 ? +(l === p) : ((2 * l - 1) * (rows[l - 1][p - 1] ?? 0) - (l - 1) * rows[l - 2][p]) / l))], []);
+const inPowers = (series) => Float64Array.from({ length: CUT }, (_, p) => sum(series.map((s, l) => s * POWERS[l][p])));
+
+// Moments of light scattered at least once, over F0, the reference taken off: [layer][zenith angle][MOMENTS]; depth: of
+// the beams, places: of all zenith angles at the boundaries.
+function diffuseLight(air, depth, places) {
+  const r = rays(), kinds = kindsOf(air), { extinction, albedo } = kinds, { count, last, all } = r;
+  const beam = places.map((row) => row.map((p) => logSunbeam(depth, p))), light = new Float64Array(LAYERS * ANGLES);
+  for (let l = 0; l < LAYERS - 1; l++) for (let c = 0; c < ANGLES; c++) light[l * ANGLES + c] = logMean(beam[l][c], beam[l + 1][c]) * litFraction(places[l][c][2], places[l + 1][c][2]) / (4 * Math.PI);
+  for (let c = 0; c < ANGLES; c++) if (places[0][c][2] > 0) light[(LAYERS - 1) * ANGLES + c] = air.groundAlbedo / Math.PI * Math.exp(beam[0][c]) * Math.max(Math.cos(ZENITH_DEG[c] * RAD), 0);
+  // what comes from each segment to the start of its ray: if nothing is absorbed, what is scattered, and by which kind
+  const reaching = new Float64Array(count), every = new Float64Array(count), shares = albedo.map(() => new Float64Array(count));
+  for (let n = 0, passed = 0; n < count; n++) {
+    if (n === r.first[r.ray[n]]) passed = 0;
+    const ground = r.layer[n] === LAYERS - 1, tau = ground ? OPAQUE : extinction[r.layer[n]] * r.length[n];
+    reaching[n] = -Math.exp(-passed) * Math.expm1(-tau);
+    passed += tau;
+    for (let k = 0; k < 3; k++) every[n] += shares[k][n] = albedo[k][r.layer[n]] * reaching[n];
+    if (ground) every[n] = reaching[n];
+  }
+  const out = new Float64Array(LAYERS * ANGLES * MOMENTS), into = intoLeaving(r, kinds), now = new Float64Array(LAYERS * ANGLES);
+  scatteredOnce(r, light, shares, every, kinds, out);
+  all.set(last);
+  for (let order = 1; order < FOLLOWED; order++) {
+    scatteredAgain(r, into, air.groundAlbedo);
+    arriving(r, reaching);
+    for (let q = 0; q < all.length; q++) all[q] += last[q];
+  }
+  addMoments(r, last, 0, 1, now, 1);
+  for (let i = (LAYERS - 1) * ANGLES; i < now.length; i++) now[i] *= air.groundAlbedo;
+  addMoments(r, all, 0, 1, out, MOMENTS);
+  const later = allOrders(r.pairs, every, air.groundAlbedo, now);   // the last order, too
+  for (let i = 0; i < later.length; i++) out[i * MOMENTS] += later[i] - now[i];
+  addCollected(r, later, every, all);
+  addMoments(r, all, 1, HARMONICS, out, MOMENTS);
+  const taken = ZENITH_DEG.map((z) => Math.exp(-logReference(z)));
+  for (let i = 0; i < out.length; i++) out[i] *= taken[Math.floor(i / MOMENTS) % ANGLES];
+  return out;
+}
+
+// Into `last` what comes along the rays of light in segments; out: adds its polarisation by air.
+function scatteredOnce(r, light, [byAir, byLow, byHigh], every, { series, polarising }, out) {
+  const { first, layer, place, cosine, table, last } = r, [low, high] = series.map(inPowers);
+  atFine(r, light, 0, LAYERS, table);
+  for (let a = 0, q = 0, p = 0; a < AZIMUTHS; a++) for (let c = 0; c < ANGLES; c++) {
+    const cos = Math.cos(ZENITH_DEG[c] * RAD), sin = Math.sin(ZENITH_DEG[c] * RAD), side = Math.cos(AZIMUTH[a]);
+    for (let i = 0, n = 0; i < LAYERS * RAYS; i++, q++) {
+      let air = 0, one = 0, other = 0, ground = 0;
+      for (const end = first[i + 1]; n < end; n++, p++) { const v = table[place[p]]; air += v * byAir[n]; one += v * byLow[n]; other += v * byHigh[n]; }
+      if (layer[n - 1] === LAYERS - 1) ground = every[n - 1] * table[place[p - 1]];   // the last segment of a ray
+      const u = cosine[i], s = Math.sqrt(1 - u * u) * side, x = u * cos + s * sin, sine2 = 1 - x * x, acrossU = cos - u * x, acrossS = sin - s * x;
+      let lowPhase = 0, highPhase = 0;
+      for (let l = CUT - 1; l >= 0; l--) { lowPhase = lowPhase * x + low[l]; highPhase = highPhase * x + high[l]; }
+      last[q] = air * (1 + polarising * (1.5 * x * x - 0.5)) + one * Math.max(lowPhase, LEAST_PHASE) + other * Math.max(highPhase, LEAST_PHASE) + ground;
+      const o = (Math.floor(i / RAYS) * ANGLES + c) * MOMENTS + HARMONICS, by = 0.75 * polarising * r.weight[i] / AZIMUTHS * air;
+      out[o] += by * (sine2 * (1 - u * u) - 2 * acrossU * acrossU);
+      out[o + 1] += by * (-sine2 * u * s - 2 * acrossU * acrossS);
+      out[o + 2] += by * (sine2 * (1 - s * s) - 2 * acrossS * acrossS);
+    }
+  }
+}
+
+// How much of waves along the rays a layer scatters into LEAVING_DEG, [layer][wave][leaving][ray].
+function intoLeaving({ turned }, { albedo, series, polarising }) {
+  const each = AZIMUTHS * LEAVING * RAYS, out = new Float64Array((LAYERS - 1) * each);
+  for (let k = 0, o = 0; k < LAYERS - 1; k++) {
+    const by = Float64Array.from({ length: CUT }, (_, l) => albedo[1][k] * series[0][l] + albedo[2][k] * series[1][l]);
+    by[0] += albedo[0][k];
+    by[2] += albedo[0][k] * polarising;
+    for (const end = o + each; o < end; o++) for (let l = 0; l < CUT; l++) out[o] += by[l] * turned[o * CUT + l];
+  }
+  return out;
+}
+
+// Into `sent`, [azimuth][layer][leaving][zenith angle], what layers and the ground send of the last light along the rays,
+// over what they take out of a ray.
+function scatteredAgain({ last, sent, means }, into, groundAlbedo) {
+  const waves = new Float64Array(AZIMUTHS * RAYS), leaving = new Float64Array(AZIMUTHS * LEAVING);
+  for (let k = 0; k < LAYERS; k++) for (let c = 0; c < ANGLES; c++) {
+    wavesOf(last, (c * LAYERS + k) * RAYS, AZIMUTHS, waves);
+    if (k === LAYERS - 1) {
+      let mean = 0;
+      for (let i = 0; i < RAYS; i++) mean += means[k * HARMONICS * RAYS + i] * waves[i];
+      leaving.fill(0).fill(groundAlbedo * mean, 0, LEAVING);
+    } else for (let m = 0, o = 0, p = k * AZIMUTHS * LEAVING * RAYS; m < AZIMUTHS; m++) for (let e = 0; e < LEAVING; e++, o++) {
+      let wave = 0;
+      for (let i = 0; i < RAYS; i++, p++) wave += into[p] * waves[m * RAYS + i];
+      leaving[o] = wave;
+    }
+    for (let a = 0; a < AZIMUTHS; a++) for (let e = 0; e < LEAVING; e++) {
+      let light = 0;
+      for (let m = 0; m < AZIMUTHS; m++) light += WAVES[m * AZIMUTHS + a] * leaving[m * LEAVING + e];
+      sent[((a * LAYERS + k) * LEAVING + e) * ANGLES + c] = light > 0 ? light : 0;
+    }
+  }
+}
+
+// Into `last` what comes along the rays of what is `sent`.
+function arriving(r, reaching) {
+  const { first, place, leaving, table, last, sent } = r;
+  for (let a = 0, q = 0, p = 0; a < AZIMUTHS; a++) {
+    atFine(r, sent, a * LAYERS * LEAVING, LAYERS * LEAVING, table);
+    for (let c = 0; c < ANGLES; c++) for (let i = 0, n = 0; i < LAYERS * RAYS; i++, q++) {
+      let light = 0;
+      for (const end = first[i + 1]; n < end; n++, p++) light += table[place[p] + leaving[n]] * reaching[n];
+      last[q] = light;
+    }
+  }
+}
+
+// Adds to radiance along the rays what light in segments, times parts of it, brings.
+function addCollected(r, light, parts, radiance) {
+  const { first, place, table } = r;
+  atFine(r, light, 0, LAYERS, table);
+  for (let line = 0, q = 0, p = 0; line < AZIMUTHS * ANGLES; line++) for (let i = 0, n = 0; i < LAYERS * RAYS; i++, q++) {
+    let more = 0;
+    for (const end = first[i + 1]; n < end; n++, p++) more += table[place[p]] * parts[n];
+    radiance[q] += more;
+  }
+}
+
+// Adds some of the moments of radiance along the rays, from one to another, to out, [layer][zenith angle], `apart` apart.
+function addMoments({ means }, radiance, from, to, out, apart) {
+  const waves = new Float64Array(AZIMUTHS * RAYS), count = to > 1 ? DEGREE + 1 : 1;
+  for (let k = 0, o = 0; k < LAYERS; k++) for (let c = 0; c < ANGLES; c++, o += apart) {
+    wavesOf(radiance, (c * LAYERS + k) * RAYS, count, waves);
+    for (let m = from; m < to; m++) {
+      const p = (k * HARMONICS + m) * RAYS, w = WAVE_OF[m] * RAYS;
+      let moment = 0;
+      for (let i = 0; i < RAYS; i++) moment += means[p + i] * waves[w + i];
+      out[o + m] += moment;
+    }
+  }
+}
+
+// Mean light of all orders from the first one.
+function allOrders({ start, column, place, segment, weight }, every, groundAlbedo, first) {
+  const entries = new Float64Array(column.length), total = first.slice();
+  for (let p = 0; p < weight.length; p++) entries[place[p]] += weight[p] * every[segment[p]];
+  let before = first, now = first;
+  for (let order = 1; order < SCATTERINGS; order++) {
+    [before, now] = [now, new Float64Array(first.length)];
+    for (let i = 0; i < now.length; i++) {
+      let light = 0;
+      for (let p = start[i]; p < start[i + 1]; p++) light += entries[p] * before[column[p]];
+      now[i] = i < (LAYERS - 1) * ANGLES ? light : groundAlbedo * light;
+      total[i] += now[i];
+    }
+  }
+  return total.map((v, i) => { const ratio = within(now[i] / Math.max(before[i], 1e-30), 0, MOST_RATIO); return v + now[i] * ratio / (1 - ratio); });
+}
+
+// The sum of the first term of a series, at least 0, and further ones; never negative, without a kink.
+const positive = (first, further) => { const ratio = further / Math.max(first, 1e-35); return first * (ratio > 0 ? 1 + ratio : Math.exp(ratio)); };
+
+// M_0 under suns in directions along lines of sight, [w][(sun * elevations + elevation) * azimuths + azimuth].
+function seenAlong(skies, suns, elevations, azimuths, line) {
+  const { middle, first } = skies.geometry, own = middle.slice(first), layers = [...new Set(own.map((z) => searchsorted(BOUNDARY_KM, z) - 1))];
+  const groupOf = own.map((z) => layers.indexOf(searchsorted(BOUNDARY_KM, z) - 1)), share = own.map((z) => Math.exp(-z / SCALE_HEIGHT_KM));
+  const angles = line.map(({ path, angle }) => {
+    const [top, bottom] = [new Float64Array(layers.length), new Float64Array(layers.length)];
+    groupOf.forEach((g, k) => { top[g] += 0.5 * (angle[k] + angle[k + 1]) * path[k] * share[k]; bottom[g] += path[k] * share[k]; });
+    return top.map((v, g) => v / bottom[g]);
+  });
+  const weights = skies.at.map((one) => lastScattering(one, skies.geometry, line, groupOf, layers.length));
+  const out = skies.at.map(() => new Float64Array(suns.length * elevations.length * azimuths.length)), functions = new Float64Array(HARMONICS), of = new Float64Array(MOMENTS);
+  suns.forEach((sun, i) => elevations.forEach((elevation, j) => azimuths.forEach((azimuth, k) => {
+    const here = (i * elevations.length + j) * azimuths.length + k, [e, up] = [elevation * RAD, (90 - sun) * RAD];
+    const fromSun = Math.cos(up) * Math.sin(e) + Math.sin(up) * Math.cos(e) * Math.cos(azimuth * RAD);
+    angles[j].forEach((angle, g) => {
+      const zenith = zenithAt(sun, angle, azimuth), [below, f] = betweenZeniths(zenith / RAD), scale = Math.exp(logReference(zenith / RAD)), u = Math.sin(e + angle);
+      const s = within((fromSun - Math.cos(zenith) * u) / Math.max(Math.sin(zenith), 1e-3), -1, 1), beside = Math.max(1 - u * u - s * s, 0), start = (layers[g] * ANGLES + below) * MOMENTS;
+      harmonics(u, s, functions);
+      skies.at.forEach(({ diffuse }, w) => {
+        for (let m = 0; m < MOMENTS; m++) of[m] = diffuse[start + m] * (1 - f) + diffuse[start + MOMENTS + m] * f;
+        const by = weights[w][j], o = g * (DEGREE + 2), uu = of[HARMONICS], us = of[HARMONICS + 1], ss = of[HARMONICS + 2];
+        let further = -3 * by[o + DEGREE + 1] * (u * u * uu + 2 * u * s * us + s * s * ss - beside * (uu + ss));
+        for (let n = 1, m = 1; n <= DEGREE; n++) {
+          let degree = 0;
+          for (const end = m + n; m <= end; m++) degree += functions[m] * of[m];
+          further += (n === 2 ? by[o + 2] + by[o + DEGREE + 1] : by[o + n]) * degree;
+        }
+        out[w][here] += positive(by[o] * of[0], further) * scale;
+      });
+    });
+  })));
+  return out.map((values) => values.map((v) => Math.max(v, DARK)));
+}
+
+// Of each line of sight and group of layers: what the last scattering of the moments of degree 0 to DEGREE by all, and of
+// the second by air alone, adds.
+function lastScattering({ air, extinction }, { layer, first }, line, groupOf, groups) {
+  const { depth, mixedMoments: mixed } = air, cut = mixed.map((m) => peak(air.degree, m));
+  const perKm = groupOf.map((_, k) => {
+    const l = layer[first + k], height = ALTITUDE_KM[l + 1] - ALTITUDE_KM[l], [low, high] = [depth[LOW][l], depth[HIGH][l]];
+    const by = range(DEGREE + 1, (n) => (2 * n + 1) * (low * (mixed[0][n] - cut[0]) + high * (mixed[1][n] - cut[1])));
+    by[0] += depth[AIR][l];
+    return [...by, depth[AIR][l] * (1 - air.depolarisation) / (2 + air.depolarisation)].map((v) => v / height);
+  });
+  return line.map(({ path }) => {
+    const out = new Float64Array(groups * (DEGREE + 2));
+    let before = 0;
+    groupOf.forEach((g, k) => {
+      const inside = path[k] * extinction[first + k], seen = Math.exp(-before) * (inside < 1e-6 ? path[k] : -Math.expm1(-inside) / extinction[first + k]);
+      perKm[k].forEach((v, n) => { out[g * (DEGREE + 2) + n] += v * seen; });
+      before += inside;
+    });
+    return out;
+  });
+}
+
