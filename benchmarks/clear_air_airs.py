@@ -4,9 +4,10 @@
 
 One file for each number, FOLDER/<number>.npz, until --last is reached or it is stopped; what is there stays.  What it
 holds is drawn from its number alone: one air at eight wavelengths, from SIDE_BY_SIDE on eight airs at one wavelength
-each.  5 to 100 processor seconds a file.  `--approximate FOLDER2` computes in place of it what the model itself
-computes of the airs that are there, to be done again when its code changes: three processor seconds each; and with
---first UNSOLVED --last N that of airs that are not solved.  `benchmarks/clear_air_fit.py` fits them.
+each.  5 to 100 processor seconds a file.  With --first UNSOLVED --last N it writes what the shipped model says of airs
+that are not solved, a processor second each: what it knew is not lost to the next one.  `--approximate FOLDER2`
+computes in place of it what the model itself computes of the airs that are there, to be done again when its code
+changes: three processor seconds each.  `benchmarks/clear_air_fit.py` fits them.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
 from twilight.solvers.compact.air import air_of, limited, two_phase_functions
 from twilight.solvers.compact.air import side_by_side as joined_airs
+from twilight.solvers.compact.field import shipped_model
 from twilight.solvers.zones.settings import QUALITIES
 from twilight.transport.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, Skies, Sky
 from twilight.transport.shells import DARK, Air
@@ -74,7 +76,7 @@ SIDE_BY_SIDE = 1000
 ONE_SHAPE = 4000
 """Number from which on these have their haze at the same altitudes: half the nodes that eight shapes need."""
 UNSOLVED = 10000
-"""Number from which on airs are as the first ones, and are not solved: teachers say what their light is."""
+"""Number from which on airs are as the first ones, but not solved: their light is what the shipped model says."""
 OF_WAVELENGTHS = (
     *("wavelength_nm", "aerosol_phase_fraction", "depolarisation", "ground_albedo"),
     "overhead_absorption_optical_depth",
@@ -279,24 +281,34 @@ def airs_of(medium: Medium, number: int) -> Air:
 def sample(path: Path, number: int) -> None:
     """Draw an air, solve it, and write its light."""
     medium, observers = drawn(number)
-    write(path, light=several(medium, SETTINGS, observers))
+    write(path, light=several(medium, SETTINGS, observers) if number < UNSOLVED else told(air_of(medium), observers))
+
+
+def told(air: Air, observers_km: tuple[float, ...]) -> np.ndarray:
+    """`several` as the shipped model says it."""
+    light = []
+    for above in observers_km:
+        skies = Skies(shipped_model(), air, above)
+        base = np.moveaxis(skies.base_at(SUN_DEG, ELEVATION_DEG, AZIMUTH_DEG, skies.nodes), -1, 0)
+        log_ratio, *polarised, _ = skies.at_nodes
+        light.append(np.stack([np.ones_like(log_ratio), *polarised]) * base * np.exp(log_ratio))
+    return np.moveaxis(np.array(light), (1, 2), (-2, -1)).astype(np.float32)
 
 
 def approximate(path: Path, number: int) -> None:
-    """Write what the model computes of a drawn air: inputs of the network, and of a solved one M_0, light scattered
+    """Write what the model computes of a drawn air: inputs of the network, M_0, and of a solved one light scattered
     once and what limits airs."""
     medium, observers = drawn(number)
     air = airs_of(medium, number)
     skies = [Skies(None, air, above) for above in observers]
     arrays = {
+        "base": np.array([s.base_at(SUN_DEG, ELEVATION_DEG, AZIMUTH_DEG, s.nodes) for s in skies], np.float32),
         "inputs": np.array([one.inputs for one in skies], np.float32),
         "log_base": np.array([one.log_base for one in skies], np.float32),
     }
     if number < UNSOLVED:
-        arrays["limits"] = limited(air)
-        base = [s.base_at(SUN_DEG, ELEVATION_DEG, AZIMUTH_DEG, s.nodes) for s in skies]
         single = [[_single_scattering(one, float(sun)) for sun in SUN_DEG] for one in skies]
-        arrays |= {"base": np.array(base, np.float32), "single": np.array(single, np.float32)}
+        arrays |= {"single": np.array(single, np.float32), "limits": limited(air)}
     write(path, **arrays)
 
 
@@ -326,7 +338,7 @@ def main() -> None:
         light = options.folder / f"{number:05d}.npz"
         path = options.approximate / light.name if options.approximate else light
         path.parent.mkdir(parents=True, exist_ok=True)
-        if options.approximate and (light.exists() or number >= UNSOLVED) and not path.exists():
+        if options.approximate and light.exists() and not path.exists():
             approximate(path, number)
         elif not options.approximate and not path.exists():
             sample(path, number)

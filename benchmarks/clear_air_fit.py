@@ -6,8 +6,8 @@
 Needs PyTorch, takes a quarter of an hour and holds one file of airs in ten out: it prints the errors in these, and
 calibrates the model's estimate of its error on them.
 
-A Gaussian process on the airs and networks fitted to them err differently: their mean is nearer than either.  It
-teaches the networks of the file, by airs in APPROXIMATE that nobody has solved, what lies between those that are.
+A Gaussian process on the airs, networks fitted to them, and the former model, fitted to others, err differently: their
+mean is nearer than any.  It teaches the networks of the file, by airs that are not solved, what lies between.
 """
 
 from __future__ import annotations
@@ -57,6 +57,8 @@ COVERED = 0.95
 """Fraction of the skies whose error is at most the one that the model estimates."""
 SINGLE_ERROR = np.interp(SUN_DEG, [-7.0, -4.0, -1.0, 3.0], [0.0, 0.004, 0.008, 0.003])
 """Error of light scattered once, of all light, about: it is computed, not fitted."""
+FORMER_SHARE, FORMER_APART = 0.5, 0.1
+"""Share of the former model in the mean, and distance of ln M at 95 % of the nodes at which it is half as much."""
 LENGTHS_OF = 700
 """Samples of a step in the fit of the process's lengths."""
 LENGTH_STEPS, LENGTH_RATE = 60, 0.05
@@ -68,8 +70,8 @@ LEADING = 40
 @dataclass
 class Data:
     """Samples, one for each air, observer and wavelength: inputs (N, F'), ln M_0 (N, B), ln(M / M_0) (N, P), Q / M and
-    U / M (N, 2 P), part of M in all light (N, P), number of the file (N,); what limits the airs; of airs that are not
-    solved inputs (D, F') and ln M_0 (D, B)."""
+    U / M (N, 2 P), part of M in all light (N, P), number of the file (N,); what limits the airs; the first four of airs
+    that are not solved, as the former model says."""
 
     inputs: np.ndarray
     log_base: np.ndarray
@@ -78,41 +80,39 @@ class Data:
     part: np.ndarray
     number: np.ndarray
     limits: np.ndarray
-    unsolved: tuple[np.ndarray, np.ndarray]
+    told: tuple[np.ndarray, ...]
 
 
 def read(airs: Path, approximate: Path) -> Data:
     """The samples of all airs that are solved, and what the model computes of them; airs: a folder or a kept file."""
-    rows: dict[str, list[np.ndarray]] = {
-        key: [] for key in ("inputs", "log_base", "ratio", "polarised", "part", "number")
-    }
+    keys = ("inputs", "log_base", "ratio", "polarised")
+    rows: dict[str, list[np.ndarray]] = {key: [] for key in (*keys, "part", "number")}
+    told: dict[str, list[np.ndarray]] = {key: [] for key in keys}
     limits = []
     for number, multiple, polarised in solved(airs):
         name = approximate / f"{number:05d}.npz"
         if not name.exists():
             sys.exit(f"{name}: missing; see --approximate in clear_air_airs.py")
+        some = rows if number < UNSOLVED else told
         with np.load(name) as computed:
-            base, single = (_samples(np.moveaxis(computed[key], -1, 1)) for key in ("base", "single"))
-            rows["inputs"].append(_samples(computed["inputs"]))
-            rows["log_base"].append(_samples(computed["log_base"]))
-            limits.append(computed["limits"])
-        rows["ratio"].append(np.log(multiple / base).astype(np.float32))
-        rows["part"].append((multiple / (multiple + single)).astype(np.float16))
-        rows["polarised"].append(polarised.astype(np.float32))
-        rows["number"].append(np.full(len(multiple), number))
-    unsolved = []
-    for name in (path for path in approximate.glob("*.npz") if int(path.stem) >= UNSOLVED):
-        with np.load(name) as computed:
-            unsolved.append(tuple(_samples(computed[key]) for key in ("inputs", "log_base")))
+            base = _samples(np.moveaxis(computed["base"], -1, 1))
+            some["inputs"].append(_samples(computed["inputs"]))
+            some["log_base"].append(_samples(computed["log_base"]))
+            if number < UNSOLVED:
+                single = _samples(np.moveaxis(computed["single"], -1, 1))
+                limits.append(computed["limits"])
+                rows["part"].append((multiple / (multiple + single)).astype(np.float16))
+                rows["number"].append(np.full(len(multiple), number))
+        some["ratio"].append(np.log(multiple / base).astype(np.float32))
+        some["polarised"].append(polarised.astype(np.float32))
+    if not told["inputs"]:
+        sys.exit(f"{airs}: no airs from {UNSOLVED} on; see --first in clear_air_airs.py")
     every = np.concatenate(limits, axis=1)
     outermost = np.stack([np.nanmin(every, axis=1), np.nanmax(every, axis=1)], axis=1)
-    together = tuple(np.concatenate(some) for some in zip(*unsolved, strict=True))
-    if not together:
-        sys.exit(f"{approximate}: no airs that are not solved; see --first in clear_air_airs.py")
     return Data(
         **{key: np.concatenate(value) for key, value in rows.items()},
         limits=outermost,
-        unsolved=(together[0], together[1]),
+        told=tuple(np.concatenate(value) for value in told.values()),
     )
 
 
@@ -127,26 +127,31 @@ def fit(data: Data) -> Model:
 
     torch.set_num_threads(2)
     train = data.number % HELD_OUT != 0
-    model, coefficients = _without_networks(data, train)
+    model = _without_networks(data, train)
+    coefficients = _coefficients(model, data.ratio[train], data.polarised[train])
     k = COMPONENTS["intensity"]
-    parts = np.split(coefficients[train], [k], axis=1)
-    scale = np.concatenate([np.full(part.shape[1], part.std(), np.float32) for part in parts])
-    target = (coefficients[train] / scale).astype(np.float32)
+    scale = np.concatenate(
+        [np.full(part.shape[1], part.std(), np.float32) for part in (coefficients[:, :k], coefficients[:, k:])]
+    )
+    target = (coefficients / scale).astype(np.float32)
     inputs = model.standardised(data.inputs, data.log_base)
-    unsolved = model.standardised(*data.unsolved)
+    others, former = model.standardised(*data.told[:2]), _coefficients(model, *data.told[2:])
     processes = [_process(torch, inputs[train], target[:, some]) for some in (slice(0, k), slice(k, None))]
-    by_process = [np.concatenate([one(x) for one in processes], axis=1) * scale for x in (inputs[~train], unsolved)]
+    by_process = [np.concatenate([one(x) for one in processes], axis=1) * scale for x in (inputs[~train], others)]
     print(f"process, held out:\n{_errors(model, data, ~train, by_process[0])}", flush=True)
     members = []
     for seed in range(MEMBERS):
         network = _Network(torch, seed, inputs.shape[1], scale, model)
         network.fit_coefficients(inputs[train], target, EPOCHS, RATE)
         network.fit_light(data, train, inputs, None)
-        taught = 0.5 * (by_process[1] + network(unsolved))
         print(f"network {seed}, held out:\n{_errors(model, data, ~train, network(inputs[~train]))}", flush=True)
-        both = np.concatenate([inputs[train], unsolved]), np.concatenate([target, taught / scale])
+        taught = 0.5 * (by_process[1] + network(others))
+        apart = np.percentile(np.abs((former - taught)[:, :k] @ model.intensity[:, ::7]), 95, axis=1, keepdims=True)
+        share = FORMER_SHARE / (1.0 + (apart / FORMER_APART) ** 2)
+        taught = ((1.0 - share) * taught + share * former).astype(np.float32)
+        both = np.concatenate([inputs[train], others]), np.concatenate([target, taught / scale])
         network.fit_coefficients(*both, TAUGHT_EPOCHS, TAUGHT_RATE)
-        network.fit_light(data, train, inputs, (unsolved, taught))
+        network.fit_light(data, train, inputs, (others, taught))
         print(f"taught, held out:\n{_errors(model, data, ~train, network(inputs[~train]))}", flush=True)
         members.append(network.layers())
     model = replace(model, members=tuple(members))
@@ -169,16 +174,21 @@ def _weight_of_suns() -> np.ndarray:
     return np.repeat((TOLERATED.min() / TOLERATED).astype(np.float32), NODES[1] * NODES[2])
 
 
-def _without_networks(data: Data, train: np.ndarray) -> tuple[Model, np.ndarray]:
-    """A model without networks, and the coefficients of its principal components that make the samples, (N, K)."""
+def _coefficients(model: Model, ratio: np.ndarray, polarised: np.ndarray) -> np.ndarray:
+    """Coefficients (N, K) of the principal components that make ln(M / M_0) (N, P), and Q / M, U / M (N, 2 P)."""
+    by_sun = _weight_of_suns()
+    intensity = ((ratio - model.intensity_mean) * by_sun) @ (model.intensity * by_sun).T
+    return np.concatenate([intensity, (polarised - model.polarisation_mean) @ model.polarisation.T], axis=1)
+
+
+def _without_networks(data: Data, train: np.ndarray) -> Model:
+    """A model without networks."""
     by_sun = _weight_of_suns()
     mean, vectors = components(data.ratio[train] * by_sun, COMPONENTS["intensity"])
-    coefficients = (data.ratio * by_sun - mean) @ vectors.T
     polarisation_mean, polarisation = components(data.polarised[train], COMPONENTS["polarisation"])
-    of_polarisation = (data.polarised - polarisation_mean) @ polarisation.T
     base_mean, base_vectors = components(data.log_base[train], COMPONENTS["base"])
     inputs = np.concatenate([data.inputs, (data.log_base - base_mean) @ base_vectors.T], axis=1)[train]
-    model = Model(
+    return Model(
         (),
         *(inputs.mean(axis=0), inputs.std(axis=0) + 1e-6),
         *(base_mean, base_vectors),
@@ -188,7 +198,6 @@ def _without_networks(data: Data, train: np.ndarray) -> tuple[Model, np.ndarray]
         np.zeros((2, SUN_DEG.size)),
         {},
     )
-    return model, np.concatenate([coefficients, of_polarisation], axis=1)
 
 
 def _process(torch: Any, inputs: np.ndarray, target: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:

@@ -19,7 +19,7 @@ from twilight.solvers.compact.air import air_of
 from twilight.solvers.compact.field import SHIPPED, shipped_model
 from twilight.transport.clear_air import Skies
 
-SAME = 1e-3
+SAME = 1e-5
 """Relative difference of light between the port and Python, whose single precision ends at 1e-7."""
 LIST_NM = [440.0, 560.0, 680.0]
 SUNS_DEG = (40.0, 1.5, -9.3)

@@ -60,6 +60,12 @@ if TYPE_CHECKING:
     from twilight.atmosphere.screen import Screen
 
 FORMAT = "twilight clear air 3"
+HALVED_KM = 30.0
+"""Up to which layers are halved for the sunbeam: of a low sun it rises steeply below the top of haze."""
+SHELLS_KM = np.unique(
+    np.concatenate([ALTITUDE_KM, 0.5 * (ALTITUDE_KM[1:] + ALTITUDE_KM[:-1])[ALTITUDE_KM[1:] <= HALVED_KM]])
+)
+"""Boundaries of shells."""
 LEAST_REFRACTIVITY = 1e-30
 """Least n - 1, so that it has a logarithm."""
 SUN_DEG = np.concatenate(
@@ -190,7 +196,7 @@ class Skies:
 
     def __init__(self, model: Model | None, air: Air, observer_km: float = 0.0):
         self.model, self.air = model, air
-        boundary = ALTITUDE_KM
+        boundary = SHELLS_KM
         if np.abs(boundary - observer_km).min() > 1e-4:
             boundary = np.sort(np.append(boundary, observer_km))
         layer = np.searchsorted(ALTITUDE_KM, 0.5 * (boundary[1:] + boundary[:-1])) - 1
@@ -204,7 +210,7 @@ class Skies:
             ((d[AIR] + d[ABSORPTION] + d[EXTINCTION] - peak) * per_km)[layer],
             (np.concatenate([d[AIR][None], of_aerosols]) * per_km)[:, layer],
             (peak * per_km)[layer],
-            np.exp(ln) if boundary is not ALTITUDE_KM else air.refractivity,
+            np.exp(ln),
             observer_km,
             air.radius_km,
         )
@@ -226,9 +232,15 @@ class Skies:
         return made
 
     @functools.cached_property
-    def _fitted(self) -> np.ndarray:
+    def at_nodes(self) -> np.ndarray:
         """`Model.at_nodes`."""
-        return self.model.at_nodes(self.inputs, self.log_base)
+        return self._fitted_model.at_nodes(self.inputs, self.log_base)
+
+    @property
+    def _fitted_model(self) -> Model:
+        if self.model is None:
+            raise ValueError("a sky needs a model; without one there is M_0 alone")
+        return self.model
 
     def lowest_spared_deg(self, screen: Screen) -> float:
         """Sun elevation [deg] from which on a screen takes nothing (0.1 %) of a sky: `SPARED_DEG` above the highest one
@@ -253,7 +265,7 @@ class Skies:
         """The sky under one sun, from -18 to 90 deg."""
         air, shells, line = self.air, self.shells, self.nodes
         weight = splines(SUN_DEG, np.array([sun_elevation_deg]))[0]
-        log_ratio, *polarised, spread = np.einsum("s,pwsea->peaw", weight, self._fitted)
+        log_ratio, *polarised, spread = np.einsum("s,pwsea->peaw", weight, self.at_nodes)
         base = self.base_at(np.array([sun_elevation_deg]), ELEVATION_DEG, AZIMUTH_DEG, line)[0]
         multiple = np.log(base) + log_ratio
         mean = shells.sunlit(line.zenith(sun_elevation_deg, AZIMUTH_DEG)[0], line.depth)
@@ -266,7 +278,9 @@ class Skies:
         # terms of bands of gases that let no light through have no part in the sky
         brightest = light.max(axis=(0, 1))
         counted = spread[..., brightest > DARKEST_TERM * brightest.max()]
-        least, times, taken = (np.interp(sun_elevation_deg, SUN_DEG, row) for row in (*self.model.error, self._taken))
+        least, times, taken = (
+            np.interp(sun_elevation_deg, SUN_DEG, row) for row in (*self._fitted_model.error, self._taken)
+        )
         error = least + times * np.percentile(counted, 95)
         return sky._replace(relative_error=float(np.hypot(error, SCREEN_ERROR * taken)))
 

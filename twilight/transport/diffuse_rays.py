@@ -125,9 +125,9 @@ def _directions(layer: int | None) -> tuple[np.ndarray, np.ndarray]:
         return up, 2.0 * up * weight
     x = _refracted_radius(np.array([0.0, BOUNDARY_KM[layer : layer + 2].mean()]))
     horizon = float(np.sqrt(1.0 - (x[0] / x[1]) ** 2))
-    up, grazing, down = gauss(ABOVE, POWER), gauss(GRAZING), gauss(BELOW, POWER_BELOW)
-    cosine = np.concatenate([-horizon - (1.0 - horizon) * down[0][::-1], -horizon * grazing[0][::-1], up[0]])
-    weight = np.concatenate([(1.0 - horizon) * down[1][::-1], horizon * grazing[1][::-1], up[1]])
+    (up, w_up), (grazing, w_grazing), (down, w_down) = gauss(ABOVE, POWER), gauss(GRAZING), gauss(BELOW, POWER_BELOW)
+    cosine = np.concatenate([-horizon - (1.0 - horizon) * down[::-1], -horizon * grazing[::-1], up])
+    weight = np.concatenate([(1.0 - horizon) * w_down[::-1], horizon * w_grazing[::-1], w_up])
     return cosine, 0.5 * weight
 
 
@@ -240,12 +240,12 @@ def _turned(mu: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """`Rays.turned`, from cosines of zenith angles of rays (L, r) and their weights."""
     azimuth = (np.arange(AZIMUTHS) + 0.5) * np.pi / AZIMUTHS
     up, flat = (f(np.radians(LEAVING_DEG))[:, None, None] for f in (np.sin, np.cos))
-    out = 0.0
+    each = []
     for side in (1.0, -1.0):
         aside = np.cos(azimuth[:, None] - side * azimuth)[:, None, :, None]
         cosine = up * mu[:, None, None, None] + flat * np.sqrt(1.0 - mu * mu)[:, None, None, None] * aside
-        out = out + 0.5 * np.polynomial.legendre.legvander(cosine, CUT - 1)
-    out = out * (weight / AZIMUTHS)[:, None, None, None, :, None]
+        each.append(np.polynomial.legendre.legvander(cosine, CUT - 1))
+    out = 0.5 * (each[0] + each[1]) * (weight / AZIMUTHS)[:, None, None, None, :, None]
     return out.reshape(len(mu), AZIMUTHS * LEAVING_DEG.size, AZIMUTHS * RAYS, CUT).astype(np.float32)
 
 
@@ -263,9 +263,9 @@ def harmonics(up: np.ndarray, aside: np.ndarray) -> list[np.ndarray]:
     x, y = aside, np.sqrt(np.maximum(1.0 - up * up - aside * aside, 0.0))
     # sin^m cos(m azimuth), sin^m sin(m azimuth), and the Legendre functions over sin^m
     cosine, sine = np.ones_like(x), np.zeros_like(x)
-    functions = {}
+    functions: dict[tuple[int, int], np.ndarray] = {}
     for m in range(DEGREE + 1):
-        before, now = 0.0, float(np.prod(np.arange(1, 2 * m, 2))) + 0.0 * up
+        before, now = np.zeros_like(up), float(np.prod(np.arange(1, 2 * m, 2))) + 0.0 * up
         for n in range(m, DEGREE + 1):
             scale = np.sqrt((2.0 if m else 1.0) * factorial(n - m) / factorial(n + m))
             functions[n, m] = scale * now * cosine

@@ -118,7 +118,7 @@ class Skies {
       one.fractions.forEach((f, k) => {
         const series = Float64Array.from(g, (v, l) => (f > 1e-6 ? f : 0) * moments[k][l] * v + (1 - none) * followed[k][l]);
         let end = series.length;
-        while (end > 0 && Math.abs(series[end - 1]) < 1e-7) end--;   // moves light by 1e-5 at most
+        while (end > 0 && Math.abs(series[end - 1]) < 1e-12) end--;
         added[k].push(Float64Array.from(terms, (row) => inner(series.subarray(0, end), row)));
       });
       return x;

@@ -55,6 +55,7 @@ async function readNpz(bytes) {
 // shells.py ----------------------------------------------------------------------------------------------------------
 const EARTH_RADIUS_KM = 6371;
 const ALTITUDE_KM = [0, 0.02, 0.06, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 1.7, ...steps(2, 6, 0.5), ...steps(6, 16, 1), 16, 17.5, 19, 20.5, 22, 24, 26, 28, 30, 33, ...steps(36, 81, 3), 82, 86, 90, 95, 100];
+const HALVED_KM = 30, SHELLS_KM = ALTITUDE_KM.flatMap((z, i) => i && z <= HALVED_KM ? [0.5 * (ALTITUDE_KM[i - 1] + z), z] : [z]);
 const SUBLAYERS = 4, STEEPEST_DEG = 0.03, RAYS_FROM_ABOVE = 90, RAYS_FROM_BELOW = 100, LEAST_SPREAD = 0.05, MOST_DEGREE = 16;
 const AIR = 0, ABSORPTION = 1, EXTINCTION = 2, LOW = 3, HIGH = 4, DARK_LOG = -700, DARK = 1e-35;
 
@@ -107,11 +108,11 @@ function gradient(y, x) {
 // Shells seen by an observer: the geometry that all wavelengths share.
 class Geometry {
   constructor(refractivity, observerKm, radiusKm) {
-    const own = ALTITUDE_KM.some((z) => Math.abs(z - observerKm) <= 1e-4);
-    this.boundary = own ? ALTITUDE_KM : [...ALTITUDE_KM, observerKm].sort((a, b) => a - b);
+    const own = SHELLS_KM.some((z) => Math.abs(z - observerKm) <= 1e-4);
+    this.boundary = own ? SHELLS_KM : [...SHELLS_KM, observerKm].sort((a, b) => a - b);
     this.first = nearest(this.boundary, observerKm);
     const logs = Array.from(refractivity, (v) => Math.log(Math.max(v, 1e-30))), places = sublayers(this.boundary), known = sublayers(ALTITUDE_KM);
-    this.parts = partsOf(places.map((z) => radiusKm + z), own ? Array.from(refractivity, (v) => 1 + v) : places.map((z) => 1 + Math.exp(interp(z, known, logs))));
+    this.parts = partsOf(places.map((z) => radiusKm + z), places.map((z) => 1 + Math.exp(interp(z, known, logs))));
     // of each layer its middle and the one of ALTITUDE_KM that it is in
     this.middle = range(this.boundary.length - 1, (i) => 0.5 * (this.boundary[i] + this.boundary[i + 1]));
     this.layer = this.middle.map((z) => searchsorted(ALTITUDE_KM, z) - 1);
