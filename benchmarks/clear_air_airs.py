@@ -6,8 +6,8 @@ One file for each number, FOLDER/<number>.npz, until --last is reached or it is 
 holds is drawn from its number alone: one air at eight wavelengths, from SIDE_BY_SIDE on eight airs at one wavelength
 each.  5 to 100 processor seconds a file.  With --first UNSOLVED --last N it writes what the shipped model says of airs
 that are not solved, a processor second each: what it knew is not lost to the next one.  `--approximate FOLDER2`
-computes in place of it what the model itself computes of the airs that are there, to be done again when its code
-changes: three processor seconds each.  `benchmarks/clear_air_fit.py` fits them.
+computes in place of it what the model itself computes of the airs that are there (FOLDER may be a file of
+`clear_air_kept.py`), to be done again when its code changes: three processor seconds each.  `benchmarks/clear_air_fit.py` fits them.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
+from clear_air_kept import numbers
 
 from twilight.atmosphere.medium import ON_LEVELS, Medium
 from twilight.atmosphere.opac import opac_type
@@ -334,13 +335,17 @@ def main() -> None:
     parser.add_argument("--last", type=int, default=UNSOLVED)
     parser.add_argument("--approximate", type=Path)
     options = parser.parse_args()
+    if options.approximate:
+        for number in numbers(options.folder)[options.first :: options.step]:
+            path = options.approximate / f"{number:05d}.npz"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if not path.exists():
+                approximate(path, number)
+        return
+    options.folder.mkdir(parents=True, exist_ok=True)
     for number in range(options.first, options.last, options.step):
-        light = options.folder / f"{number:05d}.npz"
-        path = options.approximate / light.name if options.approximate else light
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if options.approximate and light.exists() and not path.exists():
-            approximate(path, number)
-        elif not options.approximate and not path.exists():
+        path = options.folder / f"{number:05d}.npz"
+        if not path.exists():
             sample(path, number)
 
 

@@ -22,28 +22,37 @@ DARKEST = 1e-32
 """Least M over F0 that is kept [sr^-1]."""
 
 
+def numbers(airs: Path) -> list[int]:
+    """Numbers of the files of airs in a folder, or in the file that `keep` writes."""
+    if airs.is_dir():
+        return sorted(int(path.stem) for path in airs.glob("*.npz"))
+    with np.load(airs) as file:
+        return np.unique(file["number"]).tolist()
+
+
 def solved(airs: Path) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Of each file its number, M over F0 (N, P) and Q / M, U / M (N, 2 P), N being observers x wavelengths; from a
     folder, or from the file that `keep` writes."""
     if airs.is_dir():
-        for path in sorted(airs.glob("*.npz")):
-            with np.load(path) as file:
+        for number in numbers(airs):
+            with np.load(airs / f"{number:05d}.npz") as file:
                 best = file["standard" if "standard" in file else "light"]
             light = np.moveaxis(best, (-1, -2), (1, 2)).astype(float)  # observers W Stokes suns E A
             light = light.reshape(light.shape[0] * light.shape[1], 3, -1)
             multiple = np.maximum(light[:, 0], DARKEST)
-            yield int(path.stem), multiple, np.clip(light[:, 1:] / multiple[:, None], -1.0, 1.0).reshape(len(light), -1)
+            stokes = np.clip(light[:, 1:] / multiple[:, None], -1.0, 1.0)
+            yield number, multiple, stokes.reshape(len(light), -1)
         return
     with np.load(airs) as file:
         arrays = {key: file[key] for key in file.files}
-    for number in np.unique(arrays["number"]):
+    for number in np.unique(arrays["number"]).tolist():
         some = arrays["number"] == number
         light, polarised = (
             (arrays[key][some] * arrays[f"{key}_scale"]) @ arrays[f"{key}_vectors"].astype(float)
             + arrays[f"{key}_mean"]
             for key in COMPONENTS
         )
-        yield int(number), np.exp(light), polarised
+        yield number, np.exp(light), polarised
 
 
 def components(values: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -60,8 +69,8 @@ def components(values: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def keep(folder: Path, path: Path) -> None:
     """Write the airs of a folder into one file, and say how near it is."""
-    numbers, light, polarised = zip(*solved(folder), strict=True)
-    arrays = {"number": np.repeat(numbers, [len(one) for one in light]).astype(np.int16)}
+    found, light, polarised = zip(*solved(folder), strict=True)
+    arrays = {"number": np.repeat(found, [len(one) for one in light]).astype(np.int16)}
     for key, rows in (("light", [np.log(one) for one in light]), ("polarised", polarised)):
         values = np.concatenate([row.astype(np.float32) for row in rows])
         mean, vectors = components(values, COMPONENTS[key])
@@ -78,7 +87,7 @@ def keep(folder: Path, path: Path) -> None:
         print(f"{key}: off by {off[0]:.5f} at 95 %, {off[1]:.5f} at 99.9 %")
     with whole_file(path) as unfinished, open(unfinished, "wb") as file:
         np.savez_compressed(file, **arrays)
-    print(f"wrote {path.name}: {len(numbers)} files of airs, {path.stat().st_size / 1e6:.1f} MB")
+    print(f"wrote {path.name}: {len(found)} files of airs, {path.stat().st_size / 1e6:.1f} MB")
 
 
 if __name__ == "__main__":
