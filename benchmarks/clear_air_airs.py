@@ -7,7 +7,7 @@ holds is drawn from its number alone: one air at eight wavelengths, from SIDE_BY
 each.  5 to 100 processor seconds a file.  With --first UNSOLVED --last N it writes what the shipped model says of airs
 that are not solved, a processor second each: what it knew is not lost to the next one.  `--approximate FOLDER2`
 computes in place of it what the model itself computes of the airs that are there (FOLDER may be a file of
-`clear_air_kept.py`), to be done again when its code changes: three processor seconds each.  `clear_air_fit.py` fits all.
+`clear_air_kept.py`), to be done again when code changes: three processor seconds each; `clear_air_fit.py` fits all.
 """
 
 from __future__ import annotations
