@@ -242,9 +242,9 @@ REFUSED = [
     ({"climate": "overcast-stratus"}, "the optical depth of aerosol is 0 to"),
     ({"climate": "bruneton2008", "wavelengths__list_nm": [450.0, 550.0]}, "the part of scattering by air above 39 km"),
     ({"climate": "haber2005-air"}, "the part of scattering by air above 39 km"),
-    ({"climate": "noctilucent"}, "the optical depth of aerosol above 60 km"),
+    ({"climate": "noctilucent"}, "the part above 78 km of the aerosol above 60 km"),
     ({"climate__aerosol__optical_depth_550nm": 4.0}, "the optical depth of aerosol is 0 to"),
-    ({"climate__ground__altitude_km": 4.5, "observer__altitude_km": 4.5}, "the compact model of clear air"),
+    ({"climate__ground__altitude_km": 5.5, "observer__altitude_km": 5.5}, "the compact model of clear air"),
     ({"observer__altitude_km": 20.0}, r"observer\.altitude_km is 20, allowed is 0 to 15"),
     ({"wavelengths__list_nm": [300.0, 550.0]}, "wavelengths from 320 to 1000 nm, and 300 nm is asked for"),
 ]

@@ -33,6 +33,8 @@ NEGLIGIBLE = 0.01
 
 FEW_PARTICLES = 1e-3
 """Optical depth of aerosol below which its albedo and asymmetry mean nothing."""
+FEW_HIGH = 1e-7
+"""Optical depth of aerosol above 60 km beside which it does not count where it is."""
 
 LIMITED = (
     "the optical depth of scattering by air",
@@ -44,6 +46,7 @@ LIMITED = (
     "the asymmetry parameter of the aerosol below 12 km",
     "the asymmetry parameter of the aerosol above 12 km",
     "the refractivity of air at the ground, in 1e-4",
+    "the part above 78 km of the aerosol above 60 km",
 )
 """What must lie between the least and the largest value that the fit saw; in the words of messages."""
 
@@ -113,7 +116,7 @@ def slope(low: Medium, high: Medium, step: float) -> Air:
 
 
 def limited(air: Air) -> np.ndarray:
-    """What `LIMITED` names, (9, W); nan where there are no particles to have it."""
+    """What `LIMITED` names, (10, W); nan where there are no particles to have it."""
     d = air.depth
     above = [ALTITUDE_KM[:-1] >= z for z in (SPLIT_KM, 39.0, 60.0)]
     aerosol, of_air, scattered = d[EXTINCTION].sum(axis=0), d[AIR].sum(axis=0), d[LOW] + d[HIGH]
@@ -123,7 +126,8 @@ def limited(air: Air) -> np.ndarray:
     rows.append(np.where(few, np.nan, scattered.sum(axis=0) / np.maximum(aerosol, FEW_PARTICLES)))
     for k, row in ((0, LOW), (1, HIGH)):
         rows.append(np.where(d[row].sum(axis=0) < FEW_PARTICLES, np.nan, air.mixed_moments[k, :, 1]))
-    return np.stack([*rows, 1e4 * air.ground_refractivity])
+    highest = d[EXTINCTION][ALTITUDE_KM[:-1] >= 78.0].sum(axis=0) / (rows[4] + FEW_HIGH)
+    return np.stack([*rows, 1e4 * air.ground_refractivity, highest])
 
 
 def two_phase_functions(medium: Medium) -> Medium:
