@@ -37,6 +37,7 @@ ELSEWHERE = {
     "engine/sun_tables.py": "handed to the cache, which writes it whole",
     "engine/surfaces.py": "handed to the cache, which writes it whole",
     "base/cache.py": "handed to store(), which writes it whole",
+    "show/sliders.py": "in memory, for a page that is written whole",
     "cli/__init__.py": "/dev/null",
     "jit/ahead.py": "/dev/null",
     "jit/machine_code.py": "empty files, to be locked",
