@@ -39,12 +39,20 @@ WIDTH = 256
 """Units of a hidden layer."""
 DEPTH = 3
 """Hidden layers."""
-EPOCHS, TAUGHT_EPOCHS, FINE_EPOCHS = 300, 60, 60
-"""Passes over the samples: in the fit of coefficients to solved airs, then to the teacher's too, then of light."""
+EPOCHS = 300
+"""Passes over the samples in the fit of coefficients to solved airs."""
+TAUGHT_EPOCHS = 60
+"""Passes in the fit of coefficients to the teacher's answers too."""
+FINE_EPOCHS = 60
+"""Passes in each fit of light."""
 BATCH = 128
 """Samples of a step."""
-RATE, TAUGHT_RATE, FINE_RATE = 2e-3, 1e-3, 3e-4
-"""Largest steps of AdamW in them."""
+RATE = 2e-3
+"""Largest step of AdamW in the fit of coefficients to solved airs."""
+TAUGHT_RATE = 1e-3
+"""Largest step with the teacher's answers."""
+FINE_RATE = 3e-4
+"""Largest step in the fit of light."""
 DECAY = 0.1
 """Weight decay of AdamW."""
 TOLERATED = np.interp(SUN_DEG, [-18.0, -12.0, -6.0, 0.0], [0.05, 0.03, 0.015, 0.01])
@@ -57,12 +65,16 @@ COVERED = 0.95
 """Fraction of the skies whose error is at most the one that the model estimates."""
 SINGLE_ERROR = np.interp(SUN_DEG, [-7.0, -4.0, -1.0, 3.0], [0.0, 0.004, 0.008, 0.003])
 """Error of light scattered once, of all light, about: it is computed, not fitted."""
-FORMER_SHARE, FORMER_APART = 0.5, 0.1
-"""Share of the former model in the mean, and distance of ln M at 95 % of the nodes at which it is half as much."""
+FORMER_SHARE = 0.5
+"""Share of the former model in the teacher's answer where both say the same."""
+FORMER_APART = 0.1
+"""Distance of their ln M, at 95 % of the nodes, at which that share is half as much."""
 LENGTHS_OF = 700
 """Samples of a step in the fit of the process's lengths."""
-LENGTH_STEPS, LENGTH_RATE = 60, 0.05
-"""Steps of Adam in it, and their size."""
+LENGTH_STEPS = 60
+"""Steps of Adam in it."""
+LENGTH_RATE = 0.05
+"""Largest step of ln(length)."""
 LEADING = 40
 """Components that it looks at."""
 

@@ -27,8 +27,10 @@ from twilight.solvers.compact.field import HIGHEST_OBSERVER_KM, SHIPPED, check_a
 from twilight.transport.clear_air import SUN_DEG
 from twilight.transport.shells import ABSORPTION, EXTINCTION, HIGH, Air
 
-ROWS_DEG, COLUMNS_DEG = first_rows(0.0, [], 45), first_columns(29)
-"""Elevations and azimuths from the sun at which the page computes light; in between it reads it as a `SkyTable`."""
+ROWS_DEG = first_rows(0.0, [], 45)
+"""Elevations at which the page computes light [deg]; in between it reads it as a `SkyTable`."""
+COLUMNS_DEG = first_columns(29)
+"""Azimuths from the sun at which it does [deg]."""
 COLOUR_NM = VISIBLE_NM[::10]
 """Wavelengths at which the page has spectra to take their colours [nm]."""
 SMALL = 1e-3

@@ -17,10 +17,16 @@ BOUNDARY_KM = np.array([0, 0.45, 1.35, 2, 3, 4.5, 6, 8, 10, 12, 14, 16, 19, 22, 
 """Boundaries of the layers of diffuse light, all in ALTITUDE_KM; the ground counts as the layer above them."""
 ZENITH_DEG = np.concatenate([[0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5], np.arange(89.0, 113.0), [115, 118, 122]])
 """Local solar zenith angles of diffuse light [deg]."""
-ABOVE, GRAZING, BELOW = 8, 5, 3
-"""Rays from a layer above its horizontal, between it and the ground's horizon, and to the ground."""
-POWER, POWER_BELOW = 4, 2
-"""Root of their cosines that follows Gauss's rule: from the horizontal up, and from the ground's horizon down."""
+ABOVE = 8
+"""Rays from a layer above its horizontal."""
+GRAZING = 5
+"""Rays from a layer between its horizontal and the ground's horizon."""
+BELOW = 3
+"""Rays from a layer to the ground."""
+POWER = 4
+"""Root of the cosines of rays above the horizontal that follows Gauss's rule."""
+POWER_BELOW = 2
+"""Root, for rays to the ground, of how far they are beyond its horizon."""
 LEAVING_DEG = np.array([-60, -27, -12, -4, 4, 12, 27, 60.0])
 """Elevations into which layers scatter light that was scattered before [deg]."""
 AZIMUTHS = 6
@@ -108,8 +114,8 @@ def gauss(count: int, power: int = 1) -> tuple[np.ndarray, np.ndarray]:
 
 
 def segments() -> np.ndarray:
-    """Segments of rays, (N, 6): the layer where the ray starts, its number, the layer that is crossed, length [km],
-    angle at the Earth's centre from start to middle [rad], cosine of the ray's zenith angle; and the ray's weight."""
+    """Segments of rays, (N, 6): number of the ray (RAYS from each layer, the ground last), the layer that is crossed,
+    length [km], angle at the Earth's centre from start to middle [rad], cosine of the ray's zenith angle, weight."""
     rows = []
     for k in range(LAYERS):
         layer = None if k == LAYERS - 1 else k
@@ -190,7 +196,7 @@ def rays() -> Rays:
     fine *= np.exp(log_reference(angles_deg)[:, None] - log_reference(ZENITH_DEG))
     place = layer * ANGLES + below[rounded]
     # the matrix of mean light: entries of one segment at one place, of all azimuths together
-    from_layer = ray // (RAYS)
+    from_layer = ray // RAYS
     row = (from_layer * ANGLES + np.arange(ANGLES)[:, None, None]) * (LAYERS * ANGLES)
     key = np.concatenate([((row + place + more) * ray.size + np.arange(ray.size)).ravel() for more in (0, 1)])
     entries, inverse = np.unique(key, return_inverse=True)
