@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from clear_air_kept import numbers
+from clear_air_kept import degrees
 
 from twilight.atmosphere.medium import ON_LEVELS, Medium
 from twilight.atmosphere.opac import opac_type
@@ -33,9 +33,10 @@ from twilight.solvers import zones
 from twilight.solvers.compact.air import air_of, limited, two_phase_functions
 from twilight.solvers.compact.air import side_by_side as joined_airs
 from twilight.solvers.compact.field import shipped_model
+from twilight.solvers.zones.air_needs import degree_needed
 from twilight.solvers.zones.settings import QUALITIES
-from twilight.transport.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, Skies, Sky
-from twilight.transport.shells import DARK, Air
+from twilight.transport.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, Skies
+from twilight.transport.shells import Air
 
 HUMIDITIES = (0, 50, 70, 80, 90, 95)
 """Classes of OPAC [%]."""
@@ -282,7 +283,11 @@ def airs_of(medium: Medium, number: int) -> Air:
 def sample(path: Path, number: int) -> None:
     """Draw an air, solve it, and write its light."""
     medium, observers = drawn(number)
-    write(path, light=several(medium, SETTINGS, observers) if number < UNSOLVED else told(air_of(medium), observers))
+    if number < UNSOLVED:
+        write(path, light=several(medium, SETTINGS, observers), degree=degree_needed(SETTINGS, medium))
+    else:
+        air = air_of(medium)
+        write(path, light=told(air, observers), degree=air.degree[0])
 
 
 def told(air: Air, observers_km: tuple[float, ...]) -> np.ndarray:
@@ -296,9 +301,9 @@ def told(air: Air, observers_km: tuple[float, ...]) -> np.ndarray:
     return np.moveaxis(np.array(light), (1, 2), (-2, -1)).astype(np.float32)
 
 
-def approximate(path: Path, number: int) -> None:
+def approximate(path: Path, number: int, degree: float) -> None:
     """Write what the model computes of a drawn air: inputs of the network, M_0, and of a solved one light scattered
-    once and what limits airs."""
+    once, what limits airs, and `moved`."""
     medium, observers = drawn(number)
     air = airs_of(medium, number)
     skies = [Skies(None, air, above) for above in observers]
@@ -308,17 +313,22 @@ def approximate(path: Path, number: int) -> None:
         "log_base": np.array([one.log_base for one in skies], np.float32),
     }
     if number < UNSOLVED:
-        single = [[_single_scattering(one, float(sun)) for sun in SUN_DEG] for one in skies]
-        arrays |= {"single": np.array(single, np.float32), "limits": limited(air)}
+        single = np.array([_single_scattering(one) for one in skies])
+        arrays |= {"single": single[:, :, :, :, 0], "moved": moved(air, observers, degree) - single}
+        arrays["limits"] = limited(air)
     write(path, **arrays)
 
 
-def _single_scattering(skies: Skies, sun_deg: float) -> np.ndarray:
-    """Light scattered once at the nodes, (E, A, W)."""
-    once = skies.shells.scattered_once(sun_deg, ELEVATION_DEG, AZIMUTH_DEG)
-    logarithms = np.log(np.concatenate([np.zeros_like(once[:1]), once]) + DARK)
-    apparent = skies.shells.apparent_elevation_deg(sun_deg)
-    return Sky(apparent, skies.air, logarithms, once[:0], None).light(ELEVATION_DEG, AZIMUTH_DEG)[..., 0, :]
+def moved(air: Air, observers_km: tuple[float, ...], degree: float) -> np.ndarray:
+    """Light scattered once, (observers, suns, E, A, 3, W), if phase functions were followed to another degree, that of
+    a solution: less light stands in peaks then, which count as not scattered, and more in that solution's M."""
+    air = air._replace(degree=np.full_like(air.degree, degree))
+    return np.array([_single_scattering(Skies(None, air, above)) for above in observers_km])
+
+
+def _single_scattering(skies: Skies) -> np.ndarray:
+    """Light scattered once at the nodes under all suns, (suns, E, A, 3, W)."""
+    return np.array([skies.single_scattering(float(sun)) for sun in SUN_DEG], np.float32)
 
 
 def write(path: Path, **arrays: np.ndarray) -> None:
@@ -336,11 +346,11 @@ def main() -> None:
     parser.add_argument("--approximate", type=Path)
     options = parser.parse_args()
     if options.approximate:
-        for number in numbers(options.folder)[options.first :: options.step]:
+        for number, degree in sorted(degrees(options.folder).items())[options.first :: options.step]:
             path = options.approximate / f"{number:05d}.npz"
             path.parent.mkdir(parents=True, exist_ok=True)
             if not path.exists():
-                approximate(path, number)
+                approximate(path, number, degree)
         return
     options.folder.mkdir(parents=True, exist_ok=True)
     for number in range(options.first, options.last, options.step):

@@ -61,10 +61,14 @@ TOLERATED_POLARISATION = 0.01
 """Error of Q / I and U / I that weighs as much."""
 LEAST_PART = 0.1
 """Fraction of all light that light scattered more than once counts as at least."""
+LEAST_LEFT = 0.2
+"""Part of M that is left at least when its degree changes."""
 COVERED = 0.95
 """Fraction of the skies whose error is at most the one that the model estimates."""
 SINGLE_ERROR = np.interp(SUN_DEG, [-7.0, -4.0, -1.0, 3.0], [0.0, 0.004, 0.008, 0.003])
 """Error of light scattered once, of all light, about: it is computed, not fitted."""
+MIXED = 20000
+"""Airs between two others, at random, that the teacher answers too: means of their inputs."""
 FORMER_SHARE = 0.5
 """Share of the former model in the teacher's answer where both say the same."""
 FORMER_APART = 0.1
@@ -112,6 +116,7 @@ def read(airs: Path, approximate: Path) -> Data:
             some["log_base"].append(_samples(computed["log_base"]))
             if number < UNSOLVED:
                 single = _samples(np.moveaxis(computed["single"], -1, 1))
+                multiple, polarised = _at_own_degree(multiple, polarised, computed["moved"])
                 limits.append(computed["limits"])
                 rows["part"].append((multiple / (multiple + single)).astype(np.float16))
                 rows["number"].append(np.full(len(multiple), number))
@@ -126,6 +131,16 @@ def read(airs: Path, approximate: Path) -> Data:
         limits=outermost,
         told=tuple(np.concatenate(value) for value in told.values()),
     )
+
+
+def _at_own_degree(multiple: np.ndarray, polarised: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """M (N, P) and Q / M, U / M (N, 2 P) of a solution whose phase functions were followed to a degree, for that which
+    the model follows them to: all light is the same in both.  moved: `clear_air_airs.moved`, less its own, (observers,
+    suns, E, A, 3, W)"""
+    more = np.moveaxis(moved, (-1, -2), (1, 2)).reshape(len(multiple), 3, -1)
+    own = np.maximum(multiple + more[:, 0], LEAST_LEFT * multiple)
+    stokes = polarised.reshape(more[:, 1:].shape) * multiple[:, None] + more[:, 1:]
+    return own, np.clip(stokes / own[:, None], -1.0, 1.0).reshape(len(multiple), -1)
 
 
 def _samples(values: np.ndarray) -> np.ndarray:
@@ -148,8 +163,11 @@ def fit(data: Data) -> Model:
     target = (coefficients / scale).astype(np.float32)
     inputs = model.standardised(data.inputs, data.log_base)
     others, former = model.standardised(*data.told[:2]), _coefficients(model, *data.told[2:])
+    mixed = _between(np.concatenate([inputs[train], others]))
     processes = [_process(torch, inputs[train], target[:, some]) for some in (slice(0, k), slice(k, None))]
-    by_process = [np.concatenate([one(x) for one in processes], axis=1) * scale for x in (inputs[~train], others)]
+    by_process = [
+        np.concatenate([one(x) for one in processes], axis=1) * scale for x in (inputs[~train], others, mixed)
+    ]
     print(f"process, held out:\n{_errors(model, data, ~train, by_process[0])}", flush=True)
     members = []
     for seed in range(MEMBERS):
@@ -160,10 +178,11 @@ def fit(data: Data) -> Model:
         taught = 0.5 * (by_process[1] + network(others))
         apart = np.percentile(np.abs((former - taught)[:, :k] @ model.intensity[:, ::7]), 95, axis=1, keepdims=True)
         share = FORMER_SHARE / (1.0 + (apart / FORMER_APART) ** 2)
-        taught = ((1.0 - share) * taught + share * former).astype(np.float32)
-        both = np.concatenate([inputs[train], others]), np.concatenate([target, taught / scale])
+        taught = np.concatenate([(1.0 - share) * taught + share * former, 0.5 * (by_process[2] + network(mixed))])
+        taught, unsolved = taught.astype(np.float32), np.concatenate([others, mixed])
+        both = np.concatenate([inputs[train], unsolved]), np.concatenate([target, taught / scale])
         network.fit_coefficients(*both, TAUGHT_EPOCHS, TAUGHT_RATE)
-        network.fit_light(data, train, inputs, (others, taught))
+        network.fit_light(data, train, inputs, (unsolved, taught))
         print(f"taught, held out:\n{_errors(model, data, ~train, network(inputs[~train]))}", flush=True)
         members.append(network.layers())
     model = replace(model, members=tuple(members))
@@ -179,6 +198,14 @@ def fit(data: Data) -> Model:
             "settings": {key: getattr(SETTINGS, key) for key in settings},
         },
     )
+
+
+def _between(inputs: np.ndarray) -> np.ndarray:
+    """MIXED inputs (MIXED, F), each on the way from one of these (N, F) to another."""
+    rng = np.random.default_rng(0)
+    one, other = inputs[rng.integers(len(inputs), size=(2, MIXED))]
+    part = rng.random((MIXED, 1), np.float32)
+    return part * one + (1.0 - part) * other
 
 
 def _weight_of_suns() -> np.ndarray:

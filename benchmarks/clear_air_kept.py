@@ -22,22 +22,26 @@ DARKEST = 1e-32
 """Least M over F0 that is kept [sr^-1]."""
 
 
-def numbers(airs: Path) -> list[int]:
-    """Numbers of the files of airs in a folder, or in the file that `keep` writes."""
+def degrees(airs: Path) -> dict[int, float]:
+    """Degree of the phase functions in the solution of each file of airs, by its number; airs: a folder, or the file
+    that `keep` writes."""
     if airs.is_dir():
-        return sorted(int(path.stem) for path in airs.glob("*.npz"))
+        found = {}
+        for path in airs.glob("*.npz"):
+            with np.load(path) as file:
+                found[int(path.stem)] = float(file["degree"])
+        return found
     with np.load(airs) as file:
-        return np.unique(file["number"]).tolist()
+        return dict(zip(file["file"].tolist(), file["degree"].tolist(), strict=True))
 
 
 def solved(airs: Path) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Of each file its number, M over F0 (N, P) and Q / M, U / M (N, 2 P), N being observers x wavelengths; from a
     folder, or from the file that `keep` writes."""
     if airs.is_dir():
-        for number in numbers(airs):
+        for number in sorted(degrees(airs)):
             with np.load(airs / f"{number:05d}.npz") as file:
-                best = file["standard" if "standard" in file else "light"]
-            light = np.moveaxis(best, (-1, -2), (1, 2)).astype(float)  # observers W Stokes suns E A
+                light = np.moveaxis(file["light"], (-1, -2), (1, 2)).astype(float)  # observers W Stokes suns E A
             light = light.reshape(light.shape[0] * light.shape[1], 3, -1)
             multiple = np.maximum(light[:, 0], DARKEST)
             stokes = np.clip(light[:, 1:] / multiple[:, None], -1.0, 1.0)
@@ -45,7 +49,7 @@ def solved(airs: Path) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         return
     with np.load(airs) as file:
         arrays = {key: file[key] for key in file.files}
-    for number in np.unique(arrays["number"]).tolist():
+    for number in arrays["file"].tolist():
         some = arrays["number"] == number
         light, polarised = (
             (arrays[key][some] * arrays[f"{key}_scale"]) @ arrays[f"{key}_vectors"].astype(float)
@@ -70,7 +74,12 @@ def components(values: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 def keep(folder: Path, path: Path) -> None:
     """Write the airs of a folder into one file, and say how near it is."""
     found, light, polarised = zip(*solved(folder), strict=True)
-    arrays = {"number": np.repeat(found, [len(one) for one in light]).astype(np.int16)}
+    degree = degrees(folder)
+    arrays = {
+        "file": np.array(found, np.int16),
+        "degree": np.array([degree[number] for number in found], np.float32),
+        "number": np.repeat(found, [len(one) for one in light]).astype(np.int16),
+    }
     for key, rows in (("light", [np.log(one) for one in light]), ("polarised", polarised)):
         values = np.concatenate([row.astype(np.float32) for row in rows])
         mean, vectors = components(values, COMPONENTS[key])

@@ -60,11 +60,17 @@ if TYPE_CHECKING:
     from twilight.atmosphere.screen import Screen
 
 FORMAT = "twilight clear air 3"
-HALVED_KM = 30.0
-"""Up to which layers are halved for the sunbeam: of a low sun it rises steeply below the top of haze."""
-SHELLS_KM = np.unique(
-    np.concatenate([ALTITUDE_KM, 0.5 * (ALTITUDE_KM[1:] + ALTITUDE_KM[:-1])[ALTITUDE_KM[1:] <= HALVED_KM]])
-)
+HALVED_KM = (30.0, 4.0)
+"""Up to which layers are halved for the sunbeam, and once more: of a low sun it rises steeply below the top of haze."""
+
+
+def _halved(boundary_km: np.ndarray, highest_km: float) -> np.ndarray:
+    """Boundaries of layers, with the middles of those up to an altitude."""
+    middle = 0.5 * (boundary_km[1:] + boundary_km[:-1])
+    return np.unique(np.concatenate([boundary_km, middle[boundary_km[1:] <= highest_km]]))
+
+
+SHELLS_KM = functools.reduce(_halved, HALVED_KM, ALTITUDE_KM)
 """Boundaries of shells."""
 LEAST_REFRACTIVITY = 1e-30
 """Least n - 1, so that it has a logarithm."""
@@ -195,7 +201,7 @@ class Skies:
     """The skies of an air seen by one observer, under every sun; observer_km: above the ground, 0 to 15."""
 
     def __init__(self, model: Model | None, air: Air, observer_km: float = 0.0):
-        self.model, self.air = model, air
+        self.model, self.air, self.observer_km = model, air, observer_km
         boundary = SHELLS_KM
         if np.abs(boundary - observer_km).min() > 1e-4:
             boundary = np.sort(np.append(boundary, observer_km))
@@ -216,18 +222,31 @@ class Skies:
         )
         self._peak_depth = self.shells.beams.path_km @ self.shells.peak
         self.nodes = self.shells.line(ELEVATION_DEG)
-        self._diffuse = diffuse_light(air, self.shells)
-        self.inputs, self.log_base = network_inputs(air, observer_km), self._log_base()
         self._taken = np.zeros(SUN_DEG.size)
+
+    @functools.cached_property
+    def _diffuse(self) -> np.ndarray:
+        return diffuse_light(self.air, self.shells)
+
+    @functools.cached_property
+    def inputs(self) -> np.ndarray:
+        """`network_inputs`."""
+        return network_inputs(self.air, self.observer_km)
+
+    @functools.cached_property
+    def log_base(self) -> np.ndarray:
+        """ln M_0 under all suns, an input of the network, (W, B)."""
+        return self._log_base()
 
     def behind(self, screen: Screen, powers: np.ndarray) -> Skies:
         """The same behind a screen, whose altitudes are above the ground and whose T has these powers (W,): every Q_k
         and M_0 are of the sunbeam that passes, and M / M_0 is that of the whole one."""
+        whole = self.log_base  # the network's, of the whole sunbeam
         made, made.shells = copy.copy(self), copy.copy(self.shells)
         made.shells.screen = screen, powers
         made.shells.__dict__.pop("_tables")
         made._diffuse = diffuse_light(self.air, made.shells)
-        taken = (self.log_base - made._log_base()).real.reshape(len(powers), SUN_DEG.size, -1)
+        taken = (whole - made._log_base()).real.reshape(len(powers), SUN_DEG.size, -1)
         made._taken = np.percentile(taken, 95, axis=(0, 2))
         return made
 
@@ -256,7 +275,6 @@ class Skies:
         return seen_along(self.air, self.shells, self._diffuse, sun_deg, elevation_deg, azimuth_deg, line)
 
     def _log_base(self) -> np.ndarray:
-        """ln M_0 under all suns, an input of the network, (W, B)."""
         line = self.shells.line(BASE_ELEVATION_DEG)
         light = np.log(self.base_at(SUN_DEG, BASE_ELEVATION_DEG, BASE_AZIMUTH_DEG, line))
         return light.reshape(-1, light.shape[-1]).T
@@ -268,9 +286,8 @@ class Skies:
         log_ratio, *polarised, spread = np.einsum("s,pwsea->peaw", weight, self.at_nodes)
         base = self.base_at(np.array([sun_elevation_deg]), ELEVATION_DEG, AZIMUTH_DEG, line)[0]
         multiple = np.log(base) + log_ratio
-        mean = shells.sunlit(line.zenith(sun_elevation_deg, AZIMUTH_DEG)[0], line.depth)
-        once = np.log(np.maximum(shells.integrated(line, mean), DARK) + NEGLIGIBLE * np.exp(multiple))
-        peaks = self._widened(sun_elevation_deg, mean[:, 0]) if len(air.aerosol_depth) else None
+        integrals, peaks = self._scattered_once(sun_elevation_deg)
+        once = np.log(np.maximum(integrals, DARK) + NEGLIGIBLE * np.exp(multiple))
         apparent = shells.apparent_elevation_deg(sun_elevation_deg)
         sky = Sky(apparent, air, np.concatenate([multiple[None], once]), np.array(polarised), peaks)
         light = sky.light(ELEVATION_DEG, AZIMUTH_DEG, widen=False).real[..., 0, :]
@@ -283,6 +300,21 @@ class Skies:
         )
         error = least + times * np.percentile(counted, 95)
         return sky._replace(relative_error=float(np.hypot(error, SCREEN_ERROR * taken)))
+
+    def single_scattering(self, sun_elevation_deg: float) -> np.ndarray:
+        """Light scattered once, with what forward peaks have scattered, at the nodes: I, Q, U over F0, (E, A, 3, W)."""
+        integrals, peaks = self._scattered_once(sun_elevation_deg)
+        logarithms = np.log(np.concatenate([np.zeros_like(integrals[:1]), integrals]) + DARK)
+        apparent = self.shells.apparent_elevation_deg(sun_elevation_deg)
+        none = np.zeros((2, *integrals.shape[1:]))
+        return Sky(apparent, self.air, logarithms, none, peaks).light(ELEVATION_DEG, AZIMUTH_DEG, 3)
+
+    def _scattered_once(self, sun_deg: float) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
+        """Q_k at the nodes (1 + K, E, A, W), and `_widened`."""
+        line = self.nodes
+        mean = self.shells.sunlit(line.zenith(sun_deg, AZIMUTH_DEG)[0], line.depth)
+        peaks = self._widened(sun_deg, mean[:, 0]) if len(self.air.aerosol_depth) else None
+        return self.shells.integrated(line, mean), peaks
 
     def _widened(self, sun_deg: float, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Light that forward peaks have scattered more than once, at the elevations of the nodes, from light in layers

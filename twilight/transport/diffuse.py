@@ -7,9 +7,9 @@ radiance that comes along a ray,
     I = sum over its segments of  T (1 - exp(-tau)) S,
 
 S being what a segment sends of the light that reaches it over what it takes out of the ray: of the sunbeam, albedo
-P(ray . sun) B; of light scattered once and twice, the sum over the rays that reach its layer, turned into its
-direction; of later orders, albedo J.  Phase functions act with all that is left of them when their peak is cut off at
-the Legendre moment CUT.  The moments of I by harmonics up to DEGREE stand for the light of a layer (J is the first),
+P(ray . sun) B; of light scattered before, the sum over the rays that reach its layer, turned into its direction.  Phase
+functions act with all that is left of them when their peak is cut off at the Legendre moment CUT.  FOLLOWED orders are
+followed so, the rest is a geometric series.  The moments of I by harmonics up to DEGREE stand for the light of a layer,
 and three of the polarisation of what air scattered once.  Along a line of sight the last scattering takes them.
 """
 
@@ -29,6 +29,7 @@ from twilight.transport.diffuse_rays import (
     ZENITH_DEG,
     Rays,
     between,
+    by_azimuth,
     harmonics,
     log_reference,
     rays,
@@ -48,36 +49,30 @@ from twilight.transport.shells import (
     summed,
 )
 
-FOLLOWED = 3
-"""Orders of scattering whose phase functions act; later ones scatter alike into all directions."""
-SCATTERINGS = 8
+FOLLOWED = 7
 """Orders of scattering that are followed."""
 MOST_RATIO = 0.95
 """Largest ratio of two of them of which a geometric series is summed."""
 LEAST_PHASE = 0.02
 """Least value of 4 pi times a phase function whose series is cut off."""
+LEAST_PART = 0.1
+"""What further moments leave of the mean light at least, before they count less."""
 OPAQUE = 60.0
 """Optical depth of the ground."""
 
 
 def _positive(first: np.ndarray, further: np.ndarray) -> np.ndarray:
     """The sum of the first term of a series, at least 0, and further ones; never negative, without a kink."""
-    ratio = further / np.maximum(first, 1e-35)
-    return first * np.where(ratio.real > 0.0, 1.0 + ratio, np.exp(np.minimum(ratio, 0.0)))
+    whole = 1.0 + further / np.maximum(first, 1e-35)
+    low = LEAST_PART * np.exp(np.minimum(whole, LEAST_PART) / LEAST_PART - 1.0)
+    return first * np.where(whole.real > LEAST_PART, whole, low)
 
 
 def diffuse_light(air: Air, shells: Shells) -> np.ndarray:
     """The moments of light scattered at least once, over F0, in layers between BOUNDARY_KM at ZENITH_DEG, the
     reference taken off, (L C, m + 3, W)."""
     r, kinds = rays(), _kinds(air)
-    # the sunbeam, and what it lights
-    zenith = np.radians(ZENITH_DEG)
-    places = np.array([int(np.argmin(np.abs(shells.boundary_km - z))) for z in BOUNDARY_KM])
-    beam, edge = shells.log_sunbeam(places[:, None], zenith)
-    direct = log_mean(beam[:-1], beam[1:]) * lit_fraction(edge[:-1], edge[1:])[..., None] / (4.0 * np.pi)
-    lit = np.maximum(np.cos(zenith), 0.0) * (edge[0] > 0.0)
-    ground = air.ground_albedo / np.pi * np.exp(beam[0]) * lit[:, None]
-    light = single(np.concatenate([direct, ground[None]])).reshape(LAYERS * ANGLES, -1)
+    light = single(_sunlit(air, shells)).reshape(LAYERS * ANGLES, -1)
     # what comes from each segment to the start of its ray
     tau = kinds.extinction_per_km[r.layer] * r.length_km[:, None]
     tau[r.on_ground] = OPAQUE
@@ -89,13 +84,29 @@ def diffuse_light(air: Air, shells: Shells) -> np.ndarray:
     parts = np.ascontiguousarray(single(parts).transpose(2, 1, 0))
     depolarised = single((1.0 - air.depolarisation) / (2.0 + air.depolarisation))
     ground_albedo, albedo, series = single(air.ground_albedo), single(kinds.albedo), single(kinds.series)
-    out = [
+    of_wavelengths = [
         _of_wavelength(r, light[:, w], parts[w], albedo[..., w], series[..., w], depolarised[w], ground_albedo[w])
         for w in range(depolarised.size)
     ]
-    moments = np.stack(out, axis=-1)[:-1]
+    radiance, by_air = (np.stack(part, axis=-1) for part in zip(*of_wavelengths, strict=True))
+    polarised = r.mean(slice(-3, None), by_air) * (np.float32(0.75) * depolarised)
+    moments = np.concatenate([r.mean(slice(0, -3), radiance), polarised], axis=2)[:-1]
     moments *= np.exp(-log_reference(ZENITH_DEG)).astype(np.float32)[:, None, None]
     return moments.reshape(-1, *moments.shape[2:])
+
+
+def _sunlit(air: Air, shells: Shells) -> np.ndarray:
+    """The sunbeam in layers, over 4 pi, as the mean over what scatters there, and what the ground sends of it,
+    (L + 1, C, W)."""
+    zenith, z = np.radians(ZENITH_DEG), shells.boundary_km
+    beam, edge = shells.log_sunbeam(np.arange(z.size)[:, None], zenith)
+    within = log_mean(beam[:-1], beam[1:]) * lit_fraction(edge[:-1], edge[1:])[..., None]
+    scattered = np.diff(z)[:, None] * shells.scattering.sum(axis=0)
+    first = np.searchsorted(z, BOUNDARY_KM[:-1] - 1e-4)
+    direct = np.add.reduceat(within * scattered[:, None], first) / np.add.reduceat(scattered, first)[:, None]
+    lit = np.maximum(np.cos(zenith), 0.0) * (edge[0] > 0.0)
+    ground = air.ground_albedo / np.pi * np.exp(beam[0]) * lit[:, None]
+    return np.concatenate([direct / (4.0 * np.pi), ground[None]])
 
 
 def _of_wavelength(
@@ -106,32 +117,29 @@ def _of_wavelength(
     series: np.ndarray,
     depolarised: np.floating,
     ground_albedo: np.floating,
-) -> np.ndarray:
-    """The moments (L + 1, C, m + 3) at one wavelength.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Radiance along the rays at one wavelength, and what air alone has scattered once, (L + 1, C, A r).
 
     light ((L + 1) C,): what the sunbeam lights; parts (N, 5): part of it that each segment sends to the start of its
     ray, scattered by air, by both aerosols and by the ground, and if nothing were absorbed; albedo (3, L + 1) of
     `_Kinds`; series (2, CUT): of the phase functions of aerosols
     """
-    by_air, *by_aerosols, radiance = np.moveaxis(r.collected(light, parts[:, :4]), -1, 0)
-    radiance = radiance + by_air * (1.0 + depolarised * r.legendre[..., 2])
+    by_air, *by_aerosols, last = np.moveaxis(r.collected(light, parts[:, :4]), 2, 0)
+    last = last + by_air * (1.0 + depolarised * r.legendre[..., 2])
     phases = r.legendre @ series.T
     for n, scattered in enumerate(by_aerosols):
-        radiance += scattered * np.maximum(phases[..., n], LEAST_PHASE)
-    polarised = r.mean(slice(-3, None), by_air) * (np.float32(0.75) * depolarised)
+        last += scattered * np.maximum(phases[..., n], LEAST_PHASE)
     into = _directed(r, albedo, series, depolarised)
-    last = radiance
+    radiance = last = by_azimuth(last)
     for _ in range(FOLLOWED - 1):
+        before = last
         source = _scattered_again(r, last, into, ground_albedo)
-        last = r.arriving(np.take(source, r.leaving), parts[:, 4:])[..., 0]
+        last = by_azimuth(r.arriving(np.take(source, r.leaving), parts[:, 4:])[:, :, 0])
         radiance = radiance + last
-    followed, now = r.mean(slice(0, -3), radiance), r.mean(slice(0, 1), last)[..., 0]
-    now[-1] *= ground_albedo
-    every = parts[:, :4].sum(axis=1)
-    later = _all_orders(r, every, ground_albedo, now.ravel())
-    more = r.mean(slice(1, -3), r.collected(later, every[:, None]))
-    total = followed[..., 0] + later.reshape(now.shape) - now
-    return np.concatenate([total[..., None], followed[..., 1:] + more, polarised], axis=2)
+    mean = r.moments[:, :, 0]
+    now, before = (np.einsum("lcr,lcr->lc", mean, order) for order in (last, before))
+    ratio = np.clip(now / np.maximum(before, 1e-30), 0.0, MOST_RATIO)
+    return radiance + last * (ratio / (1.0 - ratio))[..., None], by_azimuth(by_air)
 
 
 def _directed(r: Rays, albedo: np.ndarray, series: np.ndarray, depolarised: np.floating) -> np.ndarray:
@@ -143,11 +151,10 @@ def _directed(r: Rays, albedo: np.ndarray, series: np.ndarray, depolarised: np.f
 
 
 def _scattered_again(r: Rays, radiance: np.ndarray, into: np.ndarray, ground_albedo: np.floating) -> np.ndarray:
-    """What layers and the ground send of light (L + 1, C A, r), over what they take out of a ray, (L + 1, A O, F)."""
-    at_layers = np.swapaxes(radiance.reshape(LAYERS, ANGLES, -1), 1, 2)
+    """What layers and the ground send of light (L + 1, C, A r), over what they take out of a ray, (L + 1, A O, F)."""
     sent = np.empty((LAYERS, into.shape[1], ANGLES), np.result_type(into, radiance))
-    np.matmul(into, at_layers[:-1], out=sent[:-1])
-    sent[-1] = ground_albedo * r.mean(slice(0, 1), radiance)[-1, :, 0]
+    np.matmul(into, np.swapaxes(radiance, 1, 2)[:-1], out=sent[:-1])
+    sent[-1] = ground_albedo * np.einsum("cr,cr->c", r.moments[-1, :, 0], radiance[-1])
     return np.where(sent.real > 0.0, sent, 0.0) @ r.fine.T
 
 
@@ -174,20 +181,6 @@ def _kinds(air: Air) -> _Kinds:
     return _Kinds(np.pad(depth / np.diff(BOUNDARY_KM)[:, None], ((0, 1), (0, 0))), albedo, np.swapaxes(series, 1, 2))
 
 
-def _all_orders(r: Rays, every: np.ndarray, ground_albedo: np.floating, first: np.ndarray) -> np.ndarray:
-    """Mean light of all orders ((L + 1) C,) from the first one, by what reaches from each segment (N,)."""
-    matrix = np.zeros(first.size**2, every.dtype)
-    matrix[r.pairs] = np.add.reduceat(r.pair_weight * every[r.pair_segment], r.starts)
-    matrix = matrix.reshape(first.size, first.size)
-    matrix[-ANGLES:] *= ground_albedo
-    now = total = first
-    for _ in range(SCATTERINGS - 1):
-        before, now = now, matrix @ now
-        total = total + now
-    ratio = np.clip(now / np.maximum(before, 1e-30), 0.0, MOST_RATIO)
-    return total + now * ratio / (1.0 - ratio)
-
-
 def seen_along(
     air: Air,
     shells: Shells,
@@ -199,33 +192,47 @@ def seen_along(
 ) -> np.ndarray:
     """M_0 under suns (S,) in directions, (S, E, A, W), from `diffuse_light`: what it scatters along lines of sight."""
     weights, angle, layer = _last_scattering(air, shells, line)
-    sun = np.radians(90.0 - np.atleast_1d(sun_deg))[:, None, None, None]
-    azimuth = np.cos(np.radians(azimuth_deg))[:, None]
+    directions = (elevation_deg, azimuth_deg, weights, angle, layer)
+    return np.stack([_seen_under(light, sun, *directions) for sun in np.atleast_1d(sun_deg)])
+
+
+def _seen_under(
+    light: np.ndarray,
+    sun_deg: float,
+    elevation_deg: np.ndarray,
+    azimuth_deg: np.ndarray,
+    weights: np.ndarray,
+    angle: np.ndarray,
+    layer: np.ndarray,
+) -> np.ndarray:
+    """`seen_along` under one sun, (E, A, W), from what `_last_scattering` says."""
+    sun, azimuth = np.radians(90.0 - sun_deg), np.cos(np.radians(azimuth_deg))[:, None]
     cosine = np.cos(angle)[:, None] * np.cos(sun) + np.sin(angle)[:, None] * azimuth * np.sin(sun)
-    zenith = np.arccos(np.clip(cosine, -1.0, 1.0))  # S E A K
+    zenith = np.arccos(np.clip(cosine, -1.0, 1.0))  # E A K
     degrees = np.degrees(zenith)
     below, f = between(degrees)
-    f = f.astype(np.float32)[..., None]
-    place = layer * ANGLES + below
-    at_points = light[place] * (1.0 - f[..., None]) + light[place + 1] * f[..., None]
+    place, rows = (layer * ANGLES + below).ravel(), light.reshape(len(light), -1)
+    moments, after = (np.take(rows, at, axis=0) for at in (place, place + 1))
+    after -= moments
+    after *= f.astype(np.float32).reshape(-1, 1)
+    moments += after
+    moments = moments.reshape(*degrees.shape, *light.shape[1:])
     elevation = np.radians(elevation_deg)[:, None]
     u = np.sin(elevation + angle)[:, None] + np.zeros_like(azimuth)
     from_sun = np.cos(sun) * np.sin(elevation)[:, None] + np.sin(sun) * np.cos(elevation)[:, None] * azimuth
     s = np.clip((from_sun - np.cos(zenith) * u) / np.maximum(np.sin(zenith), 1e-3), -1.0, 1.0)
-    u, s = (part.astype(np.float32)[..., None] for part in (u, s))
+    u, s = u.astype(np.float32), s.astype(np.float32)
     beside = np.maximum(1.0 - u * u - s * s, 0.0)
-    moments = np.moveaxis(at_points, -2, 0)
-    q_up2, q_up_aside, q_aside2 = moments[-3:]
-    crossed = u * u * q_up2 + 2.0 * u * s * q_up_aside + s * s * q_aside2 - beside * (q_up2 + q_aside2)
-    functions = harmonics(u, s)
-    weights = weights[:, None, :, None]
-    further = -3.0 * weights[-1] * crossed
+    functions = np.stack([*harmonics(u, s), u * u - beside, 2.0 * u * s, s * s - beside], axis=-1)[..., None, :]
+    weights = weights[:, :, None]
+    further = (functions[..., -3:] @ moments[..., -3:, :])[..., 0, :] * (-3.0 * weights[-1])
     for n in range(1, DEGREE + 1):
-        first = n * (n + 1) // 2
-        of_degree = sum(functions[k] * moments[k] for k in range(first, first + n + 1))
+        some = slice(n * (n + 1) // 2, (n + 1) * (n + 2) // 2)
+        of_degree = (functions[..., some] @ moments[..., some, :])[..., 0, :]
         further = further + (weights[n] + weights[-1] if n == 2 else weights[n]) * of_degree
-    source = _positive(weights[0] * moments[0], further) * np.exp(log_reference(degrees)).astype(np.float32)[..., None]
-    return np.maximum(source.sum(axis=3), DARK)
+    reference = np.exp(log_reference(degrees)).astype(np.float32)[..., None]
+    source = _positive(weights[0] * moments[..., 0, :], further) * reference
+    return np.maximum(source.sum(axis=2), DARK)
 
 
 def _last_scattering(air: Air, shells: Shells, line: Line) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -13,15 +13,17 @@ import numpy as np
 
 from twilight.transport.shells import EARTH_RADIUS_KM, SUBLAYERS
 
-BOUNDARY_KM = np.array([0, 0.45, 1.35, 2, 3, 4.5, 6, 8, 10, 12, 14, 16, 19, 22, 26, 30, 36, 45, 60, 78, 100])
+BOUNDARY_KM = np.array(
+    [0, 0.12, 0.45, 1, 1.7, 2.5, 3.5, 5, 7, 10, 12, 14, 16, 17.5, 19, 20.5, 22, 26, 30, 36, 45, 60, 78, 100]
+)
 """Boundaries of the layers of diffuse light, all in ALTITUDE_KM; the ground counts as the layer above them."""
 ZENITH_DEG = np.concatenate([[0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5], np.arange(89.0, 113.0), [115, 118, 122]])
 """Local solar zenith angles of diffuse light [deg]."""
-ABOVE = 8
+ABOVE = 10
 """Rays from a layer above its horizontal."""
 GRAZING = 5
 """Rays from a layer between its horizontal and the ground's horizon."""
-BELOW = 3
+BELOW = 5
 """Rays from a layer to the ground."""
 POWER = 4
 """Root of the cosines of rays above the horizontal that follows Gauss's rule."""
@@ -29,17 +31,17 @@ POWER_BELOW = 2
 """Root, for rays to the ground, of how far they are beyond its horizon."""
 LEAVING_DEG = np.array([-60, -27, -12, -4, 4, 12, 27, 60.0])
 """Elevations into which layers scatter light that was scattered before [deg]."""
-AZIMUTHS = 6
+AZIMUTHS = 7
 """Azimuths over half a turn."""
 CUT = 12
 """Legendre moment that stands for the forward peak, whose light counts as not scattered."""
-DEGREE = 4
+DEGREE = 8
 """Degree of the moments of radiance that the last scattering takes."""
 DECAY_DEG = 88.0
 """Zenith angle from which on `log_reference` falls."""
 DECAY = 1.1
 """By how much it falls a degree, from 8 deg beyond it on."""
-FINE_DEG = 0.25
+FINE_DEG = 0.5
 """Steps of local zenith angles along rays [deg]."""
 REFRACTIVITY_SCALE_KM = 8.0
 """Scale height of the air that bends rays between scatterings."""
@@ -59,15 +61,13 @@ class Rays(NamedTuple):
 
     ray, layer, length_km (N,): of each segment its ray, layer and length; first (R,): first segment of each ray
     start (L + 2,): first segment of the rays from each layer; on_ground (G,): segments that are the ground
-    fine (F, C): light at F local zenith angles, FINE_DEG apart, from that at ZENITH_DEG; place (C A, N): index of
+    fine (F, C): light at F local zenith angles, FINE_DEG apart, from that at ZENITH_DEG; place (N, C A): index of
         (layer, fine angle) of each segment
-    legendre (L + 1, C A, r, CUT): Legendre polynomials of the cosine between the sun and the r rays of each layer
+    legendre (L + 1, r, C A, CUT): Legendre polynomials of the cosine between the sun and the r rays of each layer
     moments (L + 1, C, m + 3, A r): weights of these rays in the m moments of radiance, and the three of polarisation
-    leaving (C A, N): index of (layer, azimuth, elevation LEAVING_DEG, fine angle) of what each segment sends to the
+    leaving (N, C A): index of (layer, azimuth, elevation LEAVING_DEG, fine angle) of what each segment sends to the
         start of its ray; turned (L, A O, A r, CUT): weights of rays, times Legendre polynomials of the angles between
         them and these A O directions, of both sides of the sun
-    pair_weight, pair_segment (P,): entries of the matrix of mean light, ordered by place in it; pairs, starts: these
-        places, in ((L + 1) C)^2, and their first entries
     """
 
     ray: np.ndarray
@@ -82,28 +82,31 @@ class Rays(NamedTuple):
     moments: np.ndarray
     leaving: np.ndarray
     turned: np.ndarray
-    pair_weight: np.ndarray
-    pair_segment: np.ndarray
-    pairs: np.ndarray
-    starts: np.ndarray
 
     def collected(self, light: np.ndarray, parts: np.ndarray) -> np.ndarray:
-        """Light ((L + 1) C,) at the segments times parts of it (N, p), summed over each ray, (L + 1, C A, r, p)."""
+        """Light ((L + 1) C,) at the segments times parts of it (N, p), summed over each ray, (L + 1, r, p, C A)."""
         return self.arriving(np.take(light.reshape(LAYERS, ANGLES) @ self.fine.T, self.place), parts)
 
     def arriving(self, at_segments: np.ndarray, parts: np.ndarray) -> np.ndarray:
-        """Light at the segments (C A, N) times parts of it (N, p), summed over each ray, (L + 1, C A, r, p)."""
-        count, p = RAYS, parts.shape[1]
-        by_ray = np.zeros((len(parts), count, p), parts.dtype)
-        by_ray[np.arange(len(parts)), self.ray % count] = parts
-        out = np.empty((LAYERS, len(at_segments), count * p), np.result_type(at_segments, parts))
+        """Light at the segments (N, C A) times parts of it (N, p), summed over each ray, (L + 1, r, p, C A)."""
+        p, count = parts.shape[1], len(parts)
+        by_ray = np.zeros((RAYS, p, count), parts.dtype)
+        by_ray[self.ray % RAYS, :, np.arange(count)] = parts
+        by_ray = by_ray.reshape(RAYS * p, count)
+        out = np.empty((LAYERS, RAYS * p, at_segments.shape[1]), np.result_type(at_segments, parts))
         for k, some in enumerate(map(slice, self.start[:-1], self.start[1:])):
-            np.matmul(at_segments[:, some], by_ray[some].reshape(-1, count * p), out=out[k])
-        return out.reshape(LAYERS, -1, count, p)
+            np.matmul(by_ray[:, some], at_segments[some], out=out[k])
+        return out.reshape(LAYERS, RAYS, p, -1)
 
     def mean(self, rows: slice, radiance: np.ndarray) -> np.ndarray:
-        """Some of the moments, (L + 1, C, m), of radiance (L + 1, C A, r)."""
-        return (self.moments[:, :, rows] @ radiance.reshape(LAYERS, ANGLES, -1, 1))[..., 0]
+        """Some of the moments, (L + 1, C, m, ...), of radiance by azimuths and rays (L + 1, C, A r, ...)."""
+        return self.moments[:, :, rows] @ radiance
+
+
+def by_azimuth(radiance: np.ndarray) -> np.ndarray:
+    """Radiance (L + 1, r, C A) in the order of `Rays.moments`, (L + 1, C, A r)."""
+    parted = radiance.reshape(LAYERS, RAYS, ANGLES, AZIMUTHS)
+    return np.ascontiguousarray(parted.transpose(0, 2, 3, 1)).reshape(LAYERS, ANGLES, -1)
 
 
 def gauss(count: int, power: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -194,16 +197,6 @@ def rays() -> Rays:
     fine[np.arange(angles_deg.size), below] = 1.0 - f
     fine[np.arange(angles_deg.size), below + 1] = f
     fine *= np.exp(log_reference(angles_deg)[:, None] - log_reference(ZENITH_DEG))
-    place = layer * ANGLES + below[rounded]
-    # the matrix of mean light: entries of one segment at one place, of all azimuths together
-    from_layer = ray // RAYS
-    row = (from_layer * ANGLES + np.arange(ANGLES)[:, None, None]) * (LAYERS * ANGLES)
-    key = np.concatenate([((row + place + more) * ray.size + np.arange(ray.size)).ravel() for more in (0, 1)])
-    entries, inverse = np.unique(key, return_inverse=True)
-    both = np.concatenate([fine[rounded, below[rounded] + more].ravel() for more in (0, 1)]) / AZIMUTHS
-    pair, segment = np.divmod(entries, ray.size)
-    pair_weight = np.bincount(inverse, both) * weight[segment]
-    starts = np.flatnonzero(np.diff(pair, prepend=-1))
     # moments: u and s are the parts of the ray's direction upwards and towards the sun
     mu, sun = cosine[first], azimuth[:, None]
     u, s = mu + 0.0 * sun, np.sqrt(1.0 - mu * mu) * sun
@@ -230,16 +223,17 @@ def rays() -> Rays:
         np.append(first[::RAYS], ray.size),
         np.flatnonzero(layer == LAYERS - 1),
         fine.astype(np.float32),
-        (layer * angles_deg.size + rounded).reshape(-1, ray.size),
-        np.ascontiguousarray(np.swapaxes(legendre, 0, 1), np.float32),
+        _by_segment(layer * angles_deg.size + rounded),
+        np.ascontiguousarray(legendre.transpose(1, 2, 0, 3), np.float32),
         moments.astype(np.float32),
-        leaving.reshape(-1, ray.size),
+        _by_segment(leaving),
         _turned(mu.reshape(LAYERS, RAYS)[:-1], weight[first].reshape(LAYERS, RAYS)[:-1]),
-        pair_weight.astype(np.float32),
-        segment,
-        pair[starts],
-        starts,
     )
+
+
+def _by_segment(place: np.ndarray) -> np.ndarray:
+    """Places (C, A, N) as (N, C A)."""
+    return np.ascontiguousarray(np.moveaxis(place, -1, 0)).reshape(place.shape[-1], -1)
 
 
 def _turned(mu: np.ndarray, weight: np.ndarray) -> np.ndarray:

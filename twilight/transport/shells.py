@@ -96,7 +96,7 @@ class Air(NamedTuple):
         """Fraction of phase functions in their forward peaks (..., W): the moment after the last that is followed."""
         whole = self.degree.real.astype(int)
         rest, row = self.degree - whole, np.arange(whole.size)
-        after = moments[:, row, np.minimum(whole + 2, MOST_DEGREE + 1)]
+        after = moments[:, row, np.minimum(whole + 2, moments.shape[2] - 1)]
         return np.clip((1.0 - rest) * moments[:, row, whole + 1] + rest * after, 0.0, 0.999)
 
 

@@ -53,14 +53,15 @@ class Model {
 class Skies {
   constructor(model, air, observerKm = 0) {
     Object.assign(this, { model, air, geometry: geometryOf(air, observerKm) });
-    const g = this.geometry, perKm = g.layer.map((l) => 1 / (ALTITUDE_KM[l + 1] - ALTITUDE_KM[l])), heights = BOUNDARY_KM.map((z) => nearest(g.boundary, z));
-    const places = heights.map((k) => ZENITH_DEG.map((z) => g.place(k, z * RAD))), layers = (row) => Float64Array.from(g.layer, (l, i) => row(l) * perKm[i]);
+    const g = this.geometry, perKm = g.layer.map((l) => 1 / (ALTITUDE_KM[l + 1] - ALTITUDE_KM[l]));
+    const places = g.boundary.map((_, k) => ZENITH_DEG.map((z) => g.place(k, z * RAD))), layers = (row) => Float64Array.from(g.layer, (l, i) => row(l) * perKm[i]);
     this.at = air.at.map((one) => {
       const d = one.depth, fractions = one.moments.map((m) => peak(one.degree, m)), inPeaks = (l) => sum(fractions.map((f, k) => f * one.aerosolDepth[k][l]));
       const extinction = layers((l) => d[AIR][l] + d[ABSORPTION][l] + d[EXTINCTION][l] - inPeaks(l)), peaks = layers(inPeaks);
       const depth = Float64Array.from(g.path, (path, i) => inner(path, extinction) - g.logFactor[i]);
       const scattering = [d[AIR], ...one.aerosolDepth].map((row) => layers((l) => row[l]));
-      return { air: one, fractions, extinction, peaks, scattering, depth, diffuse: diffuseLight(one, depth, places) };
+      const scattered = range(extinction.length, (l) => (g.boundary[l + 1] - g.boundary[l]) * sum(scattering.map((row) => row[l])));
+      return { air: one, fractions, extinction, peaks, scattering, depth, diffuse: diffuseLight(one, depth, places, g.boundary, scattered) };
     });
     const base = seenAlong(this, SUN_DEG, BASE_ELEVATION_DEG, BASE_AZIMUTH_DEG, g.line(BASE_ELEVATION_DEG));
     this.at.forEach((one, w) => { one.coefficients = model.coefficients(networkInputs(one.air, observerKm), base[w].map(Math.log)); });

@@ -1,13 +1,13 @@
 // M_0, light that is scattered more than once: a port of twilight/transport/diffuse_rays.py and diffuse.py (see shells.js).
-// Sums over azimuths go by waves, cos(m azimuth), m < AZIMUTHS: scattering turns each into itself, and harmonics of order m
-// are sums over the m-th alone.
-const BOUNDARY_KM = [0, 0.45, 1.35, 2, 3, 4.5, 6, 8, 10, 12, 14, 16, 19, 22, 26, 30, 36, 45, 60, 78, 100];
+// Sums over azimuths go by waves, cos(m azimuth): scattering turns each into itself, and harmonics of order m are sums over
+// the m-th alone.
+const BOUNDARY_KM = [0, 0.12, 0.45, 1, 1.7, 2.5, 3.5, 5, 7, 10, 12, 14, 16, 17.5, 19, 20.5, 22, 26, 30, 36, 45, 60, 78, 100];
 const ZENITH_DEG = [0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5, ...steps(89, 113, 1), 115, 118, 122], LEAVING_DEG = [-60, -27, -12, -4, 4, 12, 27, 60];
-const ABOVE = 8, GRAZING = 5, BELOW = 3, RAYS = ABOVE + GRAZING + BELOW, POWER = 4, POWER_BELOW = 2, AZIMUTHS = 6, CUT = 12, DEGREE = 4, FOLLOWED = 3, SCATTERINGS = 8, MOST_RATIO = 0.95, LEAST_PHASE = 0.02;
-const DECAY_DEG = 88, DECAY = 1.1, FINE_DEG = 0.25, OPAQUE = 60, SCALE_HEIGHT_KM = 8, REFRACTIVITY = 2.8e-4, LONGEST = 0.1, LAYERS = BOUNDARY_KM.length, ANGLES = ZENITH_DEG.length, LEAVING = LEAVING_DEG.length;
+const ABOVE = 10, GRAZING = 5, BELOW = 5, RAYS = ABOVE + GRAZING + BELOW, POWER = 4, POWER_BELOW = 2, AZIMUTHS = 7, CUT = 12, DEGREE = 8, FOLLOWED = 7, MOST_RATIO = 0.95, LEAST_PHASE = 0.02, LEAST_PART = 0.1;
+const DECAY_DEG = 88, DECAY = 1.1, FINE_DEG = 0.5, OPAQUE = 60, SCALE_HEIGHT_KM = 8, REFRACTIVITY = 2.8e-4, LONGEST = 0.1, LAYERS = BOUNDARY_KM.length, ANGLES = ZENITH_DEG.length, LEAVING = LEAVING_DEG.length;
 const HARMONICS = (DEGREE + 1) * (DEGREE + 2) / 2, MOMENTS = HARMONICS + 3, LINES = ANGLES * LAYERS * RAYS;   // of one azimuth
 const WAVE_OF = range(DEGREE + 1).flatMap((n) => range(n + 1));   // of harmonics
-const AZIMUTH = range(AZIMUTHS, (a) => (a + 0.5) * Math.PI / AZIMUTHS), WAVES = Float64Array.from({ length: AZIMUTHS ** 2 }, (_, i) => Math.cos(Math.floor(i / AZIMUTHS) * AZIMUTH[i % AZIMUTHS]));
+const AZIMUTH = range(AZIMUTHS, (a) => (a + 0.5) * Math.PI / AZIMUTHS), MOST_WAVES = Math.max(AZIMUTHS, DEGREE + 1), WAVES = Float64Array.from({ length: MOST_WAVES * AZIMUTHS }, (_, i) => Math.cos(Math.floor(i / AZIMUTHS) * AZIMUTH[i % AZIMUTHS]));
 
 // Nodes and weights of Gauss's rule from 0 to 1 over the root of this power.
 function gauss(count, power = 1) {
@@ -113,42 +113,21 @@ function rays() {
     fine.other[i] = f * other;
   }
   first.push(count);
-  return (made = { ...segment, count, first: Int32Array.from(first), cosine, weight, fine, fineCount, ...placesOf(segment, weight, first, fine), ...turning(cosine, weight),
+  return (made = { ...segment, count, first: Int32Array.from(first), cosine, weight, fine, fineCount, place: placesOf(segment, fineCount), ...turning(cosine, weight),
     last: new Float64Array(AZIMUTHS * LINES), all: new Float64Array(AZIMUTHS * LINES), sent: new Float64Array(AZIMUTHS * LAYERS * LEAVING * ANGLES), table: new Float64Array(LAYERS * LEAVING * fineCount) });
 }
 
-// `place` of segments, and the matrix of mean light, row by row: entries are sums of weights of segments.
-function placesOf({ ray, layer, angle }, weight, first, fine) {
-  const count = ray.length, fineCount = fine.one.length, place = new Uint16Array(AZIMUTHS * ANGLES * count), pairs = { start: [0], column: [], place: [], segment: [], weight: [] }, slots = new Float64Array(ANGLES);
-  const sides = AZIMUTH.map(Math.cos), entry = new Int32Array(LAYERS * ANGLES);   // of each column in this row
-  for (let k = 0; k < LAYERS; k++) for (let c = 0; c < ANGLES; c++) {
-    const cos = Math.cos(ZENITH_DEG[c] * RAD), sin = Math.sin(ZENITH_DEG[c] * RAD);
-    entry.fill(-1);
-    for (let n = first[RAYS * k]; n < first[RAYS * (k + 1)]; n++) {
-      const near = cos * Math.cos(angle[n]), far = sin * Math.sin(angle[n]);
-      let low = ANGLES, high = 0;
-      for (let a = 0; a < AZIMUTHS; a++) {
-        const i = Math.min(Math.round(Math.acos(within(near + far * sides[a], -1, 1)) / RAD / FINE_DEG), fineCount - 1), below = fine.below[i];
-        place[(a * ANGLES + c) * count + n] = layer[n] * fineCount + i;
-        slots[below] += fine.one[i];
-        slots[below + 1] += fine.other[i];
-        low = Math.min(low, below);
-        high = Math.max(high, below + 1);
-      }
-      for (let i = low; i <= high; i++) {
-        if (!slots[i]) continue;
-        const column = layer[n] * ANGLES + i;
-        if (entry[column] < 0) entry[column] = pairs.column.push(column) - 1;
-        pairs.place.push(entry[column]);
-        pairs.segment.push(n);
-        pairs.weight.push(slots[i] / AZIMUTHS * weight[ray[n]]);
-        slots[i] = 0;
-      }
+// `place` of segments.
+function placesOf({ layer, angle }, fineCount) {
+  const count = layer.length, out = new Uint16Array(AZIMUTHS * ANGLES * count);
+  for (let a = 0, p = 0; a < AZIMUTHS; a++) for (let c = 0; c < ANGLES; c++) {
+    const cos = Math.cos(ZENITH_DEG[c] * RAD), aside = Math.sin(ZENITH_DEG[c] * RAD) * Math.cos(AZIMUTH[a]);
+    for (let n = 0; n < count; n++, p++) {
+      const local = Math.acos(within(cos * Math.cos(angle[n]) + aside * Math.sin(angle[n]), -1, 1)) / RAD;
+      out[p] = layer[n] * fineCount + Math.min(Math.round(local / FINE_DEG), fineCount - 1);
     }
-    pairs.start.push(pairs.column.length);
   }
-  for (const key in pairs) pairs[key] = (key === "weight" ? Float32Array : Int32Array).from(pairs[key]);
-  return { place, pairs };
+  return out;
 }
 
 // turned: [layer][wave][leaving][ray][CUT], weights of waves of rays in those of light that leaves, times Legendre
@@ -203,11 +182,16 @@ const POWERS = range(CUT).reduce((rows, l) => [...rows, range(CUT, (p) => (l < 2
 const inPowers = (series) => Float64Array.from({ length: CUT }, (_, p) => sum(series.map((s, l) => s * POWERS[l][p])));
 
 // Moments of light scattered at least once, over F0, the reference taken off: [layer][zenith angle][MOMENTS]; depth: of
-// the beams, places: of all zenith angles at the boundaries.
-function diffuseLight(air, depth, places) {
+// the beams, places: of all zenith angles at the boundaries of shells, scattered: by each shell.
+function diffuseLight(air, depth, places, boundary, scattered) {
   const r = rays(), kinds = kindsOf(air), { extinction, albedo } = kinds, { count, last, all } = r;
-  const beam = places.map((row) => row.map((p) => logSunbeam(depth, p))), light = new Float64Array(LAYERS * ANGLES);
-  for (let l = 0; l < LAYERS - 1; l++) for (let c = 0; c < ANGLES; c++) light[l * ANGLES + c] = logMean(beam[l][c], beam[l + 1][c]) * litFraction(places[l][c][2], places[l + 1][c][2]) / (4 * Math.PI);
+  const beam = places.map((row) => row.map((p) => logSunbeam(depth, p))), light = new Float64Array(LAYERS * ANGLES), layer = scattered.map((_, k) => searchsorted(BOUNDARY_KM, 0.5 * (boundary[k] + boundary[k + 1])) - 1);
+  const whole = new Float64Array(LAYERS);
+  layer.forEach((l, k) => { whole[l] += scattered[k]; });
+  layer.forEach((l, k) => {
+    const share = scattered[k] / whole[l] / (4 * Math.PI);
+    for (let c = 0; c < ANGLES; c++) light[l * ANGLES + c] += share * logMean(beam[k][c], beam[k + 1][c]) * litFraction(places[k][c][2], places[k + 1][c][2]);
+  });
   for (let c = 0; c < ANGLES; c++) if (places[0][c][2] > 0) light[(LAYERS - 1) * ANGLES + c] = air.groundAlbedo / Math.PI * Math.exp(beam[0][c]) * Math.max(Math.cos(ZENITH_DEG[c] * RAD), 0);
   // what comes from each segment to the start of its ray: if nothing is absorbed, what is scattered, and by which kind
   const reaching = new Float64Array(count), every = new Float64Array(count), shares = albedo.map(() => new Float64Array(count));
@@ -219,21 +203,21 @@ function diffuseLight(air, depth, places) {
     for (let k = 0; k < 3; k++) every[n] += shares[k][n] = albedo[k][r.layer[n]] * reaching[n];
     if (ground) every[n] = reaching[n];
   }
-  const out = new Float64Array(LAYERS * ANGLES * MOMENTS), into = intoLeaving(r, kinds), now = new Float64Array(LAYERS * ANGLES);
+  const out = new Float64Array(LAYERS * ANGLES * MOMENTS), into = intoLeaving(r, kinds);
+  let before = null;
   scatteredOnce(r, light, shares, every, kinds, out);
   all.set(last);
   for (let order = 1; order < FOLLOWED; order++) {
+    if (order === FOLLOWED - 1) before = meanLight(r, last);
     scatteredAgain(r, into, air.groundAlbedo);
     arriving(r, reaching);
     for (let q = 0; q < all.length; q++) all[q] += last[q];
   }
-  addMoments(r, last, 0, 1, now, 1);
-  for (let i = (LAYERS - 1) * ANGLES; i < now.length; i++) now[i] *= air.groundAlbedo;
-  addMoments(r, all, 0, 1, out, MOMENTS);
-  const later = allOrders(r.pairs, every, air.groundAlbedo, now);   // the last order, too
-  for (let i = 0; i < later.length; i++) out[i * MOMENTS] += later[i] - now[i];
-  addCollected(r, later, every, all);
-  addMoments(r, all, 1, HARMONICS, out, MOMENTS);
+  const now = meanLight(r, last);
+  // the rest, a geometric series
+  const times = now.map((v, i) => { const ratio = within(v / Math.max(before[i], 1e-30), 0, MOST_RATIO); return ratio / (1 - ratio); });
+  for (let q = 0; q < all.length; q++) all[q] += last[q] * times[(Math.floor(q / RAYS) % LAYERS) * ANGLES + Math.floor(q / (LAYERS * RAYS)) % ANGLES];
+  addMoments(r, all, HARMONICS, out, MOMENTS);
   const taken = ZENITH_DEG.map((z) => Math.exp(-logReference(z)));
   for (let i = 0; i < out.length; i++) out[i] *= taken[Math.floor(i / MOMENTS) % ANGLES];
   return out;
@@ -309,23 +293,19 @@ function arriving(r, reaching) {
   }
 }
 
-// Adds to radiance along the rays what light in segments, times parts of it, brings.
-function addCollected(r, light, parts, radiance) {
-  const { first, place, table } = r;
-  atFine(r, light, 0, LAYERS, table);
-  for (let line = 0, q = 0, p = 0; line < AZIMUTHS * ANGLES; line++) for (let i = 0, n = 0; i < LAYERS * RAYS; i++, q++) {
-    let more = 0;
-    for (const end = first[i + 1]; n < end; n++, p++) more += table[place[p]] * parts[n];
-    radiance[q] += more;
-  }
+// Mean light of radiance along the rays, [layer][zenith angle].
+function meanLight(r, radiance) {
+  const out = new Float64Array(LAYERS * ANGLES);
+  addMoments(r, radiance, 1, out, 1);
+  return out;
 }
 
-// Adds some of the moments of radiance along the rays, from one to another, to out, [layer][zenith angle], `apart` apart.
-function addMoments({ means }, radiance, from, to, out, apart) {
-  const waves = new Float64Array(AZIMUTHS * RAYS), count = to > 1 ? DEGREE + 1 : 1;
+// Adds the first moments of radiance along the rays to out, [layer][zenith angle], `apart` apart.
+function addMoments({ means }, radiance, many, out, apart) {
+  const count = many > 1 ? DEGREE + 1 : 1, waves = new Float64Array(count * RAYS);
   for (let k = 0, o = 0; k < LAYERS; k++) for (let c = 0; c < ANGLES; c++, o += apart) {
     wavesOf(radiance, (c * LAYERS + k) * RAYS, count, waves);
-    for (let m = from; m < to; m++) {
+    for (let m = 0; m < many; m++) {
       const p = (k * HARMONICS + m) * RAYS, w = WAVE_OF[m] * RAYS;
       let moment = 0;
       for (let i = 0; i < RAYS; i++) moment += means[p + i] * waves[w + i];
@@ -334,25 +314,8 @@ function addMoments({ means }, radiance, from, to, out, apart) {
   }
 }
 
-// Mean light of all orders from the first one.
-function allOrders({ start, column, place, segment, weight }, every, groundAlbedo, first) {
-  const entries = new Float64Array(column.length), total = first.slice();
-  for (let p = 0; p < weight.length; p++) entries[place[p]] += weight[p] * every[segment[p]];
-  let before = first, now = first;
-  for (let order = 1; order < SCATTERINGS; order++) {
-    [before, now] = [now, new Float64Array(first.length)];
-    for (let i = 0; i < now.length; i++) {
-      let light = 0;
-      for (let p = start[i]; p < start[i + 1]; p++) light += entries[p] * before[column[p]];
-      now[i] = i < (LAYERS - 1) * ANGLES ? light : groundAlbedo * light;
-      total[i] += now[i];
-    }
-  }
-  return total.map((v, i) => { const ratio = within(now[i] / Math.max(before[i], 1e-30), 0, MOST_RATIO); return v + now[i] * ratio / (1 - ratio); });
-}
-
 // The sum of the first term of a series, at least 0, and further ones; never negative, without a kink.
-const positive = (first, further) => { const ratio = further / Math.max(first, 1e-35); return first * (ratio > 0 ? 1 + ratio : Math.exp(ratio)); };
+const positive = (first, further) => { const whole = 1 + further / Math.max(first, 1e-35); return first * (whole > LEAST_PART ? whole : LEAST_PART * Math.exp(whole / LEAST_PART - 1)); };
 
 // M_0 under suns in directions along lines of sight, [w][(sun * elevations + elevation) * azimuths + azimuth].
 function seenAlong(skies, suns, elevations, azimuths, line) {
