@@ -38,8 +38,7 @@ from twilight.transport.shells import (
     AIR,
     ALTITUDE_KM,
     DARK,
-    HIGH,
-    LOW,
+    EXTINCTION,
     Air,
     Line,
     Shells,
@@ -80,7 +79,7 @@ def diffuse_light(air: Air, shells: Shells) -> np.ndarray:
     passed -= passed[r.first][r.ray]
     reaching = np.exp(-passed) * -np.expm1(-tau)
     parts = np.concatenate([kinds.albedo[:, r.layer] * reaching, np.zeros_like(reaching)[None], reaching[None]])
-    parts[3, r.on_ground] = reaching[r.on_ground]
+    parts[-2, r.on_ground] = reaching[r.on_ground]
     parts = np.ascontiguousarray(single(parts).transpose(2, 1, 0))
     depolarised = single((1.0 - air.depolarisation) / (2.0 + air.depolarisation))
     ground_albedo, albedo, series = single(air.ground_albedo), single(kinds.albedo), single(kinds.series)
@@ -120,11 +119,11 @@ def _of_wavelength(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Radiance along the rays at one wavelength, and what air alone has scattered once, (L + 1, C, A r).
 
-    light ((L + 1) C,): what the sunbeam lights; parts (N, 5): part of it that each segment sends to the start of its
-    ray, scattered by air, by both aerosols and by the ground, and if nothing were absorbed; albedo (3, L + 1) of
-    `_Kinds`; series (2, CUT): of the phase functions of aerosols
+    light ((L + 1) C,): what the sunbeam lights; parts (N, K + 3): part of it that each segment sends to the start of
+    its ray, scattered by air, by each aerosol and by the ground, and if nothing were absorbed; albedo (1 + K, L + 1) of
+    `_Kinds`; series (K, CUT): of the phase functions of aerosols
     """
-    by_air, *by_aerosols, last = np.moveaxis(r.collected(light, parts[:, :4]), 2, 0)
+    by_air, *by_aerosols, last = np.moveaxis(r.collected(light, parts[:, :-1]), 2, 0)
     last = last + by_air * (1.0 + depolarised * r.legendre[..., 2])
     phases = r.legendre @ series.T
     for n, scattered in enumerate(by_aerosols):
@@ -134,7 +133,7 @@ def _of_wavelength(
     for _ in range(FOLLOWED - 1):
         before = last
         source = _scattered_again(r, last, into, ground_albedo)
-        last = by_azimuth(r.arriving(np.take(source, r.leaving), parts[:, 4:])[:, :, 0])
+        last = by_azimuth(r.arriving(np.take(source, r.leaving), parts[:, -1:])[:, :, 0])
         radiance = radiance + last
     mean = r.moments[:, :, 0]
     now, before = (np.einsum("lcr,lcr->lc", mean, order) for order in (last, before))
@@ -159,8 +158,8 @@ def _scattered_again(r: Rays, radiance: np.ndarray, into: np.ndarray, ground_alb
 
 
 class _Kinds(NamedTuple):
-    """extinction_per_km (L + 1, W), 0 of the ground; albedo (3, L + 1, W) of air, of aerosol low and high, 0 of the
-    ground; series (2, CUT, W): (2 l + 1) x moments of both aerosols; all without the peaks."""
+    """extinction_per_km (L + 1, W), 0 of the ground; albedo (1 + K, L + 1, W) of air and of each aerosol, 0 of the
+    ground; series (K, CUT, W): (2 l + 1) x moments of the aerosols; all without the peaks."""
 
     extinction_per_km: np.ndarray
     albedo: np.ndarray
@@ -170,14 +169,14 @@ class _Kinds(NamedTuple):
 def _kinds(air: Air) -> _Kinds:
     """What scatters in the layers between BOUNDARY_KM."""
     place = np.searchsorted(ALTITUDE_KM, BOUNDARY_KM - 1e-9)
-    of_air, absorption, extinction, low, high = np.diff(summed(air.depth)[:, place], axis=1)
-    moments = air.mixed_moments[:, :, : CUT + 1]
-    peak = np.where(moments[..., CUT].real > 0.0, moments[..., CUT], 0.0)
-    scattering = np.stack([of_air, (1.0 - peak[0]) * low, (1.0 - peak[1]) * high])
-    depth = of_air + absorption + extinction - peak[0] * low - peak[1] * high
+    of_air, absorption, extinction = np.diff(summed(air.depth[: EXTINCTION + 1])[:, place], axis=1)
+    aerosols = np.diff(summed(air.aerosol_depth)[:, place], axis=1)
+    peak = np.where(air.moments[..., CUT].real > 0.0, air.moments[..., CUT], 0.0)
+    in_peaks = peak[:, None] * aerosols
+    depth = of_air + absorption + extinction - in_peaks.sum(axis=0)
     degree = 2.0 * np.arange(CUT) + 1.0
-    series = degree * (moments[..., :CUT] - peak[..., None]) / (1.0 - peak[..., None])
-    albedo = np.pad(scattering / depth, ((0, 0), (0, 1), (0, 0)))
+    series = degree * (air.moments[..., :CUT] - peak[..., None]) / (1.0 - peak[..., None])
+    albedo = np.pad(np.concatenate([of_air[None], aerosols - in_peaks]) / depth, ((0, 0), (0, 1), (0, 0)))
     return _Kinds(np.pad(depth / np.diff(BOUNDARY_KM)[:, None], ((0, 1), (0, 0))), albedo, np.swapaxes(series, 1, 2))
 
 
@@ -241,10 +240,8 @@ def _last_scattering(air: Air, shells: Shells, line: Line) -> tuple[np.ndarray, 
     from him to the mean point (E, K) [rad]; layer (K,)."""
     middle = 0.5 * (shells.boundary_km[1:] + shells.boundary_km[:-1])[shells.first :]
     own = np.searchsorted(ALTITUDE_KM, middle) - 1
-    peak, moments = air.peaks(air.mixed_moments), air.mixed_moments
-    of_air, low, high = air.depth[AIR], air.depth[LOW], air.depth[HIGH]
-    followed = moments - peak[..., None]
-    by_moment = [(2 * n + 1) * (low * followed[0, :, n] + high * followed[1, :, n]) for n in range(DEGREE + 1)]
+    of_air, followed = air.depth[AIR], air.moments[..., : DEGREE + 1] - air.peaks(air.moments)[..., None]
+    by_moment = [(2 * n + 1) * np.einsum("klw,kw->lw", air.aerosol_depth, followed[..., n]) for n in range(DEGREE + 1)]
     by_moment[0] = by_moment[0] + of_air
     by_moment.append(of_air * (1.0 - air.depolarisation) / (2.0 + air.depolarisation))
     per_km = np.array(by_moment)[:, own] / np.diff(ALTITUDE_KM)[own, None]
