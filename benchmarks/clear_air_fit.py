@@ -69,7 +69,7 @@ SINGLE_ERROR = np.interp(SUN_DEG, [-7.0, -4.0, -1.0, 3.0], [0.0, 0.004, 0.008, 0
 """Error of light scattered once, of all light, about: it is computed, not fitted."""
 MIXED = 20000
 """Airs between two others, at random, that the teacher answers too: means of their inputs."""
-FORMER_SHARE = 0.5
+FORMER_SHARE = 0.25
 """Share of the former model in the teacher's answer where both say the same."""
 FORMER_APART = 0.1
 """Distance of their ln M, at 95 % of the nodes, at which that share is half as much."""

@@ -164,16 +164,16 @@ function wavesOf(radiance, at, count, out) {
   }
 }
 
-// What scatters in the layers between BOUNDARY_KM: extinction [km^-1], albedo of air and both aerosols, (2 l + 1) x moments.
+// What scatters in the layers between BOUNDARY_KM: extinction [km^-1], albedo of air and each aerosol, (2 l + 1) x moments.
 function kindsOf(air) {
-  const place = BOUNDARY_KM.map((z) => searchsorted(ALTITUDE_KM, z - 1e-9)), rows = air.depth.map((row) => { const below = cumulative(row); return range(LAYERS - 1, (l) => below[place[l + 1]] - below[place[l]]); });
-  const peaks = air.mixedMoments.map((m) => Math.max(m[CUT], 0)), scattering = [rows[AIR], ...[LOW, HIGH].map((k, i) => rows[k].map((v) => (1 - peaks[i]) * v))];
-  const depth = rows[AIR].map((v, l) => v + rows[ABSORPTION][l] + rows[EXTINCTION][l] - peaks[0] * rows[LOW][l] - peaks[1] * rows[HIGH][l]);
+  const place = BOUNDARY_KM.map((z) => searchsorted(ALTITUDE_KM, z - 1e-9)), inLayers = (row) => { const below = cumulative(row); return range(LAYERS - 1, (l) => below[place[l + 1]] - below[place[l]]); };
+  const peaks = air.moments.map((m) => Math.max(m[CUT], 0)), aerosols = air.aerosolDepth.map(inLayers), rows = air.depth.map(inLayers), all = rows[AIR].map((v, l) => v + rows[ABSORPTION][l] + rows[EXTINCTION][l]);
+  const depth = all.map((v, l) => v - sum(aerosols.map((row, k) => peaks[k] * row[l]))), scattering = [rows[AIR], ...aerosols.map((row, k) => row.map((v) => (1 - peaks[k]) * v))];
   return {
     polarising: (1 - air.depolarisation) / (2 + air.depolarisation),
     extinction: [...depth.map((v, l) => v / (BOUNDARY_KM[l + 1] - BOUNDARY_KM[l])), 0],
     albedo: scattering.map((row) => [...row.map((v, l) => v / depth[l]), 0]),
-    series: air.mixedMoments.map((m, k) => range(CUT, (l) => (2 * l + 1) * (m[l] - peaks[k]) / (1 - peaks[k]))),
+    series: air.moments.map((m, k) => range(CUT, (l) => (2 * l + 1) * (m[l] - peaks[k]) / (1 - peaks[k]))),
   };
 }
 
@@ -200,7 +200,7 @@ function diffuseLight(air, depth, places, boundary, scattered) {
     const ground = r.layer[n] === LAYERS - 1, tau = ground ? OPAQUE : extinction[r.layer[n]] * r.length[n];
     reaching[n] = -Math.exp(-passed) * Math.expm1(-tau);
     passed += tau;
-    for (let k = 0; k < 3; k++) every[n] += shares[k][n] = albedo[k][r.layer[n]] * reaching[n];
+    for (let k = 0; k < shares.length; k++) every[n] += shares[k][n] = albedo[k][r.layer[n]] * reaching[n];
     if (ground) every[n] = reaching[n];
   }
   const out = new Float64Array(LAYERS * ANGLES * MOMENTS), into = intoLeaving(r, kinds);
@@ -224,19 +224,27 @@ function diffuseLight(air, depth, places, boundary, scattered) {
 }
 
 // Into `last` what comes along the rays of light in segments; out: adds its polarisation by air.
-function scatteredOnce(r, light, [byAir, byLow, byHigh], every, { series, polarising }, out) {
-  const { first, layer, place, cosine, table, last } = r, [low, high] = series.map(inPowers);
+function scatteredOnce(r, light, [byAir, ...byAerosols], every, { series, polarising }, out) {
+  const { first, layer, place, cosine, table, last } = r, powers = series.map(inPowers), scattered = new Float64Array(series.length);
   atFine(r, light, 0, LAYERS, table);
   for (let a = 0, q = 0, p = 0; a < AZIMUTHS; a++) for (let c = 0; c < ANGLES; c++) {
     const cos = Math.cos(ZENITH_DEG[c] * RAD), sin = Math.sin(ZENITH_DEG[c] * RAD), side = Math.cos(AZIMUTH[a]);
     for (let i = 0, n = 0; i < LAYERS * RAYS; i++, q++) {
-      let air = 0, one = 0, other = 0, ground = 0;
-      for (const end = first[i + 1]; n < end; n++, p++) { const v = table[place[p]]; air += v * byAir[n]; one += v * byLow[n]; other += v * byHigh[n]; }
+      let air = 0, ground = 0, aerosols = 0;
+      scattered.fill(0);
+      for (const end = first[i + 1]; n < end; n++, p++) {
+        const v = table[place[p]];
+        air += v * byAir[n];
+        for (let k = 0; k < scattered.length; k++) scattered[k] += v * byAerosols[k][n];
+      }
       if (layer[n - 1] === LAYERS - 1) ground = every[n - 1] * table[place[p - 1]];   // the last segment of a ray
       const u = cosine[i], s = Math.sqrt(1 - u * u) * side, x = u * cos + s * sin, sine2 = 1 - x * x, acrossU = cos - u * x, acrossS = sin - s * x;
-      let lowPhase = 0, highPhase = 0;
-      for (let l = CUT - 1; l >= 0; l--) { lowPhase = lowPhase * x + low[l]; highPhase = highPhase * x + high[l]; }
-      last[q] = air * (1 + polarising * (1.5 * x * x - 0.5)) + one * Math.max(lowPhase, LEAST_PHASE) + other * Math.max(highPhase, LEAST_PHASE) + ground;
+      for (let k = 0; k < scattered.length; k++) {
+        let phase = 0;
+        for (let l = CUT - 1; l >= 0; l--) phase = phase * x + powers[k][l];
+        aerosols += scattered[k] * Math.max(phase, LEAST_PHASE);
+      }
+      last[q] = air * (1 + polarising * (1.5 * x * x - 0.5)) + aerosols + ground;
       const o = (Math.floor(i / RAYS) * ANGLES + c) * MOMENTS + HARMONICS, by = 0.75 * polarising * r.weight[i] / AZIMUTHS * air;
       out[o] += by * (sine2 * (1 - u * u) - 2 * acrossU * acrossU);
       out[o + 1] += by * (-sine2 * u * s - 2 * acrossU * acrossS);
@@ -249,7 +257,7 @@ function scatteredOnce(r, light, [byAir, byLow, byHigh], every, { series, polari
 function intoLeaving({ turned }, { albedo, series, polarising }) {
   const each = AZIMUTHS * LEAVING * RAYS, out = new Float64Array((LAYERS - 1) * each);
   for (let k = 0, o = 0; k < LAYERS - 1; k++) {
-    const by = Float64Array.from({ length: CUT }, (_, l) => albedo[1][k] * series[0][l] + albedo[2][k] * series[1][l]);
+    const by = Float64Array.from({ length: CUT }, (_, l) => sum(series.map((s, kind) => albedo[kind + 1][k] * s[l])));
     by[0] += albedo[0][k];
     by[2] += albedo[0][k] * polarising;
     for (const end = o + each; o < end; o++) for (let l = 0; l < CUT; l++) out[o] += by[l] * turned[o * CUT + l];
@@ -354,10 +362,10 @@ function seenAlong(skies, suns, elevations, azimuths, line) {
 // Of each line of sight and group of layers: what the last scattering of the moments of degree 0 to DEGREE by all, and of
 // the second by air alone, adds.
 function lastScattering({ air, extinction }, { layer, first }, line, groupOf, groups) {
-  const { depth, mixedMoments: mixed } = air, cut = mixed.map((m) => peak(air.degree, m));
+  const { depth, aerosolDepth, moments } = air, cut = moments.map((m) => peak(air.degree, m));
   const perKm = groupOf.map((_, k) => {
-    const l = layer[first + k], height = ALTITUDE_KM[l + 1] - ALTITUDE_KM[l], [low, high] = [depth[LOW][l], depth[HIGH][l]];
-    const by = range(DEGREE + 1, (n) => (2 * n + 1) * (low * (mixed[0][n] - cut[0]) + high * (mixed[1][n] - cut[1])));
+    const l = layer[first + k], height = ALTITUDE_KM[l + 1] - ALTITUDE_KM[l];
+    const by = range(DEGREE + 1, (n) => (2 * n + 1) * sum(moments.map((m, i) => aerosolDepth[i][l] * (m[n] - cut[i]))));
     by[0] += depth[AIR][l];
     return [...by, depth[AIR][l] * (1 - air.depolarisation) / (2 + air.depolarisation)].map((v) => v / height);
   });
