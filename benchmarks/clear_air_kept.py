@@ -32,7 +32,7 @@ def degrees(airs: Path) -> dict[int, float]:
                 found[int(path.stem)] = float(file["degree"])
         return found
     with np.load(airs) as file:
-        return dict(zip(file["file"].tolist(), file["degree"].tolist(), strict=True))
+        return dict(zip(file["numbers"].tolist(), file["degree"].tolist(), strict=True))
 
 
 def solved(airs: Path) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
@@ -49,7 +49,7 @@ def solved(airs: Path) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         return
     with np.load(airs) as file:
         arrays = {key: file[key] for key in file.files}
-    for number in arrays["file"].tolist():
+    for number in arrays["numbers"].tolist():
         some = arrays["number"] == number
         light, polarised = (
             (arrays[key][some] * arrays[f"{key}_scale"]) @ arrays[f"{key}_vectors"].astype(float)
@@ -76,7 +76,7 @@ def keep(folder: Path, path: Path) -> None:
     found, light, polarised = zip(*solved(folder), strict=True)
     degree = degrees(folder)
     arrays = {
-        "file": np.array(found, np.int16),
+        "numbers": np.array(found, np.int16),
         "degree": np.array([degree[number] for number in found], np.float32),
         "number": np.repeat(found, [len(one) for one in light]).astype(np.int16),
     }
