@@ -49,9 +49,9 @@ class CompactSettings:
 QUALITIES: dict[str, CompactSettings] = {"standard": CompactSettings()}
 
 
-COST = Cost(fixed_bytes=2.0e8, bytes_per_wavelength=1.0e7, cpu_s_per_wavelength=0.035, cpu_s_per_direction=5e-5)
-"""Of a field: eight wavelengths take 272 MiB and 0.28 processor seconds (`benchmarks/results/compare.csv`), a direction
-and wavelength 50 microseconds in a sky of some hundred, which compute the sunbeam anew."""
+COST = Cost(fixed_bytes=3.8e8, bytes_per_wavelength=1.0e6, cpu_s_per_wavelength=0.045, cpu_s_per_direction=5e-5)
+"""Of a field: the process takes 425 MiB with one wavelength, 449 with forty, and eight of a new air 0.34 processor
+seconds; a direction and wavelength 50 microseconds in a sky of some hundred, which compute the sunbeam anew."""
 
 
 @functools.lru_cache(maxsize=1)
