@@ -3,7 +3,8 @@
     python benchmarks/clear_air_kept.py FOLDER [FILE.npz]            writes clear_air_airs.npz
 
 Light of every sample (air, observer, wavelength) as coefficients of principal components of ln M, of Q / M and of
-U / M, in 16 bits: within 0.2 % at 95 % of all nodes.  `clear_air_fit.py` reads such a file in place of a folder.
+U / M, in 16 bits: within 0.2 % at 95 % of all nodes; and the degree of each solution's phase functions.
+`clear_air_fit.py` reads such a file in place of a folder.
 """
 
 from __future__ import annotations

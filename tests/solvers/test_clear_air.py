@@ -247,8 +247,8 @@ def test_the_spline_between_nodes_is_not_a_knot(n):
 
 @pytest.mark.slow
 def test_light_changes_smoothly_with_the_sun_the_air_and_the_observer():
-    """A kink would be a jump in films or fits (at 2 km, where this haze ends, light along the horizon does jump; that of
-    observers some 50 m below a layer of diffuse light, at 5 km for one, by up to 8 %)."""
+    """A kink would be a jump in films or fits (at 2 km, where this haze ends, light along the horizon jumps; that of
+    observers 50 m below a layer of diffuse light, at 5 km for one, by up to 8 %)."""
     field = solve(resolve(scene())).blocks[0].field
     e, a = np.meshgrid(E, A, indexing="ij")
     suns = np.arange(-6.0, 3.0, 0.05)
