@@ -190,8 +190,7 @@ def seen_along(
     line: Line,
 ) -> np.ndarray:
     """M_0 under suns (S,) in directions, (S, E, A, W), from `diffuse_light`: what it scatters along lines of sight."""
-    weights, angle, layer = _last_scattering(air, shells, line)
-    directions = (elevation_deg, azimuth_deg, weights, angle, layer)
+    directions = (elevation_deg, azimuth_deg, *_last_scattering(air, shells, line))
     return np.stack([_seen_under(light, sun, *directions) for sun in np.atleast_1d(sun_deg)])
 
 
@@ -202,20 +201,25 @@ def _seen_under(
     azimuth_deg: np.ndarray,
     weights: np.ndarray,
     angle: np.ndarray,
+    nearer: np.ndarray,
     layer: np.ndarray,
 ) -> np.ndarray:
     """`seen_along` under one sun, (E, A, W), from what `_last_scattering` says."""
     sun, azimuth = np.radians(90.0 - sun_deg), np.cos(np.radians(azimuth_deg))[:, None]
     cosine = np.cos(angle)[:, None] * np.cos(sun) + np.sin(angle)[:, None] * azimuth * np.sin(sun)
     zenith = np.arccos(np.clip(cosine, -1.0, 1.0))  # E A K
-    degrees = np.degrees(zenith)
-    below, f = between(degrees)
+    below, _ = between(np.degrees(zenith))
+    # an angle at the Earth's centre towards the sun takes as much from that between the sun and the zenith
+    towards = np.cos(angle)[:, None] * azimuth * np.sin(sun) - np.sin(angle)[:, None] * np.cos(sun)
+    towards = towards / np.maximum(np.sin(zenith), 1e-3)
+    degrees = np.degrees(zenith[..., None] + towards[..., None] * nearer[:, None])
+    degrees = np.where(degrees.real < ZENITH_DEG[-1], degrees, ZENITH_DEG[-1])
+    f = (degrees - ZENITH_DEG[below][..., None]) / (ZENITH_DEG[below + 1] - ZENITH_DEG[below])[..., None]
     place, rows = (layer * ANGLES + below).ravel(), light.reshape(len(light), -1)
     moments, after = (np.take(rows, at, axis=0) for at in (place, place + 1))
     after -= moments
-    after *= f.astype(np.float32).reshape(-1, 1)
-    moments += after
-    moments = moments.reshape(*degrees.shape, *light.shape[1:])
+    shape = (*below.shape, *light.shape[1:])
+    moments = moments.reshape(shape) + after.reshape(shape) * single(f)[..., None, :]
     elevation = np.radians(elevation_deg)[:, None]
     u = np.sin(elevation + angle)[:, None] + np.zeros_like(azimuth)
     from_sun = np.cos(sun) * np.sin(elevation)[:, None] + np.sin(sun) * np.cos(elevation)[:, None] * azimuth
@@ -229,7 +233,7 @@ def _seen_under(
         some = slice(n * (n + 1) // 2, (n + 1) * (n + 2) // 2)
         of_degree = (functions[..., some] @ moments[..., some, :])[..., 0, :]
         further = further + (weights[n] + weights[-1] if n == 2 else weights[n]) * of_degree
-    reference = np.exp(log_reference(degrees)).astype(np.float32)[..., None]
+    reference = single(np.exp(log_reference(degrees)))
     source = _positive(weights[0] * moments[..., 0, :], further) * reference
     return np.maximum(source.sum(axis=2), DARK)
 
@@ -253,6 +257,15 @@ def _last_scattering(air: Air, shells: Shells, line: Line) -> tuple[np.ndarray, 
     layer = np.searchsorted(BOUNDARY_KM, middle) - 1
     first = np.flatnonzero(np.diff(layer, prepend=-1))
     share = line.path * np.exp(-middle / REFRACTIVITY_SCALE_KM)
-    angle = 0.5 * (line.angle[:, 1:] + line.angle[:, :-1])
-    mean_angle = np.add.reduceat(angle * share, first, axis=1) / np.add.reduceat(share, first, axis=1)
-    return single(np.add.reduceat(weights, first, axis=2)), mean_angle, layer[first]
+    low, whole = line.angle[:, :-1], np.diff(line.angle, axis=1)
+    mean_angle = _by_layer((low + 0.5 * whole) * share, first) / _by_layer(share, first)
+    near = np.where(thin, 1.0, inside)
+    near = np.where(np.abs(inside) < 1e-3, 0.5 - inside / 12.0, 1.0 / near - 1.0 / np.expm1(near))
+    seen_share = weights[0] + 1e-20 * path
+    seen_angle = _by_layer((low[..., None] + whole[..., None] * near) * seen_share, first) / _by_layer(seen_share, first)
+    nearer = mean_angle[..., None] - seen_angle
+    return single(np.add.reduceat(weights, first, axis=2)), mean_angle, nearer, layer[first]
+
+
+def _by_layer(values: np.ndarray, first: np.ndarray) -> np.ndarray:
+    return np.add.reduceat(values, first, axis=1)

@@ -276,5 +276,6 @@ def harmonics(up: np.ndarray, aside: np.ndarray) -> list[np.ndarray]:
 
 def log_reference(zenith_deg: np.ndarray) -> np.ndarray:
     """About the logarithm of the light of the sky over that of day, by which diffuse light is interpolated."""
-    beyond = np.maximum(np.asarray(zenith_deg, float) - DECAY_DEG, 0.0)
-    return -np.where(beyond < 8.0, DECAY * beyond**2 / 16.0, DECAY * (beyond - 4.0))
+    beyond = np.asarray(zenith_deg) - DECAY_DEG
+    beyond = np.where(beyond.real > 0.0, beyond, 0.0)
+    return -np.where(beyond.real < 8.0, DECAY * beyond**2 / 16.0, DECAY * (beyond - 4.0))
