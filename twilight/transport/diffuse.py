@@ -254,18 +254,25 @@ def _last_scattering(air: Air, shells: Shells, line: Line) -> tuple[np.ndarray, 
     thin = np.abs(inside) < 1e-6
     seen = np.where(thin, path, -np.expm1(-inside) / np.where(np.abs(extinction) > 1e-30, extinction, 1.0))
     weights = (np.exp(-line.depth[:, :-1]) * seen) * per_km[:, None]
-    layer = np.searchsorted(BOUNDARY_KM, middle) - 1
-    first = np.flatnonzero(np.diff(layer, prepend=-1))
+    shares, layer = _between_middles(middle)
     share = line.path * np.exp(-middle / REFRACTIVITY_SCALE_KM)
     low, whole = line.angle[:, :-1], np.diff(line.angle, axis=1)
-    mean_angle = _by_layer((low + 0.5 * whole) * share, first) / _by_layer(share, first)
+    mean_angle = (((low + 0.5 * whole) * share) @ shares) / (share @ shares)
     near = np.where(thin, 1.0, inside)
     near = np.where(np.abs(inside) < 1e-3, 0.5 - inside / 12.0, 1.0 / near - 1.0 / np.expm1(near))
     seen_share = weights[0] + 1e-20 * path
-    seen_angle = _by_layer((low[..., None] + whole[..., None] * near) * seen_share, first) / _by_layer(seen_share, first)
-    nearer = mean_angle[..., None] - seen_angle
-    return single(np.add.reduceat(weights, first, axis=2)), mean_angle, nearer, layer[first]
+    seen_angle = (shares.T @ ((low[..., None] + whole[..., None] * near) * seen_share)) / (shares.T @ seen_share)
+    return single(shares.T @ weights), mean_angle, mean_angle[..., None] - seen_angle, layer
 
 
-def _by_layer(values: np.ndarray, first: np.ndarray) -> np.ndarray:
-    return np.add.reduceat(values, first, axis=1)
+def _between_middles(altitude_km: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shares of the light of layers (J,), linear in altitude between their middles, at altitudes (K,) upwards, (K, J);
+    the layers (J,)."""
+    centre = 0.5 * (BOUNDARY_KM[1:] + BOUNDARY_KM[:-1])
+    place = np.clip(np.searchsorted(centre, altitude_km) - 1, 0, centre.size - 2)
+    part = np.clip((altitude_km - centre[place]) / (centre[place + 1] - centre[place]), 0.0, 1.0)
+    out = np.zeros((altitude_km.size, LAYERS - 1))
+    out[np.arange(altitude_km.size), place] = 1.0 - part
+    out[np.arange(altitude_km.size), place + 1] = part
+    layer = np.flatnonzero(out.any(axis=0))
+    return out[:, layer], layer
