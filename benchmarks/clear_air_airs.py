@@ -77,6 +77,8 @@ SIDE_BY_SIDE = 1000
 """Number from which on each wavelength has an air of its own, over one ground and profile; before, all have one air."""
 ONE_SHAPE = 4000
 """Number from which on these have their haze at the same altitudes: half the nodes that eight shapes need."""
+LOADED = 5000
+"""Number from which on these all have one of `VOLCANOES`."""
 UNSOLVED = 10000
 """Number from which on airs are as the first ones, but not solved: their light is what the shipped model says."""
 OF_WAVELENGTHS = (
@@ -90,7 +92,7 @@ CANDIDATES = 24
 
 def drawn_climate(rng: np.random.Generator, number: int) -> dict[str, Any]:
     """A climate's document: the aerosol's type in turn, the rest drawn."""
-    volcanic = rng.random() < VOLCANIC
+    volcanic = rng.random() < VOLCANIC or LOADED <= number < UNSOLVED
     stratosphere: dict[str, Any] = {"kind": str(rng.choice(VOLCANOES if volcanic else STRATOSPHERES))}
     if stratosphere["kind"].endswith(("background", "volcanic")):
         stratosphere["season"] = str(rng.choice(["spring_summer", "fall_winter"]))

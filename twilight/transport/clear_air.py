@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from twilight.atmosphere.screen import Screen
 
 FORMAT = "twilight clear air 3"
-HALVED_KM = (30.0, 4.0)
+HALVED_KM = (30.0, 30.0)
 """Up to which layers are halved for the sunbeam, and once more: of a low sun it rises steeply below the top of haze."""
 
 

@@ -24,15 +24,20 @@ from twilight.transport.diffuse_rays import (
     BOUNDARY_KM,
     CUT,
     DEGREE,
+    DIFFUSE,
     LAYERS,
     REFRACTIVITY_SCALE_KM,
+    SUNLIT,
     ZENITH_DEG,
     Rays,
+    at_fine_zeniths,
     between,
     by_azimuth,
     harmonics,
     log_reference,
     rays,
+    reference_slope,
+    turned,
 )
 from twilight.transport.shells import (
     AIR,
@@ -48,7 +53,7 @@ from twilight.transport.shells import (
     summed,
 )
 
-FOLLOWED = 7
+FOLLOWED = 8
 """Orders of scattering that are followed."""
 MOST_RATIO = 0.95
 """Largest ratio of two of them of which a geometric series is summed."""
@@ -56,6 +61,8 @@ LEAST_PHASE = 0.02
 """Least value of 4 pi times a phase function whose series is cut off."""
 LEAST_PART = 0.1
 """What further moments leave of the mean light at least, before they count less."""
+MOST_CHANGE = 1.0
+"""By how much ln(light of a layer) changes at most because it is seen nearer or farther than on the average."""
 OPAQUE = 60.0
 """Optical depth of the ground."""
 
@@ -70,28 +77,36 @@ def _positive(first: np.ndarray, further: np.ndarray) -> np.ndarray:
 def diffuse_light(air: Air, shells: Shells) -> np.ndarray:
     """The moments of light scattered at least once, over F0, in layers between BOUNDARY_KM at ZENITH_DEG, the
     reference taken off, (L C, m + 3, W)."""
-    r, kinds = rays(), _kinds(air)
-    light = single(_sunlit(air, shells)).reshape(LAYERS * ANGLES, -1)
-    # what comes from each segment to the start of its ray
+    once, again = rays(SUNLIT), rays(DIFFUSE)
+    light = single(_sunlit(air, shells))
+    kinds = _kinds(air, np.array(SUNLIT.boundary_km))
+    reaching = _reaching(once, kinds)
+    parts = np.concatenate([kinds.albedo[:, once.layer] * reaching, np.zeros_like(reaching)[None]])
+    parts[-1, once.on_ground] = reaching[once.on_ground]
+    kinds = _kinds(air, BOUNDARY_KM)
+    parts, reaching = (np.ascontiguousarray(single(x).T) for x in (parts, _reaching(again, kinds)))
+    depolarised = single((1.0 - air.depolarisation) / (2.0 + air.depolarisation))
+    ground_albedo, albedo, series = single(air.ground_albedo), single(kinds.albedo), single(kinds.series)
+    of_wavelengths = []
+    for w in range(depolarised.size):
+        scattering = (albedo[..., w], series[..., w], depolarised[w])
+        radiance, by_air = _scattered_once(once, light[..., w], parts[w], *scattering)
+        further = _scattered_again(again, radiance, reaching[w, :, None], *scattering, ground_albedo[w])
+        polarised = once.mean(slice(-3, None), by_air) * (np.float32(0.75) * depolarised[w])
+        moments = once.mean(slice(0, -3), radiance) + again.mean(slice(0, -3), further)
+        of_wavelengths.append(np.concatenate([moments, polarised], axis=2)[:-1])
+    moments = np.stack(of_wavelengths, axis=-1)
+    moments *= np.exp(-log_reference(ZENITH_DEG)).astype(np.float32)[:, None, None]
+    return moments.reshape(-1, *moments.shape[2:])
+
+
+def _reaching(r: Rays, kinds: _Kinds) -> np.ndarray:
+    """What comes from each segment to the start of its ray if nothing is absorbed, (N, W)."""
     tau = kinds.extinction_per_km[r.layer] * r.length_km[:, None]
     tau[r.on_ground] = OPAQUE
     passed = np.cumsum(tau, axis=0) - tau
-    passed -= passed[r.first][r.ray]
-    reaching = np.exp(-passed) * -np.expm1(-tau)
-    parts = np.concatenate([kinds.albedo[:, r.layer] * reaching, np.zeros_like(reaching)[None], reaching[None]])
-    parts[-2, r.on_ground] = reaching[r.on_ground]
-    parts = np.ascontiguousarray(single(parts).transpose(2, 1, 0))
-    depolarised = single((1.0 - air.depolarisation) / (2.0 + air.depolarisation))
-    ground_albedo, albedo, series = single(air.ground_albedo), single(kinds.albedo), single(kinds.series)
-    of_wavelengths = [
-        _of_wavelength(r, light[:, w], parts[w], albedo[..., w], series[..., w], depolarised[w], ground_albedo[w])
-        for w in range(depolarised.size)
-    ]
-    radiance, by_air = (np.stack(part, axis=-1) for part in zip(*of_wavelengths, strict=True))
-    polarised = r.mean(slice(-3, None), by_air) * (np.float32(0.75) * depolarised)
-    moments = np.concatenate([r.mean(slice(0, -3), radiance), polarised], axis=2)[:-1]
-    moments *= np.exp(-log_reference(ZENITH_DEG)).astype(np.float32)[:, None, None]
-    return moments.reshape(-1, *moments.shape[2:])
+    passed -= passed[r.first[:-1]][r.ray]
+    return np.exp(-passed) * -np.expm1(-tau)
 
 
 def _sunlit(air: Air, shells: Shells) -> np.ndarray:
@@ -101,60 +116,63 @@ def _sunlit(air: Air, shells: Shells) -> np.ndarray:
     beam, edge = shells.log_sunbeam(np.arange(z.size)[:, None], zenith)
     within = log_mean(beam[:-1], beam[1:]) * lit_fraction(edge[:-1], edge[1:])[..., None]
     scattered = np.diff(z)[:, None] * shells.scattering.sum(axis=0)
-    first = np.searchsorted(z, BOUNDARY_KM[:-1] - 1e-4)
+    first = np.searchsorted(z, np.array(SUNLIT.boundary_km[:-1]) - 1e-4)
     direct = np.add.reduceat(within * scattered[:, None], first) / np.add.reduceat(scattered, first)[:, None]
     lit = np.maximum(np.cos(zenith), 0.0) * (edge[0] > 0.0)
     ground = air.ground_albedo / np.pi * np.exp(beam[0]) * lit[:, None]
     return np.concatenate([direct / (4.0 * np.pi), ground[None]])
 
 
-def _of_wavelength(
-    r: Rays,
-    light: np.ndarray,
-    parts: np.ndarray,
-    albedo: np.ndarray,
-    series: np.ndarray,
-    depolarised: np.floating,
-    ground_albedo: np.floating,
+def _scattered_once(
+    r: Rays, light: np.ndarray, parts: np.ndarray, albedo: np.ndarray, series: np.ndarray, depolarised: np.floating
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Radiance along the rays at one wavelength, and what air alone has scattered once, (L + 1, C, A r).
+    """Radiance along the rays of light scattered once, at one wavelength, and that by air alone, (L + 1, C, A r).
 
-    light ((L + 1) C,): what the sunbeam lights; parts (N, K + 3): part of it that each segment sends to the start of
-    its ray, scattered by air, by each aerosol and by the ground, and if nothing were absorbed; albedo (1 + K, L + 1) of
-    `_Kinds`; series (K, CUT): of the phase functions of aerosols
+    light (G, C): what the sunbeam lights in layers and on the ground; parts (N, K + 2): part of it that each segment
+    sends to the start of its ray, scattered by air, by each aerosol and by the ground; series (K, CUT): of the phase
+    functions of aerosols
     """
-    by_air, *by_aerosols, last = np.moveaxis(r.collected(light, parts[:, :-1]), 2, 0)
+    by_air, *by_aerosols, last = np.moveaxis(r.arriving(np.take(light @ at_fine_zeniths().T, r.place), parts), 2, 0)
     last = last + by_air * (1.0 + depolarised * r.legendre[..., 2])
     phases = r.legendre @ series.T
     for n, scattered in enumerate(by_aerosols):
         last += scattered * np.maximum(phases[..., n], LEAST_PHASE)
-    into = _directed(r, albedo, series, depolarised)
-    radiance = last = by_azimuth(last)
-    for _ in range(FOLLOWED - 1):
-        before = last
-        source = _scattered_again(r, last, into, ground_albedo)
-        last = by_azimuth(r.arriving(np.take(source, r.leaving), parts[:, -1:])[:, :, 0])
-        radiance = radiance + last
-    mean = r.moments[:, :, 0]
-    now, before = (np.einsum("lcr,lcr->lc", mean, order) for order in (last, before))
-    ratio = np.clip(now / np.maximum(before, 1e-30), 0.0, MOST_RATIO)
-    return radiance + last * (ratio / (1.0 - ratio))[..., None], by_azimuth(by_air)
+    return by_azimuth(last), by_azimuth(by_air)
 
 
-def _directed(r: Rays, albedo: np.ndarray, series: np.ndarray, depolarised: np.floating) -> np.ndarray:
-    """How much of light along the rays a layer scatters into azimuths and LEAVING_DEG, (L, A O, A r)."""
+def _scattered_again(
+    r: Rays,
+    last: np.ndarray,
+    reaching: np.ndarray,
+    albedo: np.ndarray,
+    series: np.ndarray,
+    depolarised: np.floating,
+    ground_albedo: np.floating,
+) -> np.ndarray:
+    """Radiance along the rays (L + 1, C, A r) of light scattered more than once, from that of light scattered once, at
+    one wavelength.
+
+    reaching (N, 1): what comes from each segment to the start of its ray if nothing is absorbed; albedo (1 + K, L + 1)
+    of `_Kinds`; series (K, CUT)
+    """
     by_degree = albedo[1:, :-1].T @ series
     by_degree[:, 0] += albedo[0, :-1]
     by_degree[:, 2] += albedo[0, :-1] * depolarised
-    return (r.turned @ by_degree[:, None, :, None])[..., 0]
-
-
-def _scattered_again(r: Rays, radiance: np.ndarray, into: np.ndarray, ground_albedo: np.floating) -> np.ndarray:
-    """What layers and the ground send of light (L + 1, C, A r), over what they take out of a ray, (L + 1, A O, F)."""
-    sent = np.empty((LAYERS, into.shape[1], ANGLES), np.result_type(into, radiance))
-    np.matmul(into, np.swapaxes(radiance, 1, 2)[:-1], out=sent[:-1])
-    sent[-1] = ground_albedo * np.einsum("cr,cr->c", r.moments[-1, :, 0], radiance[-1])
-    return np.where(sent.real > 0.0, sent, 0.0) @ r.fine.T
+    total, mean, into = np.float32(0.0), rays(SUNLIT).moments[-1, :, 0], turned(SUNLIT, DIFFUSE)
+    for _ in range(FOLLOWED - 1):
+        before = last
+        sent = np.empty((LAYERS, into.shape[1], ANGLES), np.result_type(by_degree, last))
+        np.matmul((into @ by_degree[:, None, :, None])[..., 0], np.swapaxes(last, 1, 2)[:-1], out=sent[:-1])
+        sent[-1] = ground_albedo * np.einsum("cr,cr->c", mean, last[-1])
+        source = np.where(sent.real > 0.0, sent, 0.0) @ at_fine_zeniths().T
+        last = by_azimuth(r.arriving(np.take(source, r.leaving), reaching)[:, :, 0])
+        total = total + last
+        mean, into = r.moments[-1, :, 0], turned(DIFFUSE, DIFFUSE)
+    now, before = (np.einsum("lcr,lcr->lc", r.moments[:, :, 0], order) for order in (last, before))
+    ratio = np.clip(now / np.maximum(before, 1e-30), 0.0, MOST_RATIO)
+    # where the sun is low it falls later towards that of a high one
+    ratio = 0.5 * (ratio + np.where(ratio.real < ratio[:, :1].real, ratio, ratio[:, :1]))
+    return total + last * (ratio / (1.0 - ratio))[..., None]
 
 
 class _Kinds(NamedTuple):
@@ -166,9 +184,9 @@ class _Kinds(NamedTuple):
     series: np.ndarray
 
 
-def _kinds(air: Air) -> _Kinds:
-    """What scatters in the layers between BOUNDARY_KM."""
-    place = np.searchsorted(ALTITUDE_KM, BOUNDARY_KM - 1e-9)
+def _kinds(air: Air, boundary_km: np.ndarray) -> _Kinds:
+    """What scatters in layers between boundaries that are some of ALTITUDE_KM."""
+    place = np.searchsorted(ALTITUDE_KM, boundary_km - 1e-9)
     of_air, absorption, extinction = np.diff(summed(air.depth[: EXTINCTION + 1])[:, place], axis=1)
     aerosols = np.diff(summed(air.aerosol_depth)[:, place], axis=1)
     peak = np.where(air.moments[..., CUT].real > 0.0, air.moments[..., CUT], 0.0)
@@ -177,7 +195,7 @@ def _kinds(air: Air) -> _Kinds:
     degree = 2.0 * np.arange(CUT) + 1.0
     series = degree * (air.moments[..., :CUT] - peak[..., None]) / (1.0 - peak[..., None])
     albedo = np.pad(np.concatenate([of_air[None], aerosols - in_peaks]) / depth, ((0, 0), (0, 1), (0, 0)))
-    return _Kinds(np.pad(depth / np.diff(BOUNDARY_KM)[:, None], ((0, 1), (0, 0))), albedo, np.swapaxes(series, 1, 2))
+    return _Kinds(np.pad(depth / np.diff(boundary_km)[:, None], ((0, 1), (0, 0))), albedo, np.swapaxes(series, 1, 2))
 
 
 def seen_along(
@@ -208,18 +226,24 @@ def _seen_under(
     sun, azimuth = np.radians(90.0 - sun_deg), np.cos(np.radians(azimuth_deg))[:, None]
     cosine = np.cos(angle)[:, None] * np.cos(sun) + np.sin(angle)[:, None] * azimuth * np.sin(sun)
     zenith = np.arccos(np.clip(cosine, -1.0, 1.0))  # E A K
-    below, _ = between(np.degrees(zenith))
-    # an angle at the Earth's centre towards the sun takes as much from that between the sun and the zenith
-    towards = np.cos(angle)[:, None] * azimuth * np.sin(sun) - np.sin(angle)[:, None] * np.cos(sun)
-    towards = towards / np.maximum(np.sin(zenith), 1e-3)
-    degrees = np.degrees(zenith[..., None] + towards[..., None] * nearer[:, None])
-    degrees = np.where(degrees.real < ZENITH_DEG[-1], degrees, ZENITH_DEG[-1])
-    f = (degrees - ZENITH_DEG[below][..., None]) / (ZENITH_DEG[below + 1] - ZENITH_DEG[below])[..., None]
+    degrees = np.degrees(zenith)
+    below, f = between(degrees)
     place, rows = (layer * ANGLES + below).ravel(), light.reshape(len(light), -1)
     moments, after = (np.take(rows, at, axis=0) for at in (place, place + 1))
+    shape = (*degrees.shape, -1, light.shape[-1])
+    first, last = (np.log(np.maximum(part.reshape(shape)[..., 0, :], DARK)) for part in (moments, after))
     after -= moments
-    shape = (*below.shape, *light.shape[1:])
-    moments = moments.reshape(shape) + after.reshape(shape) * single(f)[..., None, :]
+    after *= f.astype(np.float32).reshape(-1, 1)
+    moments += after
+    moments = moments.reshape(shape)
+    # an angle at the Earth's centre towards the sun takes as much from that between the sun and the zenith
+    towards = np.cos(angle)[:, None] * azimuth * np.sin(sun) - np.sin(angle)[:, None] * np.cos(sun)
+    towards = np.degrees(towards) / np.maximum(np.sin(zenith), 1e-3)
+    slope = (last - first) / np.diff(ZENITH_DEG)[below][..., None] + reference_slope(degrees)[..., None]
+    change = slope * towards[..., None] * nearer[:, None]
+    change = np.where(
+        change.real < -MOST_CHANGE, -MOST_CHANGE, np.where(change.real > MOST_CHANGE, MOST_CHANGE, change)
+    )
     elevation = np.radians(elevation_deg)[:, None]
     u = np.sin(elevation + angle)[:, None] + np.zeros_like(azimuth)
     from_sun = np.cos(sun) * np.sin(elevation)[:, None] + np.sin(sun) * np.cos(elevation)[:, None] * azimuth
@@ -233,7 +257,7 @@ def _seen_under(
         some = slice(n * (n + 1) // 2, (n + 1) * (n + 2) // 2)
         of_degree = (functions[..., some] @ moments[..., some, :])[..., 0, :]
         further = further + (weights[n] + weights[-1] if n == 2 else weights[n]) * of_degree
-    reference = single(np.exp(log_reference(degrees)))
+    reference = single(np.exp(log_reference(degrees)[..., None] + change))
     source = _positive(weights[0] * moments[..., 0, :], further) * reference
     return np.maximum(source.sum(axis=2), DARK)
 

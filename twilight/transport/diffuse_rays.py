@@ -10,29 +10,27 @@ from math import factorial
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 
-from twilight.transport.shells import EARTH_RADIUS_KM, SUBLAYERS
+from twilight.transport.shells import ALTITUDE_KM, EARTH_RADIUS_KM, sublayers
 
 BOUNDARY_KM = np.array(
-    [0, 0.12, 0.45, 1, 1.7, 2.5, 3.5, 5, 7, 10, 12, 14, 16, 17.5, 19, 20.5, 22, 26, 30, 36, 45, 60, 78, 100]
+    [
+        *(0, 0.02, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 2, 2.5, 3.5, 5, 6, 8, 10, 12, 14, 16),
+        *(17.5, 19, 20.5, 22, 26, 30, 36, 45, 60, 78, 100),
+    ]
 )
 """Boundaries of the layers of diffuse light, all in ALTITUDE_KM; the ground counts as the layer above them."""
-ZENITH_DEG = np.concatenate([[0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5], np.arange(89.0, 113.0), [115, 118, 122]])
+ZENITH_DEG = np.concatenate(
+    [[0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5], np.arange(89, 92, 0.5), np.arange(92.0, 113.0), [115, 118, 122]]
+)
 """Local solar zenith angles of diffuse light [deg]."""
-ABOVE = 10
-"""Rays from a layer above its horizontal."""
-GRAZING = 5
-"""Rays from a layer between its horizontal and the ground's horizon."""
-BELOW = 5
-"""Rays from a layer to the ground."""
 POWER = 4
 """Root of the cosines of rays above the horizontal that follows Gauss's rule."""
 POWER_BELOW = 2
 """Root, for rays to the ground, of how far they are beyond its horizon."""
 LEAVING_DEG = np.array([-60, -27, -12, -4, 4, 12, 27, 60.0])
 """Elevations into which layers scatter light that was scattered before [deg]."""
-AZIMUTHS = 7
-"""Azimuths over half a turn."""
 CUT = 12
 """Legendre moment that stands for the forward peak, whose light counts as not scattered."""
 DEGREE = 8
@@ -47,65 +45,83 @@ REFRACTIVITY_SCALE_KM = 8.0
 """Scale height of the air that bends rays between scatterings."""
 REFRACTIVITY = 2.8e-4
 """Its n - 1 at the ground."""
+NEAR_KM = 1e-6
+"""Altitudes that count as one."""
 LONGEST = 0.1
 """Longest segment of a ray, as an angle at the Earth's centre [rad]."""
+ABOVE = 10
+"""Rays from a layer above its horizontal."""
+GRAZING = 5
+"""Rays from a layer between its horizontal and the ground's horizon."""
+BELOW = 5
+"""Rays from a layer to the ground."""
 RAYS = ABOVE + GRAZING + BELOW
 """Rays from a layer under one azimuth."""
+SUNLIT_KM = np.setdiff1d(ALTITUDE_KM, [0.06, 7, 9, 11, 13, 15, 39, 45, 51, 57, 63, 69, 75, 86, 95])
 LAYERS = BOUNDARY_KM.size
 """With the ground."""
 ANGLES = ZENITH_DEG.size
+FINE_ZENITH_DEG = np.arange(0.0, ZENITH_DEG[-1] + 0.5 * FINE_DEG, FINE_DEG)
+
+
+class Grid(NamedTuple):
+    """Rays in A azimuths from the sun over half a turn, through layers between these boundaries [km]; the ground counts
+    as one more, the last."""
+
+    azimuths: int
+    boundary_km: tuple[float, ...]
+
+    @property
+    def azimuth_rad(self) -> np.ndarray:
+        """Azimuths (A,)."""
+        return (np.arange(self.azimuths) + 0.5) * np.pi / self.azimuths
+
+
+SUNLIT = Grid(7, tuple(SUNLIT_KM.tolist()))
+"""Of light of the sunbeam."""
+DIFFUSE = Grid(4, tuple(BOUNDARY_KM.tolist()))
+"""Of light scattered before, which is smoother."""
 
 
 class Rays(NamedTuple):
-    """N segments of R rays, under C zenith angles of the sun and A azimuths from it.
+    """N segments of R rays, RAYS from each layer between BOUNDARY_KM and from the ground, under C zenith angles of the
+    sun and A azimuths from it; of a grid with G layers.
 
-    ray, layer, length_km (N,): of each segment its ray, layer and length; first (R,): first segment of each ray
-    start (L + 2,): first segment of the rays from each layer; on_ground (G,): segments that are the ground
-    fine (F, C): light at F local zenith angles, FINE_DEG apart, from that at ZENITH_DEG; place (N, C A): index of
-        (layer, fine angle) of each segment
+    ray, layer, length_km (N,): of each segment its ray, layer of the grid and length
+    first (R + 1,): first segment of each ray, and N; on_ground: segments that are the ground
+    place (N, C A): index of (layer, fine zenith angle) of each segment
     legendre (L + 1, r, C A, CUT): Legendre polynomials of the cosine between the sun and the r rays of each layer
     moments (L + 1, C, m + 3, A r): weights of these rays in the m moments of radiance, and the three of polarisation
-    leaving (N, C A): index of (layer, azimuth, elevation LEAVING_DEG, fine angle) of what each segment sends to the
-        start of its ray; turned (L, A O, A r, CUT): weights of rays, times Legendre polynomials of the angles between
-        them and these A O directions, of both sides of the sun
+    leaving (N, C A): index of (layer, azimuth, elevation LEAVING_DEG, fine zenith angle) of what each segment sends to
+        the start of its ray
     """
 
     ray: np.ndarray
     layer: np.ndarray
     length_km: np.ndarray
     first: np.ndarray
-    start: np.ndarray
     on_ground: np.ndarray
-    fine: np.ndarray
     place: np.ndarray
     legendre: np.ndarray
     moments: np.ndarray
     leaving: np.ndarray
-    turned: np.ndarray
-
-    def collected(self, light: np.ndarray, parts: np.ndarray) -> np.ndarray:
-        """Light ((L + 1) C,) at the segments times parts of it (N, p), summed over each ray, (L + 1, r, p, C A)."""
-        return self.arriving(np.take(light.reshape(LAYERS, ANGLES) @ self.fine.T, self.place), parts)
 
     def arriving(self, at_segments: np.ndarray, parts: np.ndarray) -> np.ndarray:
         """Light at the segments (N, C A) times parts of it (N, p), summed over each ray, (L + 1, r, p, C A)."""
-        p, count = parts.shape[1], len(parts)
-        by_ray = np.zeros((RAYS, p, count), parts.dtype)
-        by_ray[self.ray % RAYS, :, np.arange(count)] = parts
-        by_ray = by_ray.reshape(RAYS * p, count)
-        out = np.empty((LAYERS, RAYS * p, at_segments.shape[1]), np.result_type(at_segments, parts))
-        for k, some in enumerate(map(slice, self.start[:-1], self.start[1:])):
-            np.matmul(by_ray[:, some], at_segments[some], out=out[k])
-        return out.reshape(LAYERS, RAYS, p, -1)
+        shape = (self.first.size - 1, parts.shape[1], at_segments.shape[1])
+        out = np.empty(shape, np.result_type(at_segments, parts))
+        for n, some in enumerate(map(slice, self.first[:-1], self.first[1:])):
+            np.matmul(parts[some].T, at_segments[some], out=out[n])
+        return out.reshape(LAYERS, RAYS, *out.shape[1:])
 
     def mean(self, rows: slice, radiance: np.ndarray) -> np.ndarray:
-        """Some of the moments, (L + 1, C, m, ...), of radiance by azimuths and rays (L + 1, C, A r, ...)."""
-        return self.moments[:, :, rows] @ radiance
+        """Some of the moments, (L + 1, C, m), of radiance by azimuths and rays (L + 1, C, A r)."""
+        return (self.moments[:, :, rows] @ radiance[..., None])[..., 0]
 
 
 def by_azimuth(radiance: np.ndarray) -> np.ndarray:
     """Radiance (L + 1, r, C A) in the order of `Rays.moments`, (L + 1, C, A r)."""
-    parted = radiance.reshape(LAYERS, RAYS, ANGLES, AZIMUTHS)
+    parted = radiance.reshape(LAYERS, RAYS, ANGLES, -1)
     return np.ascontiguousarray(parted.transpose(0, 2, 3, 1)).reshape(LAYERS, ANGLES, -1)
 
 
@@ -116,14 +132,15 @@ def gauss(count: int, power: int = 1) -> tuple[np.ndarray, np.ndarray]:
     return root**power, 0.5 * power * root ** (power - 1) * weight
 
 
-def segments() -> np.ndarray:
-    """Segments of rays, (N, 6): number of the ray (RAYS from each layer, the ground last), the layer that is crossed,
-    length [km], angle at the Earth's centre from start to middle [rad], cosine of the ray's zenith angle, weight."""
+def segments(grid: Grid) -> np.ndarray:
+    """Segments of rays, (N, 6): number of the ray (RAYS from each layer, the ground last), the grid's layer that is
+    crossed, length [km], angle at the Earth's centre from start to middle [rad], cosine of the ray's zenith angle,
+    weight."""
     rows = []
     for k in range(LAYERS):
         layer = None if k == LAYERS - 1 else k
         for n, (c, w) in enumerate(zip(*_directions(layer), strict=True)):
-            rows += [(RAYS * k + n, *part, c, w) for part in _segments_of(float(c), layer)]
+            rows += [(RAYS * k + n, *part, c, w) for part in _segments_of(grid, float(c), layer)]
     return np.array(rows)
 
 
@@ -146,15 +163,17 @@ def _refracted_radius(altitude_km: np.ndarray) -> np.ndarray:
     return index * (EARTH_RADIUS_KM + altitude_km)
 
 
-def _segments_of(cosine: float, layer: int | None) -> list[tuple[int, float, float]]:
+def _segments_of(grid: Grid, cosine: float, layer: int | None) -> list[tuple[int, float, float]]:
     """Layer, length [km] and angle at the Earth's centre from the ray's start to its middle [rad] of the parts of a ray
     in one layer each.  layer: where it starts, in the middle; None: from the ground"""
-    low, high = BOUNDARY_KM[:-1, None], BOUNDARY_KM[1:, None]
-    part = np.append((low + np.arange(SUBLAYERS) / SUBLAYERS * (high - low)).ravel(), BOUNDARY_KM[-1])
+    start, boundary = 0.0 if layer is None else BOUNDARY_KM[layer : layer + 2].mean(), np.array(grid.boundary_km)
+    part = sublayers(boundary)
+    if np.abs(part - start).min() > NEAR_KM:
+        part = np.sort(np.append(part, start))
+    own, first = np.searchsorted(boundary, 0.5 * (part[1:] + part[:-1])) - 1, int(np.abs(part - start).argmin())
     radius, index = EARTH_RADIUS_KM + part, 1.0 + REFRACTIVITY * np.exp(-part / REFRACTIVITY_SCALE_KM)
     x, mean = index * radius, 0.5 * (index[1:] + index[:-1])
     slope = np.diff(x) / np.diff(radius)
-    first = 0 if layer is None else SUBLAYERS * layer + SUBLAYERS // 2
     b = x[first] * np.sqrt(1.0 - cosine * cosine)
     beyond = np.maximum(x, b)
     path = np.diff(np.sqrt(beyond * beyond - b * b)) / slope
@@ -167,67 +186,59 @@ def _segments_of(cosine: float, layer: int | None) -> list[tuple[int, float, flo
     groups: list[list[tuple[int, float, float]]] = []
     total = spanned = 0.0  # angles of the ray so far, and of the last group, which is of one layer and at most LONGEST
     for i in passed:
-        if not groups or groups[-1][0][0] != i // SUBLAYERS or spanned + angle[i] > LONGEST:
+        if not groups or groups[-1][0][0] != own[i] or spanned + angle[i] > LONGEST:
             groups.append([])
             spanned = 0.0
-        groups[-1].append((i // SUBLAYERS, float(path[i]), total + 0.5 * float(angle[i])))
+        groups[-1].append((int(own[i]), float(path[i]), total + 0.5 * float(angle[i])))
         spanned += angle[i]
         total += float(angle[i])
     out = []
     for group in groups:
         length = sum(one[1] for one in group)
         out.append((group[0][0], length, sum(one[1] * one[2] for one in group) / length))
-    return [*out, (LAYERS - 1, 0.0, total)] if hit else out
+    return [*out, (boundary.size - 1, 0.0, total)] if hit else out
 
 
-@functools.lru_cache(maxsize=1)
-def rays() -> Rays:
+@functools.cache
+def rays(grid: Grid) -> Rays:
     """The rays between scatterings."""
-    ray, layer, length, angle, cosine, weight = segments().T
+    ray, layer, length, angle, cosine, weight = segments(grid).T
     ray, layer, phi = ray.astype(int), layer.astype(int), angle
     first = np.flatnonzero(np.diff(ray, prepend=-1))
-    azimuth = np.cos((np.arange(AZIMUTHS) + 0.5) * np.pi / AZIMUTHS)
-    chi = np.radians(ZENITH_DEG)[:, None, None]
+    azimuth, chi = np.cos(grid.azimuth_rad), np.radians(ZENITH_DEG)[:, None, None]
     local = np.cos(chi) * np.cos(phi) + np.sin(chi) * np.sin(phi) * azimuth[:, None]
-    angles_deg = np.arange(0.0, ZENITH_DEG[-1] + 0.5 * FINE_DEG, FINE_DEG)
     rounded = np.rint(np.degrees(np.arccos(np.clip(local, -1.0, 1.0))) / FINE_DEG).astype(int)  # C A N
-    rounded = np.minimum(rounded, angles_deg.size - 1)
-    below, f = between(angles_deg)
-    fine = np.zeros((angles_deg.size, ANGLES))
-    fine[np.arange(angles_deg.size), below] = 1.0 - f
-    fine[np.arange(angles_deg.size), below + 1] = f
-    fine *= np.exp(log_reference(angles_deg)[:, None] - log_reference(ZENITH_DEG))
+    rounded = np.minimum(rounded, FINE_ZENITH_DEG.size - 1)
     # moments: u and s are the parts of the ray's direction upwards and towards the sun
     mu, sun = cosine[first], azimuth[:, None]
     u, s = mu + 0.0 * sun, np.sqrt(1.0 - mu * mu) * sun
-    w, towards = weight[first] / AZIMUTHS, u * np.cos(chi) + s * np.sin(chi)  # C A R
+    w, towards = weight[first] / grid.azimuths, u * np.cos(chi) + s * np.sin(chi)  # C A R
     flat, sine2 = np.ones_like(towards), 1.0 - towards**2
     across_u, across_s = np.cos(chi) - u * towards, np.sin(chi) - s * towards
-    parts = [part * flat for part in harmonics(u, s)]
+    order = [m for n in range(DEGREE + 1) for m in range(n + 1)]
+    # waves shorter than twice the distance of azimuths look like longer ones
+    parts = [part * flat * (m < grid.azimuths) for m, part in zip(order, harmonics(u, s), strict=True)]
     parts.append(sine2 * (1.0 - u * u) - 2.0 * across_u * across_u)
     parts.append(-sine2 * u * s - 2.0 * across_u * across_s)
     parts.append(sine2 * (1.0 - s * s) - 2.0 * across_s * across_s)
-    moments = np.array([w * part for part in parts]).reshape(len(parts), ANGLES, AZIMUTHS, LAYERS, -1)
+    moments = np.array([w * part for part in parts]).reshape(len(parts), ANGLES, grid.azimuths, LAYERS, -1)
     moments = moments.transpose(3, 1, 0, 2, 4).reshape(LAYERS, ANGLES, len(parts), -1)
-    legendre = np.polynomial.legendre.legvander(towards.reshape(-1, LAYERS, RAYS), CUT - 1)
+    legendre = legvander(towards.reshape(-1, LAYERS, RAYS), CUT - 1)
     # light scattered again: into azimuths of the rays and elevations near theirs at each segment
     elevation = np.degrees(np.arcsin(cosine) + angle)
     near = np.abs(elevation[:, None] - LEAVING_DEG).argmin(axis=1)
-    every = np.arange(AZIMUTHS)[:, None]
-    leaving = ((layer * AZIMUTHS + every) * LEAVING_DEG.size + near) * angles_deg.size + rounded
+    every = np.arange(grid.azimuths)[:, None]
+    leaving = ((layer * grid.azimuths + every) * LEAVING_DEG.size + near) * FINE_ZENITH_DEG.size + rounded
     return Rays(
         ray,
         layer,
         length,
-        first,
-        np.append(first[::RAYS], ray.size),
-        np.flatnonzero(layer == LAYERS - 1),
-        fine.astype(np.float32),
-        _by_segment(layer * angles_deg.size + rounded),
+        np.append(first, ray.size),
+        np.flatnonzero(layer == len(grid.boundary_km) - 1),
+        _by_segment(layer * FINE_ZENITH_DEG.size + rounded),
         np.ascontiguousarray(legendre.transpose(1, 2, 0, 3), np.float32),
         moments.astype(np.float32),
         _by_segment(leaving),
-        _turned(mu.reshape(LAYERS, RAYS)[:-1], weight[first].reshape(LAYERS, RAYS)[:-1]),
     )
 
 
@@ -236,17 +247,31 @@ def _by_segment(place: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.moveaxis(place, -1, 0)).reshape(place.shape[-1], -1)
 
 
-def _turned(mu: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """`Rays.turned`, from cosines of zenith angles of rays (L, r) and their weights."""
-    azimuth = (np.arange(AZIMUTHS) + 0.5) * np.pi / AZIMUTHS
+@functools.cache
+def turned(grid: Grid, other: Grid) -> np.ndarray:
+    """Of light along the rays of one grid that leaves into azimuths of another and LEAVING_DEG: weights of rays, times
+    Legendre polynomials of the angles between them and these directions, of both sides of the sun, (L, A' O, A r,
+    CUT)."""
+    mu, weight = np.array([_directions(layer) for layer in range(LAYERS - 1)]).swapaxes(0, 1)
     up, flat = (f(np.radians(LEAVING_DEG))[:, None, None] for f in (np.sin, np.cos))
-    each = []
-    for side in (1.0, -1.0):
-        aside = np.cos(azimuth[:, None] - side * azimuth)[:, None, :, None]
-        cosine = up * mu[:, None, None, None] + flat * np.sqrt(1.0 - mu * mu)[:, None, None, None] * aside
-        each.append(np.polynomial.legendre.legvander(cosine, CUT - 1))
-    out = 0.5 * (each[0] + each[1]) * (weight / AZIMUTHS)[:, None, None, None, :, None]
-    return out.reshape(len(mu), AZIMUTHS * LEAVING_DEG.size, AZIMUTHS * RAYS, CUT).astype(np.float32)
+    wave, apart = np.arange(min(grid.azimuths, other.azimuths)), (np.arange(2 * CUT) + 0.5) * np.pi / (2 * CUT)
+    mu, level = mu[:, None, :, None], np.sqrt(1.0 - mu * mu)[:, None, :, None]
+    cosine = np.clip(up * mu + flat * level * np.cos(apart), -1.0, 1.0)  # L O r
+    by_wave = np.einsum("tm,lortd->lordm", np.cos(np.outer(apart, wave)) / apart.size, legvander(cosine, CUT - 1))
+    into, along = (np.cos(np.outer(one.azimuth_rad, wave)) for one in (other, grid))
+    both = np.where(wave > 0, 2.0, 1.0) * into[:, None] * along / grid.azimuths  # of both sides of the sun
+    out = np.einsum("abm,lordm,lr->laobrd", both, by_wave, weight, optimize=True)
+    return out.reshape(len(mu), other.azimuths * LEAVING_DEG.size, -1, CUT).astype(np.float32)
+
+
+@functools.cache
+def at_fine_zeniths() -> np.ndarray:
+    """Light at FINE_ZENITH_DEG from that at ZENITH_DEG, (F, C): linear, the reference taken off."""
+    below, f = between(FINE_ZENITH_DEG)
+    out, row = np.zeros((f.size, ANGLES)), np.arange(f.size)
+    out[row, below] = 1.0 - f
+    out[row, below + 1] = f
+    return (out * np.exp(log_reference(FINE_ZENITH_DEG)[:, None] - log_reference(ZENITH_DEG))).astype(np.float32)
 
 
 def between(degrees: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -276,6 +301,10 @@ def harmonics(up: np.ndarray, aside: np.ndarray) -> list[np.ndarray]:
 
 def log_reference(zenith_deg: np.ndarray) -> np.ndarray:
     """About the logarithm of the light of the sky over that of day, by which diffuse light is interpolated."""
-    beyond = np.asarray(zenith_deg) - DECAY_DEG
-    beyond = np.where(beyond.real > 0.0, beyond, 0.0)
-    return -np.where(beyond.real < 8.0, DECAY * beyond**2 / 16.0, DECAY * (beyond - 4.0))
+    beyond = np.maximum(np.asarray(zenith_deg, float) - DECAY_DEG, 0.0)
+    return -np.where(beyond < 8.0, DECAY * beyond**2 / 16.0, DECAY * (beyond - 4.0))
+
+
+def reference_slope(zenith_deg: np.ndarray) -> np.ndarray:
+    """By how much `log_reference` changes a degree."""
+    return -DECAY * np.clip((zenith_deg - DECAY_DEG) / 8.0, 0.0, 1.0)
