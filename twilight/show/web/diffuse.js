@@ -1,13 +1,20 @@
 // M_0, light that is scattered more than once: a port of twilight/transport/diffuse_rays.py and diffuse.py (see shells.js).
 // Sums over azimuths go by waves, cos(m azimuth): scattering turns each into itself, and harmonics of order m are sums over
 // the m-th alone.
-const BOUNDARY_KM = [0, 0.12, 0.45, 1, 1.7, 2.5, 3.5, 5, 7, 10, 12, 14, 16, 17.5, 19, 20.5, 22, 26, 30, 36, 45, 60, 78, 100];
-const ZENITH_DEG = [0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5, ...steps(89, 113, 1), 115, 118, 122], LEAVING_DEG = [-60, -27, -12, -4, 4, 12, 27, 60];
-const ABOVE = 10, GRAZING = 5, BELOW = 5, RAYS = ABOVE + GRAZING + BELOW, POWER = 4, POWER_BELOW = 2, AZIMUTHS = 7, CUT = 12, DEGREE = 8, FOLLOWED = 7, MOST_RATIO = 0.95, LEAST_PHASE = 0.02, LEAST_PART = 0.1;
-const DECAY_DEG = 88, DECAY = 1.1, FINE_DEG = 0.5, OPAQUE = 60, SCALE_HEIGHT_KM = 8, REFRACTIVITY = 2.8e-4, LONGEST = 0.1, LAYERS = BOUNDARY_KM.length, ANGLES = ZENITH_DEG.length, LEAVING = LEAVING_DEG.length;
+const BOUNDARY_KM = [0, 0.02, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 2, 2.5, 3.5, 5, 6, 8, 10, 12, 14, 16, 17.5, 19, 20.5, 22, 26, 30, 36, 45, 60, 78, 100];
+const ZENITH_DEG = [0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5, ...steps(89, 92, 0.5), ...steps(92, 113, 1), 115, 118, 122], LEAVING_DEG = [-60, -27, -12, -4, 4, 12, 27, 60];
+const ABOVE = 10, GRAZING = 5, BELOW = 5, RAYS = ABOVE + GRAZING + BELOW, POWER = 4, POWER_BELOW = 2, CUT = 12, DEGREE = 8, FOLLOWED = 8, MOST_RATIO = 0.95, LEAST_PHASE = 0.02, LEAST_PART = 0.1, MOST_CHANGE = 1;
+const DECAY_DEG = 88, DECAY = 1.1, FINE_DEG = 0.5, OPAQUE = 60, SCALE_HEIGHT_KM = 8, REFRACTIVITY = 2.8e-4, LONGEST = 0.1, NEAR_KM = 1e-6, LAYERS = BOUNDARY_KM.length, ANGLES = ZENITH_DEG.length, LEAVING = LEAVING_DEG.length;
 const HARMONICS = (DEGREE + 1) * (DEGREE + 2) / 2, MOMENTS = HARMONICS + 3, LINES = ANGLES * LAYERS * RAYS;   // of one azimuth
 const WAVE_OF = range(DEGREE + 1).flatMap((n) => range(n + 1));   // of harmonics
-const AZIMUTH = range(AZIMUTHS, (a) => (a + 0.5) * Math.PI / AZIMUTHS), MOST_WAVES = Math.max(AZIMUTHS, DEGREE + 1), WAVES = Float64Array.from({ length: MOST_WAVES * AZIMUTHS }, (_, i) => Math.cos(Math.floor(i / AZIMUTHS) * AZIMUTH[i % AZIMUTHS]));
+const MIDDLE_KM = range(LAYERS - 1, (k) => 0.5 * (BOUNDARY_KM[k] + BOUNDARY_KM[k + 1])), FINE = Math.round(ZENITH_DEG.at(-1) / FINE_DEG) + 1;
+
+// Azimuths over half a turn, and layers between boundaries, through which rays go: of the sunbeam, and of light scattered before.
+const gridOf = (azimuths, boundary) => {
+  const azimuth = range(azimuths, (a) => (a + 0.5) * Math.PI / azimuths);
+  return { azimuths, boundary, azimuth, waves: range(azimuths, (m) => azimuth.map((a) => Math.cos(m * a))) };
+};
+const SUNLIT = gridOf(7, ALTITUDE_KM.filter((z) => ![0.06, 7, 9, 11, 13, 15, 39, 45, 51, 57, 63, 69, 75, 86, 95].includes(z))), DIFFUSE = gridOf(4, BOUNDARY_KM);
 
 // Nodes and weights of Gauss's rule from 0 to 1 over the root of this power.
 function gauss(count, power = 1) {
@@ -30,22 +37,22 @@ function legendre(x, degree) {
   return p;
 }
 
-// Layer, length [km] and angle at the Earth's centre to the middle [rad] of a ray's parts; layer null: from the ground.
-function segmentsOf(parts, cosine, layer) {
-  const first = layer === null ? 0 : SUBLAYERS * layer + SUBLAYERS / 2, b = parts.x[first] * Math.sqrt(1 - cosine * cosine), path = [], angle = [];
+// Layer of the grid, length [km] and angle at the Earth's centre to the middle [rad] of a ray's parts; start: where it does,
+// one of the boundaries of parts; own: layers of these.
+function segmentsOf(parts, own, start, cosine) {
+  const b = parts.x[start] * Math.sqrt(1 - cosine * cosine), path = [], angle = [];
   throughParts(parts, 0, b, (i, s, phi) => { path[i] = s; angle[i] = phi; });
-  const hit = cosine < 0 && b < parts.x[0], up = steps(first, path.length, 1), down = range(first, (i) => first - 1 - i).filter((i) => path[i] > 0);
+  const hit = cosine < 0 && b < parts.x[0], up = steps(start, path.length, 1), down = range(start, (i) => start - 1 - i).filter((i) => path[i] > 0);
   const passed = cosine >= 0 ? up : hit ? down : [...down, ...down.toReversed(), ...up], groups = [];
   let total = 0, spanned = 0;
   for (const i of passed) {
-    const own = Math.floor(i / SUBLAYERS);
-    if (groups.at(-1)?.layer !== own || spanned + angle[i] > LONGEST) { groups.push({ layer: own, length: 0, moment: 0 }); spanned = 0; }
+    if (groups.at(-1)?.layer !== own[i] || spanned + angle[i] > LONGEST) { groups.push({ layer: own[i], length: 0, moment: 0 }); spanned = 0; }
     groups.at(-1).length += path[i];
     groups.at(-1).moment += path[i] * (total + 0.5 * angle[i]);
     spanned += angle[i];
     total += angle[i];
   }
-  return [...groups.map((g) => [g.layer, g.length, g.moment / g.length]), ...(hit ? [[LAYERS - 1, 0, total]] : [])];
+  return [...groups.map((g) => [g.layer, g.length, g.moment / g.length]), ...(hit ? [[own.at(-1) + 1, 0, total]] : [])];
 }
 
 // Index of the zenith angle before one, and the part of the way to the next.
@@ -56,6 +63,7 @@ function betweenZeniths(degrees) {
   return [i, (d - ZENITH_DEG[i]) / (ZENITH_DEG[i + 1] - ZENITH_DEG[i])];
 }
 
+const referenceSlope = (zenith) => -DECAY * within((zenith - DECAY_DEG) / 8, 0, 1);
 const logReference = (zenith) => { const d = Math.max(zenith - DECAY_DEG, 0); return -(d < 8 ? DECAY * d * d / 16 : DECAY * (d - 4)); };
 
 // sqrt((2 or 1) (n - m)! / (n + m)!)
@@ -78,26 +86,26 @@ function harmonics(up, aside, out) {
 // Cosines of the zenith angles of the rays from a layer, or null for the ground, and their weights in means.
 function directions(layer) {
   if (layer === null) { const [up, weight] = gauss(RAYS); return [up, up.map((u, i) => 2 * u * weight[i])]; }
-  const [ground, own] = [0, 0.5 * (BOUNDARY_KM[layer] + BOUNDARY_KM[layer + 1])].map((z) => (1 + REFRACTIVITY * Math.exp(-z / SCALE_HEIGHT_KM)) * (EARTH_RADIUS_KM + z));
+  const [ground, own] = [0, MIDDLE_KM[layer]].map((z) => (1 + REFRACTIVITY * Math.exp(-z / SCALE_HEIGHT_KM)) * (EARTH_RADIUS_KM + z));
   const horizon = Math.sqrt(1 - (ground / own) ** 2), beyond = 1 - horizon, up = gauss(ABOVE, POWER), grazing = gauss(GRAZING), down = gauss(BELOW, POWER_BELOW);
   return [[...down[0].map((c) => -horizon - beyond * c).reverse(), ...grazing[0].map((c) => -horizon * c).reverse(), ...up[0]],
     [...down[1].map((w) => 0.5 * beyond * w).reverse(), ...grazing[1].map((w) => 0.5 * horizon * w).reverse(), ...up[1].map((w) => 0.5 * w)]];
 }
 
-// The rays between scatterings, seen under azimuths a and zenith angles c of the sun: segments n of rays r, RAYS from each
-// layer k.  place: [a][c][n], of each segment in light by layer and fine zenith angle; leaving: how much further it is
-// in light by layer, elevation and fine zenith angle; turned, means: see `into` and `scatteredAgain`.
-let made = null;
-function rays() {
-  if (made) return made;
-  const heights = sublayers(BOUNDARY_KM), parts = partsOf(heights.map((z) => EARTH_RADIUS_KM + z), heights.map((z) => 1 + REFRACTIVITY * Math.exp(-z / SCALE_HEIGHT_KM)));
-  const segment = { ray: [], layer: [], length: [], angle: [], leaving: [] }, cosine = [], weight = [], first = [], fineCount = Math.round(ZENITH_DEG.at(-1) / FINE_DEG) + 1;
+// The rays of a grid, seen under azimuths a and zenith angles c of the sun: segments n of rays r, RAYS from each layer k.
+// place: [a][c][n], of each segment in light by layer and fine zenith angle; leaving: how much further it is in light by
+// layer, elevation and fine zenith angle; turned, means: see `turning`.
+function rays(grid) {
+  if (grid.made) return grid.made;
+  const { boundary, azimuths } = grid, known = sublayers(boundary), segment = { ray: [], layer: [], length: [], angle: [], leaving: [] }, cosine = [], weight = [], first = [];
   for (let k = 0; k < LAYERS; k++) {
-    const from = k < LAYERS - 1 ? k : null, [cosines, weights] = directions(from);
+    const from = k < LAYERS - 1 ? k : null, start = from === null ? 0 : MIDDLE_KM[k], heights = known.some((z) => Math.abs(z - start) <= NEAR_KM) ? known : [...known, start].sort((a, b) => a - b);
+    const parts = partsOf(heights.map((z) => EARTH_RADIUS_KM + z), heights.map((z) => 1 + REFRACTIVITY * Math.exp(-z / SCALE_HEIGHT_KM)));
+    const own = range(heights.length - 1, (i) => searchsorted(boundary, 0.5 * (heights[i] + heights[i + 1])) - 1), [cosines, weights] = directions(from);
     cosines.forEach((c, i) => {
       first.push(segment.ray.length);
-      for (const [layer, length, angle] of segmentsOf(parts, c, from)) {
-        const near = nearest(LEAVING_DEG, (Math.asin(c) + angle) / RAD), values = { ray: RAYS * k + i, layer, length, angle, leaving: ((LEAVING - 1) * layer + near) * fineCount };
+      for (const [layer, length, angle] of segmentsOf(parts, own, nearest(heights, start), c)) {
+        const near = nearest(LEAVING_DEG, (Math.asin(c) + angle) / RAD), values = { ray: RAYS * k + i, layer, length, angle, leaving: ((LEAVING - 1) * layer + near) * FINE };
         for (const key in values) segment[key].push(values[key]);
       }
     });
@@ -105,26 +113,20 @@ function rays() {
     weight.push(...weights);
   }
   for (const key in segment) segment[key] = (key === "length" || key === "angle" ? Float64Array : Int32Array).from(segment[key]);
-  const count = segment.ray.length, fine = { below: new Uint8Array(fineCount), one: new Float64Array(fineCount), other: new Float64Array(fineCount) };
-  for (let i = 0; i < fineCount; i++) {
-    const [below, f] = betweenZeniths(FINE_DEG * i), [one, other] = [below, below + 1].map((j) => Math.exp(logReference(FINE_DEG * i) - logReference(ZENITH_DEG[j])));
-    fine.below[i] = below;
-    fine.one[i] = (1 - f) * one;
-    fine.other[i] = f * other;
-  }
+  const count = segment.ray.length;
   first.push(count);
-  return (made = { ...segment, count, first: Int32Array.from(first), cosine, weight, fine, fineCount, place: placesOf(segment, fineCount), ...turning(cosine, weight),
-    last: new Float64Array(AZIMUTHS * LINES), all: new Float64Array(AZIMUTHS * LINES), sent: new Float64Array(AZIMUTHS * LAYERS * LEAVING * ANGLES), table: new Float64Array(LAYERS * LEAVING * fineCount) });
+  return (grid.made = { ...segment, grid, ground: boundary.length - 1, count, first: Int32Array.from(first), cosine, weight, place: placesOf(segment, grid), ...turning(cosine, weight),
+    last: new Float64Array(azimuths * LINES), all: new Float64Array(azimuths * LINES), sent: new Float64Array(azimuths * LAYERS * LEAVING * ANGLES), table: new Float64Array(Math.max(LAYERS * LEAVING, boundary.length) * FINE) });
 }
 
 // `place` of segments.
-function placesOf({ layer, angle }, fineCount) {
-  const count = layer.length, out = new Uint16Array(AZIMUTHS * ANGLES * count);
-  for (let a = 0, p = 0; a < AZIMUTHS; a++) for (let c = 0; c < ANGLES; c++) {
-    const cos = Math.cos(ZENITH_DEG[c] * RAD), aside = Math.sin(ZENITH_DEG[c] * RAD) * Math.cos(AZIMUTH[a]);
+function placesOf({ layer, angle }, { azimuths, azimuth }) {
+  const count = layer.length, out = new Uint16Array(azimuths * ANGLES * count);
+  for (let a = 0, p = 0; a < azimuths; a++) for (let c = 0; c < ANGLES; c++) {
+    const cos = Math.cos(ZENITH_DEG[c] * RAD), aside = Math.sin(ZENITH_DEG[c] * RAD) * Math.cos(azimuth[a]);
     for (let n = 0; n < count; n++, p++) {
       const local = Math.acos(within(cos * Math.cos(angle[n]) + aside * Math.sin(angle[n]), -1, 1)) / RAD;
-      out[p] = layer[n] * fineCount + Math.min(Math.round(local / FINE_DEG), fineCount - 1);
+      out[p] = layer[n] * FINE + Math.min(Math.round(local / FINE_DEG), FINE - 1);
     }
   }
   return out;
@@ -133,45 +135,48 @@ function placesOf({ layer, angle }, fineCount) {
 // turned: [layer][wave][leaving][ray][CUT], weights of waves of rays in those of light that leaves, times Legendre
 // polynomials of the angles between them; means: [layer][harmonic][ray], weights of waves of rays in the harmonics.
 function turning(cosine, weight) {
-  const turned = new Float32Array((LAYERS - 1) * AZIMUTHS * LEAVING * RAYS * CUT), means = new Float64Array(LAYERS * HARMONICS * RAYS), out = new Float64Array(HARMONICS);
+  const count = DIFFUSE.azimuths, turned = new Float32Array((LAYERS - 1) * count * LEAVING * RAYS * CUT), means = new Float64Array(LAYERS * HARMONICS * RAYS), out = new Float64Array(HARMONICS);
+  const apart = range(2 * CUT, (j) => (j + 0.5) * Math.PI / (2 * CUT)), by = range(count, (m) => apart.map((angle) => (m ? 2 : 1) * Math.cos(m * angle) / apart.length));
   for (let r = 0; r < LAYERS * RAYS; r++) {
     const k = Math.floor(r / RAYS), i = r % RAYS, aside = Math.sqrt(1 - cosine[r] ** 2);
     harmonics(cosine[r], aside, out);
-    for (let m = 0; m < HARMONICS; m++) means[(k * HARMONICS + m) * RAYS + i] = weight[r] / AZIMUTHS * out[m];
-    for (let o = 0; o < LEAVING && k < LAYERS - 1; o++) for (let j = 0; j <= AZIMUTHS; j++) {
-      const e = LEAVING_DEG[o] * RAD, p = legendre(Math.sin(e) * cosine[r] + Math.cos(e) * aside * Math.cos(j * Math.PI / AZIMUTHS), CUT - 1);
-      for (let m = 0; m < AZIMUTHS; m++) {
-        // both sides of the sun, and twice (for waves above the 0th) a mean over azimuths
-        const by = weight[r] / AZIMUTHS ** 2 * Math.cos(m * j * Math.PI / AZIMUTHS) * (j % AZIMUTHS ? 1 : 0.5) * (m ? 2 : 1), at = (((k * AZIMUTHS + m) * LEAVING + o) * RAYS + i) * CUT;
-        for (let l = 0; l < CUT; l++) turned[at + l] += by * p[l];
-      }
-    }
+    for (let m = 0; m < HARMONICS; m++) means[(k * HARMONICS + m) * RAYS + i] = weight[r] * out[m];
+    for (let o = 0; o < LEAVING && k < LAYERS - 1; o++) apart.forEach((angle, j) => {
+      const e = LEAVING_DEG[o] * RAD, p = legendre(within(Math.sin(e) * cosine[r] + Math.cos(e) * aside * Math.cos(angle), -1, 1), CUT - 1);
+      for (let m = 0; m < count; m++) for (let l = 0, at = (((k * count + m) * LEAVING + o) * RAYS + i) * CUT; l < CUT; l++) turned[at + l] += weight[r] * by[m][j] * p[l];
+    });
   }
   return { turned, means };
 }
 
+// How light at the fine zenith angles is made of that at ZENITH_DEG.
+const AT_FINE = range(FINE, (i) => {
+  const [below, f] = betweenZeniths(FINE_DEG * i), [one, other] = [below, below + 1].map((j) => Math.exp(logReference(FINE_DEG * i) - logReference(ZENITH_DEG[j])));
+  return { below, one: (1 - f) * one, other: f * other };
+}), FINE_BELOW = Uint8Array.from(AT_FINE, (v) => v.below), FINE_ONE = Float64Array.from(AT_FINE, (v) => v.one), FINE_OTHER = Float64Array.from(AT_FINE, (v) => v.other);
+
 // Light by layer and zenith angle, from one layer on, at the fine zenith angles.
-function atFine({ fine: { below, one, other }, fineCount }, light, from, count, out) {
-  for (let l = 0, o = 0, j = from * ANGLES; l < count; l++, j += ANGLES) for (let i = 0; i < fineCount; i++, o++) out[o] = one[i] * light[j + below[i]] + other[i] * light[j + below[i] + 1];
+function atFine(light, from, count, out) {
+  for (let l = 0, o = 0, j = from * ANGLES; l < count; l++, j += ANGLES) for (let i = 0; i < FINE; i++, o++) out[o] = FINE_ONE[i] * light[j + FINE_BELOW[i]] + FINE_OTHER[i] * light[j + FINE_BELOW[i] + 1];
 }
 
 // The first waves of light along the rays from a layer under a zenith angle, which starts at `at`: [wave][ray].
-function wavesOf(radiance, at, count, out) {
+function wavesOf({ grid: { azimuths, waves } }, radiance, at, count, out) {
   for (let m = 0, o = 0; m < count; m++) for (let i = 0; i < RAYS; i++, o++) {
     let wave = 0;
-    for (let a = 0, q = at + i; a < AZIMUTHS; a++, q += LINES) wave += WAVES[m * AZIMUTHS + a] * radiance[q];
-    out[o] = wave;
+    for (let a = 0, q = at + i; a < azimuths; a++, q += LINES) wave += waves[m][a] * radiance[q];
+    out[o] = wave / azimuths;
   }
 }
 
-// What scatters in the layers between BOUNDARY_KM: extinction [km^-1], albedo of air and each aerosol, (2 l + 1) x moments.
-function kindsOf(air) {
-  const place = BOUNDARY_KM.map((z) => searchsorted(ALTITUDE_KM, z - 1e-9)), inLayers = (row) => { const below = cumulative(row); return range(LAYERS - 1, (l) => below[place[l + 1]] - below[place[l]]); };
+// What scatters in the layers of a grid: extinction [km^-1], albedo of air and each aerosol, (2 l + 1) x moments.
+function kindsOf(air, { boundary }) {
+  const place = boundary.map((z) => searchsorted(ALTITUDE_KM, z - 1e-9)), inLayers = (row) => { const below = cumulative(row); return range(boundary.length - 1, (l) => below[place[l + 1]] - below[place[l]]); };
   const peaks = air.moments.map((m) => Math.max(m[CUT], 0)), aerosols = air.aerosolDepth.map(inLayers), rows = air.depth.map(inLayers), all = rows[AIR].map((v, l) => v + rows[ABSORPTION][l] + rows[EXTINCTION][l]);
   const depth = all.map((v, l) => v - sum(aerosols.map((row, k) => peaks[k] * row[l]))), scattering = [rows[AIR], ...aerosols.map((row, k) => row.map((v) => (1 - peaks[k]) * v))];
   return {
     polarising: (1 - air.depolarisation) / (2 + air.depolarisation),
-    extinction: [...depth.map((v, l) => v / (BOUNDARY_KM[l + 1] - BOUNDARY_KM[l])), 0],
+    extinction: [...depth.map((v, l) => v / (boundary[l + 1] - boundary[l])), 0],
     albedo: scattering.map((row) => [...row.map((v, l) => v / depth[l]), 0]),
     series: air.moments.map((m, k) => range(CUT, (l) => (2 * l + 1) * (m[l] - peaks[k]) / (1 - peaks[k]))),
   };
@@ -184,51 +189,55 @@ const inPowers = (series) => Float64Array.from({ length: CUT }, (_, p) => sum(se
 // Moments of light scattered at least once, over F0, the reference taken off: [layer][zenith angle][MOMENTS]; depth: of
 // the beams, places: of all zenith angles at the boundaries of shells, scattered: by each shell.
 function diffuseLight(air, depth, places, boundary, scattered) {
-  const r = rays(), kinds = kindsOf(air), { extinction, albedo } = kinds, { count, last, all } = r;
-  const beam = places.map((row) => row.map((p) => logSunbeam(depth, p))), light = new Float64Array(LAYERS * ANGLES), layer = scattered.map((_, k) => searchsorted(BOUNDARY_KM, 0.5 * (boundary[k] + boundary[k + 1])) - 1);
-  const whole = new Float64Array(LAYERS);
+  const once = rays(SUNLIT), again = rays(DIFFUSE), kinds = kindsOf(air, DIFFUSE), { last, all } = again, layers = SUNLIT.boundary.length - 1;
+  const beam = places.map((row) => row.map((p) => logSunbeam(depth, p))), light = new Float64Array((layers + 1) * ANGLES), layer = scattered.map((_, k) => searchsorted(SUNLIT.boundary, 0.5 * (boundary[k] + boundary[k + 1])) - 1);
+  const whole = new Float64Array(layers);
   layer.forEach((l, k) => { whole[l] += scattered[k]; });
   layer.forEach((l, k) => {
     const share = scattered[k] / whole[l] / (4 * Math.PI);
     for (let c = 0; c < ANGLES; c++) light[l * ANGLES + c] += share * logMean(beam[k][c], beam[k + 1][c]) * litFraction(places[k][c][2], places[k + 1][c][2]);
   });
-  for (let c = 0; c < ANGLES; c++) if (places[0][c][2] > 0) light[(LAYERS - 1) * ANGLES + c] = air.groundAlbedo / Math.PI * Math.exp(beam[0][c]) * Math.max(Math.cos(ZENITH_DEG[c] * RAD), 0);
-  // what comes from each segment to the start of its ray: if nothing is absorbed, what is scattered, and by which kind
-  const reaching = new Float64Array(count), every = new Float64Array(count), shares = albedo.map(() => new Float64Array(count));
-  for (let n = 0, passed = 0; n < count; n++) {
-    if (n === r.first[r.ray[n]]) passed = 0;
-    const ground = r.layer[n] === LAYERS - 1, tau = ground ? OPAQUE : extinction[r.layer[n]] * r.length[n];
-    reaching[n] = -Math.exp(-passed) * Math.expm1(-tau);
-    passed += tau;
-    for (let k = 0; k < shares.length; k++) every[n] += shares[k][n] = albedo[k][r.layer[n]] * reaching[n];
-    if (ground) every[n] = reaching[n];
-  }
-  const out = new Float64Array(LAYERS * ANGLES * MOMENTS), into = intoLeaving(r, kinds);
+  for (let c = 0; c < ANGLES; c++) if (places[0][c][2] > 0) light[layers * ANGLES + c] = air.groundAlbedo / Math.PI * Math.exp(beam[0][c]) * Math.max(Math.cos(ZENITH_DEG[c] * RAD), 0);
+  const out = new Float64Array(LAYERS * ANGLES * MOMENTS), into = intoLeaving(again, kinds), reaching = reachingStart(again, kinds);
+  scatteredOnce(once, light, kindsOf(air, SUNLIT), out);
+  addMoments(once, once.last, HARMONICS, out, MOMENTS);
+  all.fill(0);
   let before = null;
-  scatteredOnce(r, light, shares, every, kinds, out);
-  all.set(last);
   for (let order = 1; order < FOLLOWED; order++) {
-    if (order === FOLLOWED - 1) before = meanLight(r, last);
-    scatteredAgain(r, into, air.groundAlbedo);
-    arriving(r, reaching);
+    if (order === FOLLOWED - 1) before = meanLight(again, last);
+    scatteredAgain(order > 1 ? again : once, again, into, air.groundAlbedo);
+    arriving(again, reaching);
     for (let q = 0; q < all.length; q++) all[q] += last[q];
   }
-  const now = meanLight(r, last);
-  // the rest, a geometric series
-  const times = now.map((v, i) => { const ratio = within(v / Math.max(before[i], 1e-30), 0, MOST_RATIO); return ratio / (1 - ratio); });
+  // the rest, a geometric series; where the sun is low its ratio falls later towards that of a high one
+  const ratio = meanLight(again, last).map((v, i) => within(v / Math.max(before[i], 1e-30), 0, MOST_RATIO));
+  const times = ratio.map((v, i) => { const mean = 0.5 * (v + Math.min(v, ratio[i - i % ANGLES])); return mean / (1 - mean); });
   for (let q = 0; q < all.length; q++) all[q] += last[q] * times[(Math.floor(q / RAYS) % LAYERS) * ANGLES + Math.floor(q / (LAYERS * RAYS)) % ANGLES];
-  addMoments(r, all, HARMONICS, out, MOMENTS);
+  addMoments(again, all, HARMONICS, out, MOMENTS);
   const taken = ZENITH_DEG.map((z) => Math.exp(-logReference(z)));
   for (let i = 0; i < out.length; i++) out[i] *= taken[Math.floor(i / MOMENTS) % ANGLES];
   return out;
 }
 
+// What comes from each segment to the start of its ray if nothing is absorbed.
+function reachingStart(r, { extinction }) {
+  const out = new Float64Array(r.count);
+  for (let n = 0, passed = 0; n < r.count; n++) {
+    if (n === r.first[r.ray[n]]) passed = 0;
+    const tau = r.layer[n] === r.ground ? OPAQUE : extinction[r.layer[n]] * r.length[n];
+    out[n] = -Math.exp(-passed) * Math.expm1(-tau);
+    passed += tau;
+  }
+  return out;
+}
+
 // Into `last` what comes along the rays of light in segments; out: adds its polarisation by air.
-function scatteredOnce(r, light, [byAir, ...byAerosols], every, { series, polarising }, out) {
-  const { first, layer, place, cosine, table, last } = r, powers = series.map(inPowers), scattered = new Float64Array(series.length);
-  atFine(r, light, 0, LAYERS, table);
-  for (let a = 0, q = 0, p = 0; a < AZIMUTHS; a++) for (let c = 0; c < ANGLES; c++) {
-    const cos = Math.cos(ZENITH_DEG[c] * RAD), sin = Math.sin(ZENITH_DEG[c] * RAD), side = Math.cos(AZIMUTH[a]);
+function scatteredOnce(r, light, kinds, out) {
+  const { albedo, series, polarising } = kinds, { first, layer, place, cosine, table, last, grid } = r, powers = series.map(inPowers), scattered = new Float64Array(series.length);
+  const reaching = reachingStart(r, kinds), [byAir, ...byAerosols] = albedo.map((row) => reaching.map((v, n) => v * row[layer[n]]));
+  atFine(light, 0, r.ground + 1, table);
+  for (let a = 0, q = 0, p = 0; a < grid.azimuths; a++) for (let c = 0; c < ANGLES; c++) {
+    const cos = Math.cos(ZENITH_DEG[c] * RAD), sin = Math.sin(ZENITH_DEG[c] * RAD), side = Math.cos(grid.azimuth[a]);
     for (let i = 0, n = 0; i < LAYERS * RAYS; i++, q++) {
       let air = 0, ground = 0, aerosols = 0;
       scattered.fill(0);
@@ -237,7 +246,7 @@ function scatteredOnce(r, light, [byAir, ...byAerosols], every, { series, polari
         air += v * byAir[n];
         for (let k = 0; k < scattered.length; k++) scattered[k] += v * byAerosols[k][n];
       }
-      if (layer[n - 1] === LAYERS - 1) ground = every[n - 1] * table[place[p - 1]];   // the last segment of a ray
+      if (layer[n - 1] === r.ground) ground = reaching[n - 1] * table[place[p - 1]];   // the last segment of a ray
       const u = cosine[i], s = Math.sqrt(1 - u * u) * side, x = u * cos + s * sin, sine2 = 1 - x * x, acrossU = cos - u * x, acrossS = sin - s * x;
       for (let k = 0; k < scattered.length; k++) {
         let phase = 0;
@@ -245,7 +254,7 @@ function scatteredOnce(r, light, [byAir, ...byAerosols], every, { series, polari
         aerosols += scattered[k] * Math.max(phase, LEAST_PHASE);
       }
       last[q] = air * (1 + polarising * (1.5 * x * x - 0.5)) + aerosols + ground;
-      const o = (Math.floor(i / RAYS) * ANGLES + c) * MOMENTS + HARMONICS, by = 0.75 * polarising * r.weight[i] / AZIMUTHS * air;
+      const o = (Math.floor(i / RAYS) * ANGLES + c) * MOMENTS + HARMONICS, by = 0.75 * polarising * r.weight[i] / grid.azimuths * air;
       out[o] += by * (sine2 * (1 - u * u) - 2 * acrossU * acrossU);
       out[o + 1] += by * (-sine2 * u * s - 2 * acrossU * acrossS);
       out[o + 2] += by * (sine2 * (1 - s * s) - 2 * acrossS * acrossS);
@@ -255,7 +264,7 @@ function scatteredOnce(r, light, [byAir, ...byAerosols], every, { series, polari
 
 // How much of waves along the rays a layer scatters into LEAVING_DEG, [layer][wave][leaving][ray].
 function intoLeaving({ turned }, { albedo, series, polarising }) {
-  const each = AZIMUTHS * LEAVING * RAYS, out = new Float64Array((LAYERS - 1) * each);
+  const each = DIFFUSE.azimuths * LEAVING * RAYS, out = new Float64Array((LAYERS - 1) * each);
   for (let k = 0, o = 0; k < LAYERS - 1; k++) {
     const by = Float64Array.from({ length: CUT }, (_, l) => sum(series.map((s, kind) => albedo[kind + 1][k] * s[l])));
     by[0] += albedo[0][k];
@@ -265,34 +274,33 @@ function intoLeaving({ turned }, { albedo, series, polarising }) {
   return out;
 }
 
-// Into `sent`, [azimuth][layer][leaving][zenith angle], what layers and the ground send of the last light along the rays,
+// Into `sent`, [azimuth][layer][leaving][zenith angle], what layers and the ground send of the last light along some rays,
 // over what they take out of a ray.
-function scatteredAgain({ last, sent, means }, into, groundAlbedo) {
-  const waves = new Float64Array(AZIMUTHS * RAYS), leaving = new Float64Array(AZIMUTHS * LEAVING);
+function scatteredAgain(from, { sent, grid: { azimuths, waves: turns } }, into, groundAlbedo) {
+  const waves = new Float64Array(azimuths * RAYS), leaving = new Float64Array(azimuths * LEAVING);
   for (let k = 0; k < LAYERS; k++) for (let c = 0; c < ANGLES; c++) {
-    wavesOf(last, (c * LAYERS + k) * RAYS, AZIMUTHS, waves);
+    wavesOf(from, from.last, (c * LAYERS + k) * RAYS, azimuths, waves);
     if (k === LAYERS - 1) {
       let mean = 0;
-      for (let i = 0; i < RAYS; i++) mean += means[k * HARMONICS * RAYS + i] * waves[i];
+      for (let i = 0; i < RAYS; i++) mean += from.means[k * HARMONICS * RAYS + i] * waves[i];
       leaving.fill(0).fill(groundAlbedo * mean, 0, LEAVING);
-    } else for (let m = 0, o = 0, p = k * AZIMUTHS * LEAVING * RAYS; m < AZIMUTHS; m++) for (let e = 0; e < LEAVING; e++, o++) {
+    } else for (let m = 0, o = 0, p = k * azimuths * LEAVING * RAYS; m < azimuths; m++) for (let e = 0; e < LEAVING; e++, o++) {
       let wave = 0;
       for (let i = 0; i < RAYS; i++, p++) wave += into[p] * waves[m * RAYS + i];
       leaving[o] = wave;
     }
-    for (let a = 0; a < AZIMUTHS; a++) for (let e = 0; e < LEAVING; e++) {
+    for (let a = 0; a < azimuths; a++) for (let e = 0; e < LEAVING; e++) {
       let light = 0;
-      for (let m = 0; m < AZIMUTHS; m++) light += WAVES[m * AZIMUTHS + a] * leaving[m * LEAVING + e];
+      for (let m = 0; m < azimuths; m++) light += turns[m][a] * leaving[m * LEAVING + e];
       sent[((a * LAYERS + k) * LEAVING + e) * ANGLES + c] = light > 0 ? light : 0;
     }
   }
 }
 
 // Into `last` what comes along the rays of what is `sent`.
-function arriving(r, reaching) {
-  const { first, place, leaving, table, last, sent } = r;
-  for (let a = 0, q = 0, p = 0; a < AZIMUTHS; a++) {
-    atFine(r, sent, a * LAYERS * LEAVING, LAYERS * LEAVING, table);
+function arriving({ first, place, leaving, table, last, sent, grid }, reaching) {
+  for (let a = 0, q = 0, p = 0; a < grid.azimuths; a++) {
+    atFine(sent, a * LAYERS * LEAVING, LAYERS * LEAVING, table);
     for (let c = 0; c < ANGLES; c++) for (let i = 0, n = 0; i < LAYERS * RAYS; i++, q++) {
       let light = 0;
       for (const end = first[i + 1]; n < end; n++, p++) light += table[place[p] + leaving[n]] * reaching[n];
@@ -308,15 +316,17 @@ function meanLight(r, radiance) {
   return out;
 }
 
-// Adds the first moments of radiance along the rays to out, [layer][zenith angle], `apart` apart.
-function addMoments({ means }, radiance, many, out, apart) {
-  const count = many > 1 ? DEGREE + 1 : 1, waves = new Float64Array(count * RAYS);
+// Adds the first moments of radiance along the rays to out, [layer][zenith angle], `apart` apart.  Waves shorter than twice
+// the distance of azimuths look like longer ones: those moments are left out.
+function addMoments(r, radiance, many, out, apart) {
+  const count = many > 1 ? Math.min(DEGREE + 1, r.grid.azimuths) : 1, waves = new Float64Array(count * RAYS);
   for (let k = 0, o = 0; k < LAYERS; k++) for (let c = 0; c < ANGLES; c++, o += apart) {
-    wavesOf(radiance, (c * LAYERS + k) * RAYS, count, waves);
+    wavesOf(r, radiance, (c * LAYERS + k) * RAYS, count, waves);
     for (let m = 0; m < many; m++) {
+      if (WAVE_OF[m] >= count) continue;
       const p = (k * HARMONICS + m) * RAYS, w = WAVE_OF[m] * RAYS;
       let moment = 0;
-      for (let i = 0; i < RAYS; i++) moment += means[p + i] * waves[w + i];
+      for (let i = 0; i < RAYS; i++) moment += r.means[p + i] * waves[w + i];
       out[o + m] += moment;
     }
   }
@@ -327,57 +337,69 @@ const positive = (first, further) => { const whole = 1 + further / Math.max(firs
 
 // M_0 under suns in directions along lines of sight, [w][(sun * elevations + elevation) * azimuths + azimuth].
 function seenAlong(skies, suns, elevations, azimuths, line) {
-  const { middle, first } = skies.geometry, own = middle.slice(first), layers = [...new Set(own.map((z) => searchsorted(BOUNDARY_KM, z) - 1))];
-  const groupOf = own.map((z) => layers.indexOf(searchsorted(BOUNDARY_KM, z) - 1)), share = own.map((z) => Math.exp(-z / SCALE_HEIGHT_KM));
-  const angles = line.map(({ path, angle }) => {
+  const shared = betweenMiddles(skies.geometry), { layers } = shared, angles = line.map(({ path, angle }) => {
     const [top, bottom] = [new Float64Array(layers.length), new Float64Array(layers.length)];
-    groupOf.forEach((g, k) => { top[g] += 0.5 * (angle[k] + angle[k + 1]) * path[k] * share[k]; bottom[g] += path[k] * share[k]; });
+    shared.each((g, k, part, z) => { const share = part * path[k] * Math.exp(-z / SCALE_HEIGHT_KM); top[g] += share * 0.5 * (angle[k] + angle[k + 1]); bottom[g] += share; });
     return top.map((v, g) => v / bottom[g]);
   });
-  const weights = skies.at.map((one) => lastScattering(one, skies.geometry, line, groupOf, layers.length));
+  const seen = skies.at.map((one) => line.map((way, j) => lastScattering(one, skies.geometry, way, shared, angles[j])));
   const out = skies.at.map(() => new Float64Array(suns.length * elevations.length * azimuths.length)), functions = new Float64Array(HARMONICS), of = new Float64Array(MOMENTS);
   suns.forEach((sun, i) => elevations.forEach((elevation, j) => azimuths.forEach((azimuth, k) => {
-    const here = (i * elevations.length + j) * azimuths.length + k, [e, up] = [elevation * RAD, (90 - sun) * RAD];
-    const fromSun = Math.cos(up) * Math.sin(e) + Math.sin(up) * Math.cos(e) * Math.cos(azimuth * RAD);
+    const here = (i * elevations.length + j) * azimuths.length + k, [e, up] = [elevation * RAD, (90 - sun) * RAD], side = Math.cos(azimuth * RAD);
+    const fromSun = Math.cos(up) * Math.sin(e) + Math.sin(up) * Math.cos(e) * side;
     angles[j].forEach((angle, g) => {
-      const zenith = zenithAt(sun, angle, azimuth), [below, f] = betweenZeniths(zenith / RAD), scale = Math.exp(logReference(zenith / RAD)), u = Math.sin(e + angle);
-      const s = within((fromSun - Math.cos(zenith) * u) / Math.max(Math.sin(zenith), 1e-3), -1, 1), beside = Math.max(1 - u * u - s * s, 0), start = (layers[g] * ANGLES + below) * MOMENTS;
+      const zenith = zenithAt(sun, angle, azimuth), sine = Math.max(Math.sin(zenith), 1e-3), [below, f] = betweenZeniths(zenith / RAD), reference = logReference(zenith / RAD), u = Math.sin(e + angle);
+      const s = within((fromSun - Math.cos(zenith) * u) / sine, -1, 1), beside = Math.max(1 - u * u - s * s, 0), start = (layers[g] * ANGLES + below) * MOMENTS;
+      // an angle at the Earth's centre towards the sun takes as much from that between the sun and the zenith
+      const towards = (Math.cos(angle) * side * Math.sin(up) - Math.sin(angle) * Math.cos(up)) / sine / RAD, slope = referenceSlope(zenith / RAD);
       harmonics(u, s, functions);
       skies.at.forEach(({ diffuse }, w) => {
+        const { by, nearer } = seen[w][j], o = g * (DEGREE + 2), [first, last] = [start, start + MOMENTS].map((m) => Math.log(Math.max(diffuse[m], DARK)));
         for (let m = 0; m < MOMENTS; m++) of[m] = diffuse[start + m] * (1 - f) + diffuse[start + MOMENTS + m] * f;
-        const by = weights[w][j], o = g * (DEGREE + 2), uu = of[HARMONICS], us = of[HARMONICS + 1], ss = of[HARMONICS + 2];
+        const uu = of[HARMONICS], us = of[HARMONICS + 1], ss = of[HARMONICS + 2], change = (slope + (last - first) / (ZENITH_DEG[below + 1] - ZENITH_DEG[below])) * towards * nearer[g];
         let further = -3 * by[o + DEGREE + 1] * (u * u * uu + 2 * u * s * us + s * s * ss - beside * (uu + ss));
         for (let n = 1, m = 1; n <= DEGREE; n++) {
           let degree = 0;
           for (const end = m + n; m <= end; m++) degree += functions[m] * of[m];
           further += (n === 2 ? by[o + 2] + by[o + DEGREE + 1] : by[o + n]) * degree;
         }
-        out[w][here] += positive(by[o] * of[0], further) * scale;
+        out[w][here] += positive(by[o] * of[0], further) * Math.exp(reference + within(change, -MOST_CHANGE, MOST_CHANGE));
       });
     });
   })));
   return out.map((values) => values.map((v) => Math.max(v, DARK)));
 }
 
-// Of each line of sight and group of layers: what the last scattering of the moments of degree 0 to DEGREE by all, and of
-// the second by air alone, adds.
-function lastScattering({ air, extinction }, { layer, first }, line, groupOf, groups) {
-  const { depth, aerosolDepth, moments } = air, cut = moments.map((m) => peak(air.degree, m));
-  const perKm = groupOf.map((_, k) => {
-    const l = layer[first + k], height = ALTITUDE_KM[l + 1] - ALTITUDE_KM[l];
-    const by = range(DEGREE + 1, (n) => (2 * n + 1) * sum(moments.map((m, i) => aerosolDepth[i][l] * (m[n] - cut[i]))));
-    by[0] += depth[AIR][l];
-    return [...by, depth[AIR][l] * (1 - air.depolarisation) / (2 + air.depolarisation)].map((v) => v / height);
+// The layers whose light is seen, linear in altitude between their middles; each(f): f(layer's place, k, its share, altitude)
+// of the middle of every shell k above the observer.
+function betweenMiddles({ middle, first }) {
+  const shares = middle.slice(first).map((z) => {
+    const i = within(searchsorted(MIDDLE_KM, z) - 1, 0, MIDDLE_KM.length - 2), part = within((z - MIDDLE_KM[i]) / (MIDDLE_KM[i + 1] - MIDDLE_KM[i]), 0, 1);
+    return [[i, 1 - part, z], [i + 1, part, z]].filter(([, share]) => share > 0);
   });
-  return line.map(({ path }) => {
-    const out = new Float64Array(groups * (DEGREE + 2));
-    let before = 0;
-    groupOf.forEach((g, k) => {
-      const inside = path[k] * extinction[first + k], seen = Math.exp(-before) * (inside < 1e-6 ? path[k] : -Math.expm1(-inside) / extinction[first + k]);
-      perKm[k].forEach((v, n) => { out[g * (DEGREE + 2) + n] += v * seen; });
-      before += inside;
-    });
-    return out;
-  });
+  const layers = [...new Set(shares.flat().map(([layer]) => layer))].sort((a, b) => a - b);
+  return { layers, each: (f) => shares.forEach((row, k) => row.forEach(([layer, share, z]) => f(layers.indexOf(layer), k, share, z))) };
 }
 
+// Of a line of sight: what the last scattering of the moments of degree 0 to DEGREE by all, and of the second by air alone,
+// adds, by layer; and how much nearer than an angle [rad] the light is seen.
+function lastScattering({ air, extinction }, { layer, first }, { path, angle }, shared, angles) {
+  const { depth, aerosolDepth, moments } = air, cut = moments.map((m) => peak(air.degree, m)), size = DEGREE + 2;
+  let before = 0;
+  const weights = Array.from(path, (way, k) => {
+    const l = layer[first + k], height = ALTITUDE_KM[l + 1] - ALTITUDE_KM[l], inside = way * extinction[first + k];
+    const seen = Math.exp(-before) * (inside < 1e-6 ? way : -Math.expm1(-inside) / extinction[first + k]) / height;
+    const by = range(DEGREE + 1, (n) => (2 * n + 1) * sum(moments.map((m, i) => aerosolDepth[i][l] * (m[n] - cut[i]))));
+    by[0] += depth[AIR][l];
+    before += inside;
+    return { by: [...by, depth[AIR][l] * (1 - air.depolarisation) / (2 + air.depolarisation)].map((v) => v * seen), near: inside < 1e-3 ? 0.5 - inside / 12 : 1 / inside - 1 / Math.expm1(inside) };
+  });
+  const by = new Float64Array(shared.layers.length * size), top = new Float64Array(shared.layers.length), bottom = new Float64Array(shared.layers.length);
+  shared.each((g, k, part) => {
+    weights[k].by.forEach((v, n) => { by[g * size + n] += part * v; });
+    const share = part * (weights[k].by[0] + 1e-20 * path[k]);
+    top[g] += share * (angle[k] + weights[k].near * (angle[k + 1] - angle[k]));
+    bottom[g] += share;
+  });
+  return { by, nearer: top.map((v, g) => angles[g] - v / bottom[g]) };
+}

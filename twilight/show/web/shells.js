@@ -55,7 +55,7 @@ async function readNpz(bytes) {
 // shells.py ----------------------------------------------------------------------------------------------------------
 const EARTH_RADIUS_KM = 6371;
 const ALTITUDE_KM = [0, 0.02, 0.06, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 1.7, ...steps(2, 6, 0.5), ...steps(6, 16, 1), 16, 17.5, 19, 20.5, 22, 24, 26, 28, 30, 33, ...steps(36, 81, 3), 82, 86, 90, 95, 100];
-const SHELLS_KM = [30, 4].reduce((boundary, highest) => boundary.flatMap((z, i) => i && z <= highest ? [0.5 * (boundary[i - 1] + z), z] : [z]), ALTITUDE_KM);   // layers up to there are halved
+const SHELLS_KM = [30, 30].reduce((boundary, highest) => boundary.flatMap((z, i) => i && z <= highest ? [0.5 * (boundary[i - 1] + z), z] : [z]), ALTITUDE_KM);   // layers up to there are halved
 const SUBLAYERS = 4, STEEPEST_DEG = 0.03, RAYS_FROM_ABOVE = 90, RAYS_FROM_BELOW = 100, LEAST_SPREAD = 0.05, MOST_DEGREE = 16;
 const AIR = 0, ABSORPTION = 1, EXTINCTION = 2, LOW = 3, HIGH = 4, DARK_LOG = -700, DARK = 1e-35;
 
