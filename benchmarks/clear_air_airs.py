@@ -35,8 +35,8 @@ from twilight.solvers.compact.air import side_by_side as joined_airs
 from twilight.solvers.compact.field import shipped_model
 from twilight.solvers.zones.air_needs import degree_needed
 from twilight.solvers.zones.settings import QUALITIES
-from twilight.transport.clear_air import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG, Skies
-from twilight.transport.shells import Air
+from twilight.transport.clear_air import Air, Skies
+from twilight.transport.clear_air.model import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG
 
 HUMIDITIES = (0, 50, 70, 80, 90, 95)
 """Classes of OPAC [%]."""
@@ -297,7 +297,7 @@ def told(air: Air, observers_km: tuple[float, ...]) -> np.ndarray:
     light = []
     for above in observers_km:
         skies = Skies(shipped_model(), air, above)
-        base = np.moveaxis(skies.base_at(SUN_DEG, ELEVATION_DEG, AZIMUTH_DEG, skies.nodes), -1, 0)
+        base = np.moveaxis(skies.base(SUN_DEG), -1, 0)
         log_ratio, *polarised, _ = skies.at_nodes
         light.append(np.stack([np.ones_like(log_ratio), *polarised]) * base * np.exp(log_ratio))
     return np.moveaxis(np.array(light), (1, 2), (-2, -1)).astype(np.float32)
@@ -310,13 +310,14 @@ def approximate(path: Path, number: int, degree: float) -> None:
     air = airs_of(medium, number)
     skies = [Skies(None, air, above) for above in observers]
     arrays = {
-        "base": np.array([s.base_at(SUN_DEG, ELEVATION_DEG, AZIMUTH_DEG, s.nodes) for s in skies], np.float32),
+        "base": np.array([s.base(SUN_DEG) for s in skies], np.float32),
         "inputs": np.array([one.inputs for one in skies], np.float32),
         "log_base": np.array([one.log_base for one in skies], np.float32),
     }
     if number < UNSOLVED:
         single = np.array([_single_scattering(one) for one in skies])
-        arrays |= {"single": single[:, :, :, :, 0], "moved": moved(air, observers, degree) - single}
+        other = single if (air.degree == degree).all() else moved(air, observers, degree)
+        arrays |= {"single": single[:, :, :, :, 0], "moved": other - single}
         arrays["limits"] = limited(air)
     write(path, **arrays)
 

@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from clear_air_airs import SETTINGS, SIDE_BY_SIDE, UNSOLVED
@@ -27,7 +27,7 @@ from clear_air_kept import components, solved
 from twilight import __version__
 from twilight.base.whole_files import whole_file
 from twilight.solvers.compact.field import SHIPPED
-from twilight.transport.clear_air import FORMAT, NODES, SUN_DEG, Model, outputs
+from twilight.transport.clear_air.model import FORMAT, NODES, SUN_DEG, Model, outputs
 
 HELD_OUT = 10
 """One file in so many judges the fit."""
@@ -148,11 +148,33 @@ def _samples(values: np.ndarray) -> np.ndarray:
     return values.reshape(values.shape[0] * values.shape[1], -1)
 
 
+class Lesson(NamedTuple):
+    """What every network is fitted to: a model without networks, which samples train, inputs of all, coefficients of
+    those that train over their scale, inputs of airs that are not solved, and what the process says of these; of the
+    first of these what the former model says."""
+
+    model: Model
+    train: np.ndarray
+    inputs: np.ndarray
+    target: np.ndarray
+    scale: np.ndarray
+    unsolved: np.ndarray
+    by_process: np.ndarray
+    former: np.ndarray
+
+
 def fit(data: Data) -> Model:
     """The model of samples."""
+    lesson = prepared(data)
+    return finished(data, lesson, [member(data, lesson, seed) for seed in range(MEMBERS)])
+
+
+def prepared(data: Data) -> Lesson:
+    """The lesson of samples; prints the errors of the process."""
     import torch
 
     torch.set_num_threads(2)
+    torch.set_default_device("cuda" if torch.cuda.is_available() else "cpu")
     train = data.number % HELD_OUT != 0
     model = _without_networks(data, train)
     coefficients = _coefficients(model, data.ratio[train], data.polarised[train])
@@ -163,34 +185,47 @@ def fit(data: Data) -> Model:
     target = (coefficients / scale).astype(np.float32)
     inputs = model.standardised(data.inputs, data.log_base)
     others, former = model.standardised(*data.told[:2]), _coefficients(model, *data.told[2:])
-    mixed = _between(np.concatenate([inputs[train], others]))
+    unsolved = np.concatenate([others, _between(np.concatenate([inputs[train], others]))])
     processes = [_process(torch, inputs[train], target[:, some]) for some in (slice(0, k), slice(k, None))]
-    by_process = [
-        np.concatenate([one(x) for one in processes], axis=1) * scale for x in (inputs[~train], others, mixed)
-    ]
-    print(f"process, held out:\n{_errors(model, data, ~train, by_process[0])}", flush=True)
-    members = []
-    for seed in range(MEMBERS):
-        network = _Network(torch, seed, inputs.shape[1], scale, model)
-        network.fit_coefficients(inputs[train], target, EPOCHS, RATE)
-        network.fit_light(data, train, inputs, None)
-        print(f"network {seed}, held out:\n{_errors(model, data, ~train, network(inputs[~train]))}", flush=True)
-        taught = 0.5 * (by_process[1] + network(others))
-        apart = np.percentile(np.abs((former - taught)[:, :k] @ model.intensity[:, ::7]), 95, axis=1, keepdims=True)
-        share = FORMER_SHARE / (1.0 + (apart / FORMER_APART) ** 2)
-        taught = np.concatenate([(1.0 - share) * taught + share * former, 0.5 * (by_process[2] + network(mixed))])
-        taught, unsolved = taught.astype(np.float32), np.concatenate([others, mixed])
-        both = np.concatenate([inputs[train], unsolved]), np.concatenate([target, taught / scale])
-        network.fit_coefficients(*both, TAUGHT_EPOCHS, TAUGHT_RATE)
-        network.fit_light(data, train, inputs, (unsolved, taught))
-        print(f"taught, held out:\n{_errors(model, data, ~train, network(inputs[~train]))}", flush=True)
-        members.append(network.layers())
-    model = replace(model, members=tuple(members))
-    print(f"all, held out:\n{_errors(model, data, ~train)}", flush=True)
+    held, by_process = (
+        np.concatenate([one(x) for one in processes], axis=1) * scale for x in (inputs[~train], unsolved)
+    )
+    print(f"process, held out:\n{_errors(model, data, ~train, held)}", flush=True)
+    return Lesson(model, train, inputs, target, scale, unsolved, by_process, former)
+
+
+def member(data: Data, lesson: Lesson, seed: int) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """The layers of one network; prints its errors."""
+    import torch
+
+    torch.set_default_device("cuda" if torch.cuda.is_available() else "cpu")
+    model, train, inputs = lesson.model, lesson.train, lesson.inputs
+    network = _Network(torch, seed, inputs.shape[1], lesson.scale, model)
+    network.fit_coefficients(inputs[train], lesson.target, EPOCHS, RATE)
+    network.fit_light(data, train, inputs, None)
+    print(f"network {seed}, held out:\n{_errors(model, data, ~train, network(inputs[~train]))}", flush=True)
+    taught, told = 0.5 * (lesson.by_process + network(lesson.unsolved)), len(lesson.former)
+    apart = (lesson.former - taught[:told])[:, : COMPONENTS["intensity"]] @ model.intensity[:, ::7]
+    apart = np.percentile(np.abs(apart), 95, axis=1, keepdims=True)
+    share = FORMER_SHARE / (1.0 + (apart / FORMER_APART) ** 2)
+    taught[:told] += share * (lesson.former - taught[:told])
+    taught = taught.astype(np.float32)
+    both = np.concatenate([inputs[train], lesson.unsolved]), np.concatenate([lesson.target, taught / lesson.scale])
+    network.fit_coefficients(*both, TAUGHT_EPOCHS, TAUGHT_RATE)
+    network.fit_light(data, train, inputs, (lesson.unsolved, taught))
+    print(f"taught, held out:\n{_errors(model, data, ~train, network(inputs[~train]))}", flush=True)
+    return network.layers()
+
+
+def finished(data: Data, lesson: Lesson, members: list[tuple[tuple[np.ndarray, np.ndarray], ...]]) -> Model:
+    """The model of networks, with the estimate of its error; prints its errors."""
+    held = ~lesson.train
+    model = replace(lesson.model, members=tuple(members))
+    print(f"all, held out:\n{_errors(model, data, held)}", flush=True)
     settings = ("degree", "max_degree", "altitude_density", "zenith_density")
     return replace(
         model,
-        error=_calibrated(model, data, ~train),
+        error=_calibrated(model, data, held),
         provenance={
             "version": __version__,
             "airs": int((data.number < SIDE_BY_SIDE).sum() // 16 + (data.number >= SIDE_BY_SIDE).sum() // 2),
@@ -274,7 +309,7 @@ def _process(torch: Any, inputs: np.ndarray, target: np.ndarray) -> Callable[[np
     def mean(at: np.ndarray) -> np.ndarray:
         with torch.no_grad():
             rows = [kernel(part, x) @ weights for part in torch.split(torch.tensor(at).double(), 2048)]
-            return torch.cat(rows).numpy().astype(np.float32)
+            return torch.cat(rows).cpu().numpy().astype(np.float32)
 
     return mean
 
@@ -300,7 +335,7 @@ class _Network:
 
     def __call__(self, inputs: np.ndarray) -> np.ndarray:
         with self.torch.no_grad():
-            return (self._forward(self.torch.tensor(inputs)) * self.scale).numpy()
+            return (self._forward(self.torch.tensor(inputs)) * self.scale).cpu().numpy()
 
     def _epochs(self, samples: int, epochs: int, rate: float, loss_of) -> None:
         torch, parameters = self.torch, [*self.hidden.parameters(), *self.last.parameters()]
@@ -356,9 +391,10 @@ class _Network:
 
     def layers(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
         """What `Model.members` holds of it."""
-        layers = [(one.weight.detach().numpy().T.copy(), one.bias.detach().numpy().copy()) for one in self.hidden]
-        scale, last = self.scale.numpy(), self.last
-        return *layers, (last.weight.detach().numpy().T * scale, last.bias.detach().numpy() * scale)
+        layers = [[part.detach().cpu().numpy() for part in (one.weight, one.bias)] for one in (*self.hidden, self.last)]
+        *hidden, (weight, bias) = layers
+        scale = self.scale.cpu().numpy()
+        return *((w.T.copy(), b.copy()) for w, b in hidden), (weight.T * scale, bias * scale)
 
 
 def _calibrated(model: Model, data: Data, some: np.ndarray) -> np.ndarray:

@@ -9,8 +9,8 @@ from twilight.engine.table import fill, first_columns, first_rows
 from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
 from twilight.sky.table import SkyTable, join, plain_grid, split, stack
+from twilight.transport.clear_air.shells import ALTITUDE_KM, sublayers
 from twilight.transport.scattered_once import ScatteredOnce, ShellsBelow
-from twilight.transport.shells import ALTITUDE_KM, sublayers
 
 SUN_DEG = 12.0
 WAVES = np.array([1.0, 1.6])

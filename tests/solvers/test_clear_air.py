@@ -21,10 +21,12 @@ from twilight.engine import solve
 from twilight.scene import resolve
 from twilight.solvers.compact.air import air_of, side_by_side, slope
 from twilight.solvers.compact.field import SHIPPED, load_model
-from twilight.transport.clear_air import AZIMUTH_DEG, ELEVATION_DEG, Skies, azimuth_splines, splines
-from twilight.transport.diffuse import LEAST_PART, _positive
-from twilight.transport.diffuse_rays import BELOW, LAYERS, RAYS, segments
-from twilight.transport.shells import ALTITUDE_KM, Shells, sublayers
+from twilight.transport.clear_air import Skies
+from twilight.transport.clear_air.diffuse import LEAST_PART, _positive
+from twilight.transport.clear_air.model import AZIMUTH_DEG, ELEVATION_DEG, splines
+from twilight.transport.clear_air.rays import BELOW, LAYERS, RAYS, segments
+from twilight.transport.clear_air.shells import ALTITUDE_KM, Shells, sublayers
+from twilight.transport.clear_air.sky import azimuth_splines
 
 WAVELENGTH_NM = [380.0, 450.0, 550.0, 650.0]
 SUNS_DEG = (50.0, 10.0, 0.0, -4.0, -8.0, -14.0)
@@ -137,7 +139,7 @@ def test_all_but_the_network_is_already_near_zones(climate):
     skies = field._seen_from(0.0)
     rows, columns = np.meshgrid(ELEVATION_DEG[1:], AZIMUTH_DEG, indexing="ij")
     for sun in (30.0, -4.0):
-        base = skies.base_at(np.array([sun]), ELEVATION_DEG, AZIMUTH_DEG, skies.nodes)[0, 1:]
+        base = skies.base(np.array([sun]))[0, 1:]
         light = base + skies.single_scattering(sun)[1:, :, 0]
         off = light / exact.radiance(sun, rows, columns) - 1.0
         assert np.percentile(np.abs(off), 95) < 0.08, (sun, np.percentile(np.abs(off), 95))

@@ -24,8 +24,8 @@ from twilight.sky import colour
 from twilight.sky.tone import Light, scotopic_weights
 from twilight.solvers.compact.air import air_of
 from twilight.solvers.compact.field import HIGHEST_OBSERVER_KM, SHIPPED, check_air, check_medium, shipped_model
-from twilight.transport.clear_air import SUN_DEG
-from twilight.transport.shells import ABSORPTION, EXTINCTION, HIGH, Air
+from twilight.transport.clear_air.model import SUN_DEG
+from twilight.transport.clear_air.shells import ABSORPTION, EXTINCTION, HIGH, Air
 
 ROWS_DEG = first_rows(0.0, [], 45)
 """Elevations at which the page computes light [deg]; in between it reads it as a `SkyTable`."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
-from twilight.transport.shells import (
+from twilight.transport.clear_air.shells import (
     ALTITUDE_KM,
     DARK_LOG,
     SUBLAYERS,

@@ -9,8 +9,9 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.numerics.phase import TABLE, PhaseFunction, table_angles_rad
-from twilight.transport.clear_air import ANGLES_DEG, PEAK_DEGREE
-from twilight.transport.shells import AIR, ALTITUDE_KM, EXTINCTION, HIGH, LOW, MOST_DEGREE, Air, sublayers
+from twilight.transport.clear_air.model import ANGLES_DEG
+from twilight.transport.clear_air.shells import AIR, ALTITUDE_KM, EXTINCTION, HIGH, LOW, MOST_DEGREE, Air, sublayers
+from twilight.transport.clear_air.skies import PEAK_DEGREE
 
 SPLIT_KM = 12.0
 """Altitude above the ground up to which the aerosol has the lower one of two mean phase functions [km]."""

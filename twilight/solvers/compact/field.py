@@ -17,8 +17,9 @@ from twilight.base.sections import option, settings
 from twilight.base.threads import one_blas_thread
 from twilight.solvers.base import BareField, Cost, ModelError, observer_at
 from twilight.solvers.compact.air import LIMITED, air_of, limited, side_by_side
-from twilight.transport.clear_air import SUN_DEG, Model, Skies
-from twilight.transport.shells import STEP, Air
+from twilight.transport.clear_air import Air, Model, Skies
+from twilight.transport.clear_air.model import SUN_DEG
+from twilight.transport.clear_air.shells import STEP
 
 SHIPPED = Path(__file__).resolve().parents[2] / "data" / "compact" / "clear-air.npz"
 """The file of the model."""

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.transport.diffuse_rays import (
+from .rays import (
     ANGLES,
     BOUNDARY_KM,
     CUT,
@@ -39,7 +39,7 @@ from twilight.transport.diffuse_rays import (
     reference_slope,
     turned,
 )
-from twilight.transport.shells import (
+from .shells import (
     AIR,
     ALTITUDE_KM,
     DARK,
@@ -158,7 +158,7 @@ def _scattered_again(
     by_degree = albedo[1:, :-1].T @ series
     by_degree[:, 0] += albedo[0, :-1]
     by_degree[:, 2] += albedo[0, :-1] * depolarised
-    total, mean, into = np.float32(0.0), rays(SUNLIT).moments[-1, :, 0], turned(SUNLIT, DIFFUSE)
+    total, mean, into = np.zeros(1, np.float32), rays(SUNLIT).moments[-1, :, 0], turned(SUNLIT, DIFFUSE)
     for _ in range(FOLLOWED - 1):
         before = last
         sent = np.empty((LAYERS, into.shape[1], ANGLES), np.result_type(by_degree, last))
@@ -198,18 +198,27 @@ def _kinds(air: Air, boundary_km: np.ndarray) -> _Kinds:
     return _Kinds(np.pad(depth / np.diff(boundary_km)[:, None], ((0, 1), (0, 0))), albedo, np.swapaxes(series, 1, 2))
 
 
+class LastScattering(NamedTuple):
+    """Of lines of sight (E,) in K layers of diffuse light, `layer` (K,): weights (DEGREE + 2, E, K, W), what scattering
+    of J, of the moments of each further degree by aerosols and of the second by air alone adds; angle (E, K) [rad] at
+    the Earth's centre from the observer to the mean point, and by how much nearer the light is that he sees, (E, K,
+    W)."""
+
+    weights: np.ndarray
+    angle: np.ndarray
+    nearer: np.ndarray
+    layer: np.ndarray
+
+
 def seen_along(
-    air: Air,
-    shells: Shells,
     light: np.ndarray,
     sun_deg: np.ndarray,
     elevation_deg: np.ndarray,
     azimuth_deg: np.ndarray,
-    line: Line,
+    scattering: LastScattering,
 ) -> np.ndarray:
     """M_0 under suns (S,) in directions, (S, E, A, W), from `diffuse_light`: what it scatters along lines of sight."""
-    directions = (elevation_deg, azimuth_deg, *_last_scattering(air, shells, line))
-    return np.stack([_seen_under(light, sun, *directions) for sun in np.atleast_1d(sun_deg)])
+    return np.stack([_seen_under(light, sun, elevation_deg, azimuth_deg, *scattering) for sun in sun_deg])
 
 
 def _seen_under(
@@ -222,7 +231,7 @@ def _seen_under(
     nearer: np.ndarray,
     layer: np.ndarray,
 ) -> np.ndarray:
-    """`seen_along` under one sun, (E, A, W), from what `_last_scattering` says."""
+    """`seen_along` under one sun, (E, A, W)."""
     sun, azimuth = np.radians(90.0 - sun_deg), np.cos(np.radians(azimuth_deg))[:, None]
     cosine = np.cos(angle)[:, None] * np.cos(sun) + np.sin(angle)[:, None] * azimuth * np.sin(sun)
     zenith = np.arccos(np.clip(cosine, -1.0, 1.0))  # E A K
@@ -262,10 +271,8 @@ def _seen_under(
     return np.maximum(source.sum(axis=2), DARK)
 
 
-def _last_scattering(air: Air, shells: Shells, line: Line) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of lines of sight in the layers of diffuse light above the observer: what scattering of J, of the moments of each
-    further degree by aerosols and of the second by air alone adds, (DEGREE + 2, E, K, W); angle at the Earth's centre
-    from him to the mean point (E, K) [rad]; layer (K,)."""
+def last_scattering(air: Air, shells: Shells, line: Line) -> LastScattering:
+    """Where along lines of sight above the observer how much of diffuse light is scattered towards him."""
     middle = 0.5 * (shells.boundary_km[1:] + shells.boundary_km[:-1])[shells.first :]
     own = np.searchsorted(ALTITUDE_KM, middle) - 1
     of_air, followed = air.depth[AIR], air.moments[..., : DEGREE + 1] - air.peaks(air.moments)[..., None]
@@ -286,7 +293,7 @@ def _last_scattering(air: Air, shells: Shells, line: Line) -> tuple[np.ndarray, 
     near = np.where(np.abs(inside) < 1e-3, 0.5 - inside / 12.0, 1.0 / near - 1.0 / np.expm1(near))
     seen_share = weights[0] + 1e-20 * path
     seen_angle = (shares.T @ ((low[..., None] + whole[..., None] * near) * seen_share)) / (shares.T @ seen_share)
-    return single(shares.T @ weights), mean_angle, mean_angle[..., None] - seen_angle, layer
+    return LastScattering(single(shares.T @ weights), mean_angle, mean_angle[..., None] - seen_angle, layer)
 
 
 def _between_middles(altitude_km: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from twilight.transport.shells import ALTITUDE_KM, EARTH_RADIUS_KM, sublayers
+from .shells import ALTITUDE_KM, EARTH_RADIUS_KM, sublayers
 
 BOUNDARY_KM = np.array(
     [

@@ -1,0 +1,224 @@
+"""The skies of an air under every sun: light scattered once along lines of sight, M_0, and what the networks add."""
+
+from __future__ import annotations
+
+import copy
+import functools
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .diffuse import LastScattering, diffuse_light, last_scattering, seen_along
+from .model import (
+    AZIMUTH_DEG,
+    BASE_AZIMUTH_DEG,
+    BASE_ELEVATION_DEG,
+    ELEVATION_DEG,
+    SUN_DEG,
+    Model,
+    network_inputs,
+    splines,
+)
+from .shells import ABSORPTION, AIR, ALTITUDE_KM, DARK, EXTINCTION, Air, Shells, single, sublayers
+from .sky import PEAK_ANGLES, Sky
+
+if TYPE_CHECKING:
+    from twilight.atmosphere.screen import Screen
+
+HALVED_KM = (30.0, 30.0)
+"""Up to which layers are halved for the sunbeam, and once more: of a low sun it rises steeply below the top of haze."""
+
+
+def _halved(boundary_km: np.ndarray, highest_km: float) -> np.ndarray:
+    """Boundaries of layers, with the middles of those up to an altitude."""
+    middle = 0.5 * (boundary_km[1:] + boundary_km[:-1])
+    return np.unique(np.concatenate([boundary_km, middle[boundary_km[1:] <= highest_km]]))
+
+
+SHELLS_KM = functools.reduce(_halved, HALVED_KM, ALTITUDE_KM)
+"""Boundaries of shells."""
+LEAST_REFRACTIVITY = 1e-30
+"""Least n - 1, so that it has a logarithm."""
+SCREEN_ERROR = 0.1
+"""Error at 95 % of a sky, as a part of what a screen takes of ln(light), by `benchmarks/clear_air.py screen`."""
+SPARED_DEG = 2.5
+"""How far above the highest sun whose beams a screen dims anywhere it takes less than 0.1 % of any sky [deg]."""
+PEAK_DEGREE, LEAST_PEAK_DEPTH = 400, 1e-4
+"""Of the widened peaks: degree, optical depth of scattering in peaks below which they stay."""
+NEGLIGIBLE = 1e-3
+"""Fraction of M that is added to every Q_k before its logarithm is interpolated: in the shadow it falls without end."""
+DARKEST_TERM = 1e-3
+"""Light of a wavelength, of that of the brightest one, below which it does not count in the error of a sky."""
+
+
+class Skies:
+    """The skies of an air seen by one observer, under every sun; observer_km: above the ground, 0 to 15."""
+
+    def __init__(self, model: Model | None, air: Air, observer_km: float = 0.0):
+        self.model, self.air, self.observer_km = model, air, observer_km
+        boundary = SHELLS_KM
+        if np.abs(boundary - observer_km).min() > 1e-4:
+            boundary = np.sort(np.append(boundary, observer_km))
+        layer = np.searchsorted(ALTITUDE_KM, 0.5 * (boundary[1:] + boundary[:-1])) - 1
+        per_km, d, of_aerosols = 1.0 / np.diff(ALTITUDE_KM)[:, None], air.depth, air.aerosol_depth
+        self.peak_fraction = air.peaks(air.moments)
+        peak = np.einsum("kw,klw->lw", self.peak_fraction, of_aerosols)
+        ln = np.log(np.maximum(air.refractivity, LEAST_REFRACTIVITY))
+        ln = np.interp(sublayers(boundary), sublayers(ALTITUDE_KM), ln)
+        self.shells = Shells(
+            boundary,
+            ((d[AIR] + d[ABSORPTION] + d[EXTINCTION] - peak) * per_km)[layer],
+            (np.concatenate([d[AIR][None], of_aerosols]) * per_km)[:, layer],
+            (peak * per_km)[layer],
+            np.exp(ln),
+            observer_km,
+            air.radius_km,
+        )
+        self._peak_depth = self.shells.beams.path_km @ self.shells.peak
+        self.nodes = self.shells.line(ELEVATION_DEG)
+        self._taken = np.zeros(SUN_DEG.size)
+
+    @functools.cached_property
+    def _diffuse(self) -> np.ndarray:
+        return diffuse_light(self.air, self.shells)
+
+    @functools.cached_property
+    def inputs(self) -> np.ndarray:
+        """`network_inputs`."""
+        return network_inputs(self.air, self.observer_km)
+
+    @functools.cached_property
+    def log_base(self) -> np.ndarray:
+        """ln M_0 under all suns, an input of the network, (W, B)."""
+        return self._log_base()
+
+    def behind(self, screen: Screen, powers: np.ndarray) -> Skies:
+        """The same behind a screen, whose altitudes are above the ground and whose T has these powers (W,): every Q_k
+        and M_0 are of the sunbeam that passes, and M / M_0 is that of the whole one."""
+        whole = self.log_base  # the network's, of the whole sunbeam
+        made, made.shells = copy.copy(self), copy.copy(self.shells)
+        made.shells.screen = screen, powers
+        made.shells.__dict__.pop("_tables")
+        made._diffuse = diffuse_light(self.air, made.shells)
+        taken = (whole - made._log_base()).real.reshape(len(powers), SUN_DEG.size, -1)
+        made._taken = np.percentile(taken, 95, axis=(0, 2))
+        return made
+
+    @functools.cached_property
+    def at_nodes(self) -> np.ndarray:
+        """`Model.at_nodes`."""
+        return self._fitted_model.at_nodes(self.inputs, self.log_base)
+
+    @property
+    def _fitted_model(self) -> Model:
+        if self.model is None:
+            raise ValueError("a sky needs a model; without one there is M_0 alone")
+        return self.model
+
+    def lowest_spared_deg(self, screen: Screen) -> float:
+        """Sun elevation [deg] from which on a screen takes nothing (0.1 %) of a sky: `SPARED_DEG` above the highest one
+        whose beams it dims anywhere."""
+        dims = screen.at(self.shells._least_km(screen)) < 1.0
+        first = self.shells.beams.zenith_rad[dims].min(initial=np.pi)
+        return 90.0 - float(np.degrees(first)) + SPARED_DEG
+
+    def base(self, sun_deg: np.ndarray) -> np.ndarray:
+        """M_0 under suns (S,) at the nodes, (S, E, A, W)."""
+        return seen_along(self._diffuse, sun_deg, ELEVATION_DEG, AZIMUTH_DEG, self._last_scattering)
+
+    @functools.cached_property
+    def _last_scattering(self) -> LastScattering:
+        return last_scattering(self.air, self.shells, self.nodes)
+
+    def _log_base(self) -> np.ndarray:
+        line = self.shells.line(BASE_ELEVATION_DEG)
+        scattering = last_scattering(self.air, self.shells, line)
+        light = np.log(seen_along(self._diffuse, SUN_DEG, BASE_ELEVATION_DEG, BASE_AZIMUTH_DEG, scattering))
+        return light.reshape(-1, light.shape[-1]).T
+
+    def sky(self, sun_elevation_deg: float) -> Sky:
+        """The sky under one sun, from -18 to 90 deg."""
+        air, shells = self.air, self.shells
+        weight = splines(SUN_DEG, np.array([sun_elevation_deg]))[0]
+        log_ratio, *polarised, spread = np.einsum("s,pwsea->peaw", weight, self.at_nodes)
+        base = self.base(np.array([sun_elevation_deg]))[0]
+        multiple = np.log(base) + log_ratio
+        integrals, peaks = self._scattered_once(sun_elevation_deg)
+        once = np.log(np.maximum(integrals, DARK) + NEGLIGIBLE * np.exp(multiple))
+        apparent = shells.apparent_elevation_deg(sun_elevation_deg)
+        sky = Sky(apparent, air, np.concatenate([multiple[None], once]), np.array(polarised), peaks)
+        light = sky.light(ELEVATION_DEG, AZIMUTH_DEG, widen=False).real[..., 0, :]
+        spread = np.abs(spread) * np.exp(multiple.real) / light
+        # terms of bands of gases that let no light through have no part in the sky
+        brightest = light.max(axis=(0, 1))
+        counted = spread[..., brightest > DARKEST_TERM * brightest.max()]
+        least, times, taken = (
+            np.interp(sun_elevation_deg, SUN_DEG, row) for row in (*self._fitted_model.error, self._taken)
+        )
+        error = least + times * np.percentile(counted, 95)
+        return sky._replace(relative_error=float(np.hypot(error, SCREEN_ERROR * taken)))
+
+    def single_scattering(self, sun_elevation_deg: float) -> np.ndarray:
+        """Light scattered once, with what forward peaks have scattered, at the nodes: I, Q, U over F0, (E, A, 3, W)."""
+        integrals, peaks = self._scattered_once(sun_elevation_deg)
+        logarithms = np.log(np.concatenate([np.zeros_like(integrals[:1]), integrals]) + DARK)
+        apparent = self.shells.apparent_elevation_deg(sun_elevation_deg)
+        none = np.zeros((2, *integrals.shape[1:]))
+        return Sky(apparent, self.air, logarithms, none, peaks).light(ELEVATION_DEG, AZIMUTH_DEG, 3)
+
+    def _scattered_once(self, sun_deg: float) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
+        """Q_k at the nodes (1 + K, E, A, W), and `_widened`."""
+        line = self.nodes
+        mean = self.shells.sunlit(line.zenith(sun_deg, AZIMUTH_DEG)[0], line.depth)
+        peaks = self._widened(sun_deg, mean[:, 0]) if len(self.air.aerosol_depth) else None
+        return self.shells.integrated(line, mean), peaks
+
+    def _widened(self, sun_deg: float, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Light that forward peaks have scattered more than once, at the elevations of the nodes, from light in layers
+        (E, K, W) towards the sun: depth x (E, W) of scattering in peaks on its way, and what is added to exp(-x) P at
+        PEAK_ANGLES angles, (K, E, angles, W).  With f the fraction in the peak and p_l its moments (1 up to the degree
+        that is followed, chi_l / f beyond; m_l of the mixture), all convolutions of the peak with itself (Nakajima and
+        Tanaka 1988, J. Quant. Spectrosc. Radiat. Transfer 40, 51, to all orders):
+
+            sum_l (2 l + 1)/(4 pi) P_l [f p_l g_l + (1 - exp(-x)) (chi_l - f)],
+            g_l = [exp(-x (1 - m_l)) - exp(-x)] / (x m_l) - exp(-x)
+        """
+        line, first, f = self.nodes, self.shells.first, self.peak_fraction
+        scattered = line.path[..., None] * f[:, None, None] * self.shells.scattering[1:, None, first:] * light
+        passed = np.cumsum(line.path[..., None] * self.shells.peak[first:], axis=1)
+        i, part = self.shells._place(
+            np.arange(first, self.shells.boundary_km.size), line.zenith(sun_deg, np.zeros(1))[0, :, 0]
+        )
+        before = self._peak_depth[i] * (1.0 - part[..., None]) + self._peak_depth[i + 1] * part[..., None]
+        shifted = np.concatenate([np.zeros_like(passed[:, :1]), passed[:, :-1]], axis=1)
+        mean_depth = 0.5 * (shifted + passed + before[:, :-1] + before[:, 1:])
+        by_kind = scattered.sum(axis=2)
+        total = by_kind.sum(axis=0)
+        safe_total = np.where(total.real > 0.0, total, 1.0)
+        x = np.einsum("sekw,ekw->ew", scattered, mean_depth) / safe_total
+        x = np.where((total.real > 0.0) & (x.real >= LEAST_PEAK_DEPTH), x, 0.0)[..., None]
+        moments, followed = self._peaks
+        mixed = np.einsum("kew,kwl->ewl", by_kind / safe_total, moments)
+        none, small = np.exp(-x), np.abs(mixed) * x.real < 1e-6
+        g = np.where(
+            small, 0.5 * none * x * mixed, (np.exp(-x * (1.0 - mixed)) - none) / np.where(small, 1.0, mixed * x) - none
+        )
+        series = (np.where(f > 1e-6, f, 0.0)[..., None] * moments)[:, None] * g + (1.0 - none) * followed[:, None]
+        return x[..., 0], np.swapaxes(single(series) @ _legendre_terms().T, -1, -2)
+
+    @functools.cached_property
+    def _peaks(self) -> tuple[np.ndarray, np.ndarray]:
+        """p_l and chi_l - f, 0 beyond what is followed, (K, W, PEAK_DEGREE + 1)."""
+        f, chi = self.peak_fraction[..., None], self.air.moments
+        beyond = np.arange(PEAK_DEGREE + 1) > np.ceil(self.air.degree.real)[:, None]
+        # those of a peak of less than a hundredth are errors of quadrature where they are negative or above 1
+        most, least = np.where(f.real > 0.01, 2.0, 1.0), np.where(f.real > 0.01, -2.0, 0.0)
+        return np.where(beyond, np.clip(chi / np.maximum(f, 1e-6), least, most), 1.0), np.where(beyond, 0.0, chi - f)
+
+
+@functools.cache
+def _legendre_terms() -> np.ndarray:
+    """(2 l + 1)/(4 pi) P_l at PEAK_ANGLES angles, (angles, l)."""
+    angle = np.pi * np.linspace(0.0, 1.0, PEAK_ANGLES) ** 2
+    legendre = np.polynomial.legendre.legvander(np.cos(angle), PEAK_DEGREE)
+    return (legendre * (2 * np.arange(PEAK_DEGREE + 1) + 1) / (4.0 * np.pi)).astype(np.float32)

@@ -1,0 +1,98 @@
+"""The sky of one sun, in any direction."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .model import AZIMUTH_DEG, ELEVATION_DEG, splines
+from .shells import Air
+
+PEAK_ANGLES = 161
+"""Of the widened peaks: angles of tables."""
+
+
+class Sky(NamedTuple):
+    """The sky of one sun: its apparent elevation; ln of M and of Q_k of air and K aerosols at the nodes, (2 + K, E, A,
+    W); Q / M and U / M (2, E, A, W); `Skies._widened`; error of radiance at 95 % of directions, as estimated."""
+
+    sun_elevation_deg: float
+    air: Air
+    logarithms: np.ndarray
+    polarised: np.ndarray
+    peaks: tuple[np.ndarray, np.ndarray] | None
+    relative_error: float = 0.0
+
+    def light(
+        self, elevation_deg, azimuth_deg, n_stokes: int = 1, on_grid: bool = True, widen: bool = True
+    ) -> np.ndarray:
+        """The first n_stokes, 1 or 3, of I, Q, U over F0 [sr^-1], in rows (E,) times columns (A,), (E, A, n_stokes, W);
+        not on_grid: in directions (D,), (D, n_stokes, W)."""
+        air, rho = self.air, self.air.depolarisation
+        rows = splines(np.log(ELEVATION_DEG + 1.5), np.log(elevation_deg + 1.5))
+        even, odd = azimuth_splines(azimuth_deg)
+        multiple, *once = np.exp(_interpolated(self.logarithms, rows, even, on_grid))
+        sun, e, a = (np.radians(x) for x in (self.sun_elevation_deg, elevation_deg, azimuth_deg))
+        e, a = (e[:, None], a[None]) if on_grid else (e, a)
+        cosine = np.clip(np.sin(e) * np.sin(sun) + np.cos(e) * np.cos(sun) * np.cos(a), -1.0, 1.0)
+        phases = [3.0 / (8.0 * np.pi * (2.0 + rho)) * ((1.0 + rho) + (1.0 - rho) * cosine[..., None] ** 2)]
+        i, f = _place_of_angle(cosine, air.log_phase.shape[1])
+        phases += [np.exp(table[i] * (1.0 - f) + table[i + 1] * f) for table in air.log_phase]
+        widened = phases[1:]
+        if self.peaks is not None and widen:
+            dimmed = np.exp(-np.maximum(rows @ self.peaks[0], 0.0))
+            added = np.moveaxis(np.tensordot(rows, self.peaks[1], (1, 1)), 1, 0)
+            j, part = _place_of_angle(cosine, PEAK_ANGLES)
+            row = np.arange(len(rows))[:, None] if on_grid else np.arange(len(rows))
+            dimmed = dimmed[:, None] if on_grid else dimmed
+            widened = [
+                np.maximum(phase * dimmed + more[row, j] * (1.0 - part) + more[row, j + 1] * part, 0.0)
+                for phase, more in zip(widened, added, strict=True)
+            ]
+        stokes = [multiple + sum(phase * q for phase, q in zip([phases[0], *widened], once, strict=True))]
+        if n_stokes > 1:
+            rayleigh = -3.0 / (16.0 * np.pi) * (1.0 - rho) / (1.0 + 0.5 * rho) * (1.0 - cosine[..., None] ** 2)
+            polarised = rayleigh * once[0] + sum(
+                phase * (ratio[i] * (1.0 - f) + ratio[i + 1] * f) * q
+                for phase, ratio, q in zip(phases[1:], air.polarising, once[1:], strict=True)
+            )
+            # across the line of sight, the sun's direction has these components in the vertical plane and beside it
+            vertical = np.cos(e) * np.sin(sun) - np.sin(e) * np.cos(sun) * np.cos(a)
+            beside = -np.cos(sun) * np.sin(a)
+            square = np.maximum(vertical**2 + beside**2, 1e-30)
+            turns = ((vertical**2 - beside**2) / square, 2.0 * vertical * beside / square)
+            for values, columns, turn in zip(self.polarised, (even, odd), turns, strict=True):
+                part = _interpolated(values[None], rows, columns, on_grid)[0]
+                stokes.append(multiple * part + polarised * turn[..., None])
+        return np.stack(stokes, axis=-2)
+
+
+def _place_of_angle(cosine: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Index into a table at angles pi (n / (count - 1))^2, and the part of the way to the next (..., 1)."""
+    where = np.sqrt(np.arccos(cosine) / np.pi) * (count - 1)
+    index = np.minimum(where.astype(int), count - 2)
+    return index, (where - index)[..., None]
+
+
+def _interpolated(values: np.ndarray, rows: np.ndarray, columns: np.ndarray, on_grid: bool) -> np.ndarray:
+    """Values at the nodes (P, E, A, W) by splines over elevation and azimuth, (P, R, C, W) or (P, R, W)."""
+    over_rows = np.tensordot(rows, values, (1, 1))  # R P A W
+    return np.moveaxis(columns @ over_rows if on_grid else (columns[:, None, None] @ over_rows)[:, :, 0], 1, 0)
+
+
+def azimuth_splines(azimuth_deg: np.ndarray) -> list[np.ndarray]:
+    """Splines through the nodes and three mirror images on either side, (N, A): of what is the same on both sides of
+    the sun, and of what changes its sign."""
+    wrapped = (np.asarray(azimuth_deg, float) + 180.0) % 360.0 - 180.0
+    count, beside = AZIMUTH_DEG.size, np.arange(3, 0, -1)
+    mirrored = count - 1 - beside[::-1]
+    nodes = np.concatenate([-AZIMUTH_DEG[beside], AZIMUTH_DEG, 360.0 - AZIMUTH_DEG[mirrored]])
+    through = splines(nodes, np.abs(wrapped))
+    out: list[np.ndarray] = []
+    for sign in (1.0, -1.0):
+        one = through[:, 3 : 3 + count].copy()
+        one[:, beside] += sign * through[:, :3]
+        one[:, mirrored] += sign * through[:, 3 + count :]
+        out.append(one * np.where(wrapped < 0.0, sign, 1.0)[:, None])
+    return out
