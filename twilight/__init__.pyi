@@ -4,6 +4,7 @@ from twilight.api.calls import medium, render, solve, solver
 from twilight.api.light import light
 from twilight.api.photographs import estimate, read_sky
 from twilight.api.representation import Sky, SkySeries, open_dataset
+from twilight.api.skies import skies
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import Climate, Config, load, load_climate
@@ -31,6 +32,7 @@ __all__ = [
     "open_dataset",
     "read_sky",
     "render",
+    "skies",
     "solve",
     "solver",
 ]
