@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -21,10 +22,21 @@ from twilight.engine import solve
 from twilight.scene import resolve
 from twilight.solvers.compact.air import air_of, side_by_side, slope
 from twilight.solvers.compact.field import SHIPPED, load_model
+from twilight.transport import clear_air
 from twilight.transport.clear_air import Skies
 from twilight.transport.clear_air.diffuse import LEAST_PART, _positive
 from twilight.transport.clear_air.model import AZIMUTH_DEG, ELEVATION_DEG, splines
-from twilight.transport.clear_air.rays import BELOW, LAYERS, RAYS, segments
+from twilight.transport.clear_air.rays import (
+    BELOW,
+    DIFFUSE,
+    LAYERS,
+    RAYS,
+    SUNLIT,
+    at_fine_zeniths,
+    rays,
+    segments,
+    turned,
+)
 from twilight.transport.clear_air.shells import ALTITUDE_KM, Shells, sublayers
 from twilight.transport.clear_air.sky import azimuth_splines
 
@@ -110,9 +122,11 @@ def test_the_sun_is_lifted_as_by_the_sunbeam_of_other_solvers(urban):
         assert skies.shells.apparent_elevation_deg(sun) - sun == pytest.approx(urban.direct(sun).bending_deg, abs=0.02)
 
 
-def test_rays_between_scatterings_see_all_directions_and_end_on_the_ground_below_its_horizon():
+@pytest.mark.parametrize("grid", [SUNLIT, DIFFUSE])
+def test_rays_between_scatterings_see_all_directions_and_end_on_the_ground_below_its_horizon(grid):
     """Weights of rays would not be a mean over the sphere, a way be negative, or a ray pass through the Earth."""
-    ray, layer, length, _, cosine, weight = segments().T
+    ray, layer, length, _, cosine, weight = segments(grid).T
+    below = len(grid.boundary_km) - 1
     first = np.flatnonzero(np.diff(ray, prepend=-1))
     start, last = ray[first] // RAYS, np.append(first[1:], ray.size) - 1
     for k in range(LAYERS):
@@ -120,8 +134,20 @@ def test_rays_between_scatterings_see_all_directions_and_end_on_the_ground_below
         assert weight[first][some].sum() == pytest.approx(1.0, abs=1e-9)
         assert (weight * cosine)[first][some].sum() == pytest.approx(2 / 3 if ground else 0.0, abs=1e-9)
         hits = np.arange(RAYS) < (0 if ground else BELOW)
-        np.testing.assert_array_equal(layer[last][some] == LAYERS - 1, hits)
-    assert length.min() >= 0.0 and length[layer < LAYERS - 1].min() > 0.0
+        np.testing.assert_array_equal(layer[last][some] == below, hits)
+    assert length.min() >= 0.0 and length[layer < below].min() > 0.0
+
+
+@pytest.mark.parametrize("grid", [SUNLIT, DIFFUSE])
+def test_even_light_stays_even_when_it_is_scattered(grid):
+    """Few azimuths would make or lose light: waves of phase functions that they cannot have would look like others."""
+    weights = turned(grid, DIFFUSE)
+    assert weights[..., 0].sum(axis=2) == pytest.approx(1.0, abs=1e-6)
+    forward = (2.0 * np.arange(weights.shape[-1]) + 1.0) * 0.6 ** np.arange(weights.shape[-1])
+    assert (weights @ forward).sum(axis=2) == pytest.approx(1.0, abs=0.1)
+    means = rays(grid).moments[:, :, :1].sum(axis=3)
+    assert means == pytest.approx(1.0, abs=1e-6)
+    assert at_fine_zeniths().min() >= 0.0
 
 
 def test_what_further_moments_take_off_is_taken_off_in_full():
@@ -234,6 +260,26 @@ def test_derivatives_are_those_of_differences():
     for (low, high), step, one in zip(either, steps, found, strict=True):
         difference = high.radiance(-4.0, e, a) - low.radiance(-4.0, e, a)
         assert one * step / light == pytest.approx(difference / light, rel=0.01, abs=2e-5)
+
+
+def test_its_folder_alone_gives_the_same_light_by_numpy_alone(tmp_path):
+    """Whoever copies the folder and the file would need the program too."""
+    air = air_of(solve(resolve(scene())).medium)
+    np.savez(tmp_path / "air.npz", **air._asdict())
+    shutil.copytree(Path(clear_air.__file__).parent, tmp_path / "clear_air")
+    shutil.copy(SHIPPED, tmp_path)
+    script = """
+import sys, numpy
+from clear_air import Air, Model, Skies
+skies = Skies(Model.load("clear-air.npz"), Air(**numpy.load("air.npz")), observer_km=0.5)
+numpy.save("light.npy", skies.sky(-4.0).light(numpy.array([2.0, 40.0]), numpy.array([0.0, 90.0]), 3))
+print(*sorted({name.split(".")[0] for name in sys.modules} - set(sys.stdlib_module_names)))
+"""
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert not {"twilight", "scipy", "numba"} & set(done.stdout.split())
+    light = Skies(load_model(SHIPPED), air, 0.5).sky(-4.0).light(np.array([2.0, 40.0]), np.array([0.0, 90.0]), 3)
+    np.testing.assert_allclose(np.load(tmp_path / "light.npy"), light, rtol=1e-6)
 
 
 @pytest.mark.parametrize("n", [4, 5, 9])
