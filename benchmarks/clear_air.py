@@ -2,11 +2,15 @@
 
     python benchmarks/clear_air.py climates                              writes clear_air.csv
     python benchmarks/clear_air.py calibrate                             the error that it estimates, by clear_air.csv
+    python benchmarks/clear_air.py drawn AIRS APPROXIMATE                writes clear_air_drawn.csv
+    python benchmarks/clear_air.py sizes FILE.npz ...                    writes clear_air_sizes.csv
     python benchmarks/clear_air.py screen                                writes clear_air_screen.csv
     python benchmarks/clear_air.py picture                               draws ../docs/clear-air.png
 
-`climates` compares it with the Monte-Carlo reference solution of thirteen climates (`zones_error.py`), `screen` what
-`horizon: typical` takes of ln(light) with what it takes by `zones`.
+`climates` compares it with the Monte-Carlo reference solution of thirteen climates (`zones_error.py`), `drawn` with the
+drawn airs that the fit held out, by type, wavelength, observer and stratosphere (arguments as of `clear_air_fit.py`);
+`sizes` lists the errors in these of files of networks of other widths, `screen` compares what `horizon: typical` takes
+of ln(light) with what it takes by `zones`.
 """
 
 from __future__ import annotations
@@ -15,21 +19,25 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import results
-from clear_air_fit import save
+from clear_air_airs import SIDE_BY_SIDE
+from clear_air_airs import drawn as drawn_air
+from clear_air_fit import off, read, save
 from zones_error import CLIMATES
 from zones_error import errors as zones_errors
 
 import twilight
 from twilight.base.errors import TwilightError
+from twilight.config.aerosol import AerosolType
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.sky import colour
 from twilight.solvers.compact.field import SHIPPED, ClearAirField, load_model
 from twilight.transport.clear_air import Model
+from twilight.transport.clear_air.model import SUN_DEG
 
 REFERENCE_COVERED = 0.97
 """Fraction of the reference skies that `calibrate` covers, so that COVERED hold in climates that it has not seen."""
@@ -42,6 +50,15 @@ PICTURED = (("urban", 10.0), ("desert", 1.0), ("continental-average", -4.0), ("m
 PICTURED_NM = np.linspace(385.0, 735.0, 8)
 
 
+KINDS = (*get_args(AerosolType), "angstrom", "angstrom")
+"""Aerosols of drawn airs, in turn."""
+OBSERVERS = 2
+"""Of each drawn air."""
+LOADED_DEPTH = 0.05
+"""Optical depth of aerosol above 12 km of a loaded stratosphere."""
+DRAWN_SUNS = (1, 4, 7, 10, 12, 16, 19, 20, 22, 25)
+"""Places in SUN_DEG."""
+SIZED_SUNS_DEG = (30.0, 5.0, 0.0, -6.0, -12.0, -16.5)
 SCREENED = ("continental-clean", "continental-average", "urban")
 SCREENED_SUNS_DEG = (3.2, 0.4, -0.6, -1.4, -2.4, -3.6, -4.6, -6.4, -8.4, -11.4, -15.6)
 
@@ -91,6 +108,50 @@ def climates(model: Model) -> None:
             f"sun {sun}: excess {np.median(excess):.2f} (median climate), {max(excess):.2f} (largest); estimated",
             estimated,
         )
+
+
+def drawn(model: Model, airs: Path, approximate: Path) -> None:
+    """Errors in the airs that the fit held out, by groups of samples, and write the table."""
+    data = read(airs, approximate, held_out_alone=True)
+    light, turned = off(model, data, np.ones(data.number.size, bool))
+    sky = 100.0 * np.percentile(light, 95, axis=(2, 3))  # N S
+    degree = np.percentile(turned, 95, axis=(1, 3, 4))
+    groups = [("all", np.full(data.number.size, "all"))]
+    numbers = list(dict.fromkeys(data.number.tolist()))
+    wavelengths, kinds = [], []
+    for number in numbers:
+        nm = drawn_air(number)[0].wavelength_nm
+        wavelengths += [f"{w:g} nm" for w in nm] * OBSERVERS
+        own = KINDS[number % len(KINDS)] if number < SIDE_BY_SIDE else "each wavelength another"
+        kinds += [own] * (OBSERVERS * nm.size)
+    place = np.concatenate(
+        [np.repeat(["on the ground", "aloft"], (data.number == n).sum() // OBSERVERS) for n in numbers]
+    )
+    loaded = np.where(data.limits_of[:, 3] > LOADED_DEPTH, "loaded", "usual")
+    groups += [("aerosol", np.array(kinds)), ("wavelength", np.array(wavelengths)), ("observer", place)]
+    groups.append(("stratosphere", loaded))
+    rows = []
+    for group, names in groups:
+        for name in sorted(set(names.tolist())):
+            some = names == name
+            for s in DRAWN_SUNS:
+                of = sky[some, s], degree[some, s]
+                values = (f"{x:.2f}" for x in (np.median(of[0]), np.percentile(of[0], 95)))
+                rows.append([group, name, some.sum(), f"{SUN_DEG[s]:g}", *values, f"{np.median(of[1]):.4f}"])
+    columns = ("group", "name", "skies", "sun_elevation_deg", "median_p95_percent", "p95_p95_percent", "median_p95_q_u")
+    results.write(results.FOLDER / "clear_air_drawn.csv", columns, rows)
+
+
+def sizes(paths: Sequence[Path]) -> None:
+    """Errors in held-out airs of the models of some files, by the width of their networks."""
+    rows = []
+    for path in paths:
+        model = load_model(path)
+        error = dict(zip(SUN_DEG, model.provenance["held_out_percent"], strict=True))
+        suns = (f"{error[sun]:.2f}" for sun in SIZED_SUNS_DEG)
+        rows.append([model.provenance["width"], len(model.members), f"{path.stat().st_size / 1e6:.2f}", *suns])
+    columns = ("width", "networks", "file_mb", *(f"percent_at_{sun:g}_deg" for sun in SIZED_SUNS_DEG))
+    results.write(results.FOLDER / "clear_air_sizes.csv", columns, rows)
 
 
 def screen() -> None:
@@ -168,6 +229,10 @@ def main(words: Sequence[str]) -> None:
             climates(load_model(SHIPPED))
         case ["calibrate"]:
             calibrate(SHIPPED)
+        case ["drawn", airs, approximate]:
+            drawn(load_model(SHIPPED), Path(airs), Path(approximate))
+        case ["sizes", _, *_]:
+            sizes([Path(word) for word in words[1:]])
         case ["screen"]:
             screen()
         case ["picture"]:

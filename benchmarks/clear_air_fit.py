@@ -86,8 +86,8 @@ LEADING = 40
 @dataclass
 class Data:
     """Samples, one for each air, observer and wavelength: inputs (N, F'), ln M_0 (N, B), ln(M / M_0) (N, P), Q / M and
-    U / M (N, 2 P), part of M in all light (N, P), number of the file (N,); what limits the airs; the first four of airs
-    that are not solved, as the former model says."""
+    U / M (N, 2 P), part of M in all light (N, P), number of the file (N,); what limits the airs (10, 2) and each of
+    them (N, 10); the first four of airs that are not solved, as the former model says."""
 
     inputs: np.ndarray
     log_base: np.ndarray
@@ -96,16 +96,20 @@ class Data:
     part: np.ndarray
     number: np.ndarray
     limits: np.ndarray
+    limits_of: np.ndarray
     told: tuple[np.ndarray, ...]
 
 
-def read(airs: Path, approximate: Path) -> Data:
-    """The samples of all airs that are solved, and what the model computes of them; airs: a folder or a kept file."""
+def read(airs: Path, approximate: Path, held_out_alone: bool = False) -> Data:
+    """The samples of all airs that are solved, or of those that are held out, and what the model computes of them;
+    airs: a folder or a kept file."""
     keys = ("inputs", "log_base", "ratio", "polarised")
     rows: dict[str, list[np.ndarray]] = {key: [] for key in (*keys, "part", "number")}
     told: dict[str, list[np.ndarray]] = {key: [] for key in keys}
     limits = []
     for number, multiple, polarised in solved(airs):
+        if held_out_alone and (number % HELD_OUT or number >= UNSOLVED):
+            continue
         name = approximate / f"{number:05d}.npz"
         if not name.exists():
             sys.exit(f"{name}: missing; see --approximate in clear_air_airs.py")
@@ -122,14 +126,15 @@ def read(airs: Path, approximate: Path) -> Data:
                 rows["number"].append(np.full(len(multiple), number))
         some["ratio"].append(np.log(multiple / base).astype(np.float32))
         some["polarised"].append(polarised.astype(np.float32))
-    if not told["inputs"]:
+    if not (told["inputs"] or held_out_alone):
         sys.exit(f"{airs}: no airs from {UNSOLVED} on; see --first in clear_air_airs.py")
-    every = np.concatenate(limits, axis=1)
+    every = np.concatenate([np.tile(one, 2) for one in limits], axis=1)  # of both observers
     outermost = np.stack([np.nanmin(every, axis=1), np.nanmax(every, axis=1)], axis=1)
     return Data(
         **{key: np.concatenate(value) for key, value in rows.items()},
         limits=outermost,
-        told=tuple(np.concatenate(value) for value in told.values()),
+        limits_of=every.T,
+        told=() if held_out_alone else tuple(np.concatenate(value) for value in told.values()),
     )
 
 
@@ -230,6 +235,8 @@ def finished(data: Data, lesson: Lesson, members: list[tuple[tuple[np.ndarray, n
             "version": __version__,
             "airs": int((data.number < SIDE_BY_SIDE).sum() // 16 + (data.number >= SIDE_BY_SIDE).sum() // 2),
             "solver": "zones",
+            "width": WIDTH,
+            "held_out_percent": [round(100.0 * float(x), 3) for x in of_median_sky(off(model, data, held)[0])],
             "settings": {key: getattr(SETTINGS, key) for key in settings},
         },
     )
@@ -408,26 +415,35 @@ def _calibrated(model: Model, data: Data, some: np.ndarray) -> np.ndarray:
     return np.stack([SINGLE_ERROR, [np.quantile(times[:, suns], COVERED) for suns in near]])
 
 
-def _errors(model: Model, data: Data, some: np.ndarray, coefficients: np.ndarray | None = None) -> str:
-    """Errors of all light by sun [per cent]: at 95 % of all nodes, and at 95 % of those of the median sky."""
+def off(model: Model, data: Data, some: np.ndarray, coefficients: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
+    """By how much all light (N, S, E, A), over itself, and Q and U over I (N, 2, S, E, A), are off in some samples."""
     if coefficients is None:
         inputs = model.standardised(data.inputs[some], data.log_base[some])
         coefficients = np.mean([outputs(layers, inputs) for layers in model.members], axis=0)
     k = model.intensity.shape[0]
     part = data.part[some].astype(np.float32)
-    off = np.abs(model.intensity_mean + coefficients[:, :k] @ model.intensity - data.ratio[some]) * part
+    light = np.abs(model.intensity_mean + coefficients[:, :k] @ model.intensity - data.ratio[some]) * part
     turned = model.polarisation_mean + coefficients[:, k:] @ model.polarisation - data.polarised[some]
-    turned = np.abs(turned * np.tile(part, 2)).reshape(-1, 2, *NODES)
-    percent = 100.0 * off.reshape(-1, *NODES)
+    return light.reshape(-1, *NODES), np.abs(turned * np.tile(part, 2)).reshape(-1, 2, *NODES)
+
+
+def _errors(model: Model, data: Data, some: np.ndarray, coefficients: np.ndarray | None = None) -> str:
+    """Errors of all light by sun [per cent]: at 95 % of all nodes, and at 95 % of those of the median sky."""
+    light, turned = off(model, data, some, coefficients)
     columns = (
-        np.percentile(percent, 95, axis=(0, 2, 3)),
-        np.median(np.percentile(percent, 95, axis=(2, 3)), axis=0),
+        100.0 * np.percentile(light, 95, axis=(0, 2, 3)),
+        100.0 * of_median_sky(light),
         np.percentile(turned, 95, axis=(0, 1, 3, 4)),
     )
     return "\n".join(
         f"{sun:6.1f} deg: 95 % {most:.2f} %, of the median sky {sky:.2f} %; Q, U over I {q:.4f}"
         for sun, most, sky, q in list(zip(SUN_DEG, *columns, strict=True))[1::3]
     )
+
+
+def of_median_sky(light: np.ndarray) -> np.ndarray:
+    """Errors (N, S, E, A) at 95 % of the directions of the median sky, (S,)."""
+    return np.median(np.percentile(light, 95, axis=(2, 3)), axis=0)
 
 
 def save(model: Model, path: Path) -> None:

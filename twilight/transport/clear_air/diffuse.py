@@ -1,7 +1,7 @@
-"""About the light of a clear sky that is scattered more than once, M_0, by numpy alone: what `clear_air` corrects.
+"""About the light of a clear sky that is scattered more than once, M_0, by numpy alone: what `model` corrects.
 
 Light is followed from layer to layer, under C zenith angles of the sun at the place itself, along the rays of
-`diffuse_rays`: from each layer and the ground in directions dense along the horizon, and A azimuths from the sun.  The
+`rays`: from each layer and the ground in directions dense along the horizon, and A azimuths from the sun.  The
 radiance that comes along a ray,
 
     I = sum over its segments of  T (1 - exp(-tau)) S,
@@ -37,6 +37,7 @@ from .rays import (
     log_reference,
     rays,
     reference_slope,
+    sun_legendre,
     turned,
 )
 from .shells import (
@@ -132,9 +133,10 @@ def _scattered_once(
     sends to the start of its ray, scattered by air, by each aerosol and by the ground; series (K, CUT): of the phase
     functions of aerosols
     """
-    by_air, *by_aerosols, last = np.moveaxis(r.arriving(np.take(light @ at_fine_zeniths().T, r.place), parts), 2, 0)
-    last = last + by_air * (1.0 + depolarised * r.legendre[..., 2])
-    phases = r.legendre @ series.T
+    by_air, *by_aerosols, last = np.moveaxis(r.arriving(light @ at_fine_zeniths().T, parts), 2, 0)
+    legendre = sun_legendre(SUNLIT)
+    last = last + by_air * (1.0 + depolarised * legendre[..., 2])
+    phases = legendre @ series.T
     for n, scattered in enumerate(by_aerosols):
         last += scattered * np.maximum(phases[..., n], LEAST_PHASE)
     return by_azimuth(last), by_azimuth(by_air)
@@ -158,16 +160,16 @@ def _scattered_again(
     by_degree = albedo[1:, :-1].T @ series
     by_degree[:, 0] += albedo[0, :-1]
     by_degree[:, 2] += albedo[0, :-1] * depolarised
-    total, mean, into = np.zeros(1, np.float32), rays(SUNLIT).moments[-1, :, 0], turned(SUNLIT, DIFFUSE)
-    for _ in range(FOLLOWED - 1):
-        before = last
-        sent = np.empty((LAYERS, into.shape[1], ANGLES), np.result_type(by_degree, last))
-        np.matmul((into @ by_degree[:, None, :, None])[..., 0], np.swapaxes(last, 1, 2)[:-1], out=sent[:-1])
-        sent[-1] = ground_albedo * np.einsum("cr,cr->c", mean, last[-1])
+    into = [(turned(grid, DIFFUSE) @ by_degree[:, None, :, None])[..., 0] for grid in (SUNLIT, DIFFUSE)]
+    total, mean = np.zeros(1, np.float32), [rays(grid).moments[-1, :, 0] for grid in (SUNLIT, DIFFUSE)]
+    for n in range(FOLLOWED - 1):
+        before, first = last, min(n, 1)
+        sent = np.empty((LAYERS, into[first].shape[1], ANGLES), np.result_type(by_degree, last))
+        np.matmul(into[first], np.swapaxes(last, 1, 2)[:-1], out=sent[:-1])
+        sent[-1] = ground_albedo * np.einsum("cr,cr->c", mean[first], last[-1])
         source = np.where(sent.real > 0.0, sent, 0.0) @ at_fine_zeniths().T
-        last = by_azimuth(r.arriving(np.take(source, r.leaving), reaching)[:, :, 0])
+        last = by_azimuth(r.arriving(source, reaching)[:, :, 0])
         total = total + last
-        mean, into = r.moments[-1, :, 0], turned(DIFFUSE, DIFFUSE)
     now, before = (np.einsum("lcr,lcr->lc", r.moments[:, :, 0], order) for order in (last, before))
     ratio = np.clip(now / np.maximum(before, 1e-30), 0.0, MOST_RATIO)
     # where the sun is low it falls later towards that of a high one

@@ -58,18 +58,21 @@ BELOW = 5
 RAYS = ABOVE + GRAZING + BELOW
 """Rays from a layer under one azimuth."""
 SUNLIT_KM = np.setdiff1d(ALTITUDE_KM, [0.06, 7, 9, 11, 13, 15, 39, 45, 51, 57, 63, 69, 75, 86, 95])
+"""Boundaries of layers of the sunbeam, those of diffuse light among them."""
 LAYERS = BOUNDARY_KM.size
 """With the ground."""
 ANGLES = ZENITH_DEG.size
 FINE_ZENITH_DEG = np.arange(0.0, ZENITH_DEG[-1] + 0.5 * FINE_DEG, FINE_DEG)
+"""Local solar zenith angles along rays [deg]."""
 
 
 class Grid(NamedTuple):
     """Rays in A azimuths from the sun over half a turn, through layers between these boundaries [km]; the ground counts
-    as one more, the last."""
+    as one more, the last; and whether what a layer sends of the light that it collects has directions."""
 
     azimuths: int
     boundary_km: tuple[float, ...]
+    directed: bool
 
     @property
     def azimuth_rad(self) -> np.ndarray:
@@ -77,9 +80,9 @@ class Grid(NamedTuple):
         return (np.arange(self.azimuths) + 0.5) * np.pi / self.azimuths
 
 
-SUNLIT = Grid(7, tuple(SUNLIT_KM.tolist()))
+SUNLIT = Grid(7, tuple(SUNLIT_KM.tolist()), directed=False)
 """Of light of the sunbeam."""
-DIFFUSE = Grid(4, tuple(BOUNDARY_KM.tolist()))
+DIFFUSE = Grid(4, tuple(BOUNDARY_KM.tolist()), directed=True)
 """Of light scattered before, which is smoother."""
 
 
@@ -89,11 +92,9 @@ class Rays(NamedTuple):
 
     ray, layer, length_km (N,): of each segment its ray, layer of the grid and length
     first (R + 1,): first segment of each ray, and N; on_ground: segments that are the ground
-    place (N, C A): index of (layer, fine zenith angle) of each segment
-    legendre (L + 1, r, C A, CUT): Legendre polynomials of the cosine between the sun and the r rays of each layer
+    place (N, C A): index of (layer, fine zenith angle) of what each segment sends to the start of its ray; where it has
+        directions, of (layer, azimuth, elevation LEAVING_DEG, fine zenith angle)
     moments (L + 1, C, m + 3, A r): weights of these rays in the m moments of radiance, and the three of polarisation
-    leaving (N, C A): index of (layer, azimuth, elevation LEAVING_DEG, fine zenith angle) of what each segment sends to
-        the start of its ray
     """
 
     ray: np.ndarray
@@ -102,14 +103,13 @@ class Rays(NamedTuple):
     first: np.ndarray
     on_ground: np.ndarray
     place: np.ndarray
-    legendre: np.ndarray
     moments: np.ndarray
-    leaving: np.ndarray
 
-    def arriving(self, at_segments: np.ndarray, parts: np.ndarray) -> np.ndarray:
-        """Light at the segments (N, C A) times parts of it (N, p), summed over each ray, (L + 1, r, p, C A)."""
+    def arriving(self, source: np.ndarray, parts: np.ndarray) -> np.ndarray:
+        """What segments send, by `place`, times parts of it (N, p), summed over each ray, (L + 1, r, p, C A)."""
+        at_segments = np.take(source, self.place)
         shape = (self.first.size - 1, parts.shape[1], at_segments.shape[1])
-        out = np.empty(shape, np.result_type(at_segments, parts))
+        out = np.empty(shape, np.result_type(source, parts))
         for n, some in enumerate(map(slice, self.first[:-1], self.first[1:])):
             np.matmul(parts[some].T, at_segments[some], out=out[n])
         return out.reshape(LAYERS, RAYS, *out.shape[1:])
@@ -223,28 +223,30 @@ def rays(grid: Grid) -> Rays:
     parts.append(sine2 * (1.0 - s * s) - 2.0 * across_s * across_s)
     moments = np.array([w * part for part in parts]).reshape(len(parts), ANGLES, grid.azimuths, LAYERS, -1)
     moments = moments.transpose(3, 1, 0, 2, 4).reshape(LAYERS, ANGLES, len(parts), -1)
-    legendre = legvander(towards.reshape(-1, LAYERS, RAYS), CUT - 1)
-    # light scattered again: into azimuths of the rays and elevations near theirs at each segment
-    elevation = np.degrees(np.arcsin(cosine) + angle)
-    near = np.abs(elevation[:, None] - LEAVING_DEG).argmin(axis=1)
-    every = np.arange(grid.azimuths)[:, None]
-    leaving = ((layer * grid.azimuths + every) * LEAVING_DEG.size + near) * FINE_ZENITH_DEG.size + rounded
+    place = layer * FINE_ZENITH_DEG.size + rounded
+    if grid.directed:  # into azimuths of the rays and elevations near theirs at each segment
+        elevation = np.degrees(np.arcsin(cosine) + angle)
+        near = np.abs(elevation[:, None] - LEAVING_DEG).argmin(axis=1)
+        every = np.arange(grid.azimuths)[:, None]
+        place = ((layer * grid.azimuths + every) * LEAVING_DEG.size + near) * FINE_ZENITH_DEG.size + rounded
     return Rays(
         ray,
         layer,
         length,
         np.append(first, ray.size),
         np.flatnonzero(layer == len(grid.boundary_km) - 1),
-        _by_segment(layer * FINE_ZENITH_DEG.size + rounded),
-        np.ascontiguousarray(legendre.transpose(1, 2, 0, 3), np.float32),
+        np.ascontiguousarray(np.moveaxis(place, -1, 0)).reshape(ray.size, -1),
         moments.astype(np.float32),
-        _by_segment(leaving),
     )
 
 
-def _by_segment(place: np.ndarray) -> np.ndarray:
-    """Places (C, A, N) as (N, C A)."""
-    return np.ascontiguousarray(np.moveaxis(place, -1, 0)).reshape(place.shape[-1], -1)
+@functools.cache
+def sun_legendre(grid: Grid) -> np.ndarray:
+    """Legendre polynomials of the cosine between the sun and the r rays of each layer, (L + 1, r, C A, CUT)."""
+    mu = np.array([_directions(layer)[0] for layer in (*range(LAYERS - 1), None)])[:, :, None, None]
+    chi = np.radians(ZENITH_DEG)[:, None]
+    towards = mu * np.cos(chi) + np.sqrt(1.0 - mu * mu) * np.cos(grid.azimuth_rad) * np.sin(chi)
+    return legvander(towards.reshape(LAYERS, RAYS, -1), CUT - 1).astype(np.float32)
 
 
 @functools.cache
