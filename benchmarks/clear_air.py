@@ -118,17 +118,15 @@ def drawn(model: Model, airs: Path, approximate: Path) -> None:
     degree = np.percentile(turned, 95, axis=(1, 3, 4))
     groups = [("all", np.full(data.number.size, "all"))]
     numbers = list(dict.fromkeys(data.number.tolist()))
-    wavelengths, kinds = [], []
+    wavelengths, kinds, observers = [], [], []
     for number in numbers:
         nm = drawn_air(number)[0].wavelength_nm
         wavelengths += [f"{w:g} nm" for w in nm] * OBSERVERS
         own = KINDS[number % len(KINDS)] if number < SIDE_BY_SIDE else "each wavelength another"
         kinds += [own] * (OBSERVERS * nm.size)
-    place = np.concatenate(
-        [np.repeat(["on the ground", "aloft"], (data.number == n).sum() // OBSERVERS) for n in numbers]
-    )
+        observers += np.repeat(["on the ground", "aloft"], nm.size).tolist()
     loaded = np.where(data.limits_of[:, 3] > LOADED_DEPTH, "loaded", "usual")
-    groups += [("aerosol", np.array(kinds)), ("wavelength", np.array(wavelengths)), ("observer", place)]
+    groups += [("aerosol", np.array(kinds)), ("wavelength", np.array(wavelengths)), ("observer", np.array(observers))]
     groups.append(("stratosphere", loaded))
     rows = []
     for group, names in groups:
