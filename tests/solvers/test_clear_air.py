@@ -222,7 +222,7 @@ def test_a_grid_gives_what_its_directions_give_and_the_sky_is_its_own_mirror_ima
 
 def test_splines_meet_their_nodes():
     """Interpolation over the sky would not go through what was computed."""
-    even, odd = azimuth_splines(AZIMUTH_DEG)
+    even, odd = azimuth_splines(AZIMUTH_DEG, AZIMUTH_DEG)
     assert even == pytest.approx(np.eye(AZIMUTH_DEG.size), abs=1e-9)
     assert odd[1:-1] == pytest.approx(np.eye(AZIMUTH_DEG.size)[1:-1], abs=1e-9)
 

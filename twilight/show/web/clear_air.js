@@ -1,8 +1,9 @@
-// The light of every clear sky: a port of twilight/transport/clear_air.py (see shells.js).
+// The light of every clear sky: a port of model.py, skies.py and sky.py of twilight/transport/clear_air (see shells.js).
 const SUN_DEG = [-18, -16.5, -15, -13.5, ...steps(-12, 3, 1), 3.5, 5, 7.5, 10, 15, ...steps(20, 91, 10)];
 const ELEVATION_DEG = [0, 1, 2.5, 5, 8, 12, 17, 23, 30, 38, 47, 57, 68, 79, 90], AZIMUTH_DEG = [0, 6, 12, 20, 30, 45, 60, 80, 100, 120, 140, 160, 180];
 const NODES = ELEVATION_DEG.length * AZIMUTH_DEG.length, BASE_ELEVATION_DEG = [0, 3, 6, 10, 14].map((i) => ELEVATION_DEG[i]), BASE_AZIMUTH_DEG = [0, 6, 12].map((i) => AZIMUTH_DEG[i]);
-const PEAK_DEGREE = 400, PEAK_ANGLES = 161, LEAST_PEAK_DEPTH = 1e-4, OUTERMOST = 5, NEGLIGIBLE = 1e-3, DARKEST_TERM = 1e-3;
+const PEAK_DEGREE = 400, PEAK_ANGLES = 161, LEAST_PEAK_DEPTH = 1e-4, OUTERMOST = 5, NEGLIGIBLE = 0.01, SHADOWED_DEG = 2, DARKEST_TERM = 1e-3;
+const halved = (nodes, from = 0) => nodes.flatMap((v, i) => (i && nodes[i - 1] >= from ? [0.5 * (nodes[i - 1] + v), v] : [v])), FINER_ELEVATION_DEG = halved(ELEVATION_DEG), FINER_AZIMUTH_DEG = halved(AZIMUTH_DEG, AZIMUTH_DEG[3]);
 const SLAB_KM = [0, 0.25, 0.7, 1.35, 2, 3, 4.5, 6, 8, 10, 12, 15, 19, 24, 30, 39, 60, 100], EVERY_SLAB = range(SLAB_KM.length), COARSE_SLABS = [0, 4, 8, 11, 13, 15, 17];
 const ABSORPTION_SLABS = [...steps(0, 18, 2), 17], MOMENT_INPUTS = [1, 2, 3, 4, 6, 8, 12];
 
@@ -65,32 +66,36 @@ class Skies {
     });
     const base = seenAlong(this, SUN_DEG, BASE_ELEVATION_DEG, BASE_AZIMUTH_DEG, g.line(BASE_ELEVATION_DEG));
     this.at.forEach((one, w) => { one.coefficients = model.coefficients(networkInputs(one.air, observerKm), base[w].map(Math.log)); });
-    this.nodes = g.line(ELEVATION_DEG);
+    this.lines = g.line(FINER_ELEVATION_DEG);
   }
 
   // The sky under one sun, from -18 to 90 deg.
   sky(sun) {
-    const { model, geometry: g, nodes } = this, [suns] = splines(SUN_DEG, [sun]), under = (values, start = 0) => {
+    const { model, geometry: g, lines } = this, azimuths = sun < SHADOWED_DEG ? FINER_AZIMUTH_DEG : AZIMUTH_DEG, A = AZIMUTH_DEG.length, [suns] = splines(SUN_DEG, [sun]), under = (values, start = 0) => {
       const out = new Float64Array(NODES);
       suns.forEach((weight, s) => { for (let n = 0; n < NODES; n++) out[n] += weight * values[start + s * NODES + n]; });
       return out;
     };
     const mean = under(model.intensity_mean), vectors = range(model.count, (k) => under(model.intensity, k * SUN_DEG.length * NODES));
     const combined = (c, into) => { vectors.forEach((v, k) => { for (let n = 0; n < NODES; n++) into[n] += c[k] * v[n]; }); return into; };
-    const base = seenAlong(this, [sun], ELEVATION_DEG, AZIMUTH_DEG, nodes), boundaries = range(g.boundary.length - g.first, (i) => g.first + i);
-    const places = nodes.map(({ angle }) => AZIMUTH_DEG.map((azimuth) => boundaries.map((k, i) => g.place(k, zenithAt(sun, angle[i], azimuth)))));
+    const base = seenAlong(this, [sun], FINER_ELEVATION_DEG, AZIMUTH_DEG, lines), boundaries = range(g.boundary.length - g.first, (i) => g.first + i);
+    const places = lines.map(({ angle }) => azimuths.map((azimuth) => boundaries.map((k, i) => g.place(k, zenithAt(sun, angle[i], azimuth)))));
+    const rows = elevationSplines(ELEVATION_DEG, FINER_ELEVATION_DEG), columns = azimuthSplines(AZIMUTH_DEG, azimuths);
     const at = this.at.map((one, w) => {
-      const average = range(model.count, (k) => sum(one.coefficients.map((c) => c[k])) / one.coefficients.length), multiple = combined(average, mean.slice()).map((v, n) => v + Math.log(base[w][n]));
-      const lit = nodes.map(({ path }, e) => places[e].map((row) => sunlit(one, g.first, path, row)));
+      const average = range(model.count, (k) => sum(one.coefficients.map((c) => c[k])) / one.coefficients.length), ratio = combined(average, mean.slice());
+      const finer = rows.map((row, r) => Float64Array.from({ length: A }, (_, a) => { let log = Math.log(base[w][r * A + a]); row.forEach((v, e) => { log += v * ratio[e * A + a]; }); return log; }));
+      const multiple = Float64Array.from(finer.flatMap((row) => columns.map((column) => inner(row, column))));
+      const lit = lines.map(({ path }, r) => places[r].map((row) => sunlit(one, g.first, path, row)));
       const once = one.scattering.map((row) => multiple.map((log, n) => {
-        const e = Math.floor(n / AZIMUTH_DEG.length), light = lit[e][n % AZIMUTH_DEG.length], { path } = nodes[e];
+        const r = Math.floor(n / azimuths.length), light = lit[r][n % azimuths.length], { path } = lines[r];
         let integral = 0;
         for (let k = 0; k < path.length; k++) integral += path[k] * row[g.first + k] * light[k];
         return Math.log(Math.max(integral, DARK) + NEGLIGIBLE * Math.exp(log));
       }));
-      // how far the networks are apart, in ln M
-      const apart = one.coefficients.map((c) => combined(c.map((v, k) => v - average[k]), new Float64Array(NODES))), spread = multiple.map((_, n) => Math.sqrt(sum(apart.map((v) => v[n] ** 2)) / apart.length));
-      return { air: one.air, logs: [multiple, ...once], spread, widened: one.fractions.length ? this._widened(one, nodes, places.map(([row]) => row), lit.map(([row]) => row)) : null };
+      // how far the networks are apart, in ln M at the nodes, which are every other elevation
+      const apart = one.coefficients.map((c) => combined(c.map((v, k) => v - average[k]), new Float64Array(NODES))), ofNodes = (list) => list.filter((_, r) => r % 2 === 0);
+      const spread = ofNodes(finer).flatMap((row) => Array.from(row, Math.exp)).map((m, n) => m * Math.sqrt(sum(apart.map((v) => v[n] ** 2)) / apart.length));
+      return { air: one.air, azimuths, logs: [multiple, ...once], spread, widened: one.fractions.length ? this._widened(one, ofNodes(lines), ofNodes(places).map(([row]) => row), ofNodes(lit).map(([row]) => row)) : null };
     });
     return new Sky(g.apparentElevation(sun), at, sun, model.error);
   }
@@ -160,22 +165,22 @@ const legendreTerms = () => (peakTerms ??= range(PEAK_ANGLES, (i) => Float32Arra
 class Sky {
   constructor(apparent, at, sun, error) {
     Object.assign(this, { apparent, at });
-    this.spreads = this.light(ELEVATION_DEG, AZIMUTH_DEG, false).map(({ light }, w) => ({ brightest: Math.max(...light), of: at[w].spread.map((v, n) => v * Math.exp(at[w].logs[0][n]) / light[n]) }));
+    this.spreads = this.light(ELEVATION_DEG, AZIMUTH_DEG, false).map(({ light }, w) => ({ brightest: Math.max(...light), of: at[w].spread.map((v, n) => v / light[n]) }));
     this.relativeError = relativeError(this.spreads, sun, error);
   }
 
   // Of each wavelength: light over F0 [sr^-1] in rows times columns, and what aerosol scattered once of it.
   light(elevations, azimuths, widen = true) {
-    const rows = splines(ELEVATION_DEG.map((e) => Math.log(e + 1.5)), elevations.map((e) => Math.log(e + 1.5))), columns = azimuthSplines(azimuths), [S, N] = [Math.sin(this.apparent * RAD), Math.cos(this.apparent * RAD)];
+    const rows = elevationSplines(ELEVATION_DEG, elevations), finer = elevationSplines(FINER_ELEVATION_DEG, elevations), columns = azimuthSplines(this.at[0].azimuths, azimuths), [S, N] = [Math.sin(this.apparent * RAD), Math.cos(this.apparent * RAD)];
     const over = (values) => {
-      const along = rows.map((row) => { const out = new Float64Array(AZIMUTH_DEG.length); row.forEach((v, e) => { for (let a = 0; a < out.length; a++) out[a] += v * values[e * out.length + a]; }); return out; });
+      const along = finer.map((row) => { const out = new Float64Array(columns[0].length); row.forEach((v, e) => { for (let a = 0; a < out.length; a++) out[a] += v * values[e * out.length + a]; }); return out; });
       return Float64Array.from({ length: elevations.length * azimuths.length }, (_, i) => Math.exp(inner(along[Math.floor(i / azimuths.length)], columns[i % azimuths.length])));
     };
     const cosines = elevations.flatMap((e) => azimuths.map((a) => within(Math.sin(e * RAD) * S + Math.cos(e * RAD) * N * Math.cos(a * RAD), -1, 1)));
     const placed = (count) => cosines.map((c) => { const where = Math.sqrt(Math.acos(c) / Math.PI) * (count - 1), i = Math.min(Math.floor(where), count - 2); return [i, where - i]; });
     const fine = placed(this.at[0].air.logPhase[0]?.length ?? 2), wide = placed(PEAK_ANGLES), read = (table, [i, f]) => table[i] * (1 - f) + table[i + 1] * f;
     return this.at.map(({ air, logs, widened }) => {
-      const [multiple, byAir, ...once] = logs.map(over), rho = air.depolarisation, aerosol = new Float64Array(cosines.length);
+      const [multiple, ...added] = logs.map(over), [byAir, ...once] = added.map((q) => q.map((v, i) => Math.max(v - NEGLIGIBLE * multiple[i], 0))), rho = air.depolarisation, aerosol = new Float64Array(cosines.length);
       const dimmed = rows.map((row) => (widened && widen ? Math.exp(-Math.max(inner(row, widened.depth), 0)) : 1));
       once.forEach((q, k) => {
         const added = widened && widen && rows.map((row) => { const out = new Float64Array(PEAK_ANGLES); widened.added[k].forEach((values, e) => { for (let i = 0; i < PEAK_ANGLES; i++) out[i] += row[e] * values[i]; }); return out; });
@@ -227,9 +232,12 @@ function solve(left, right) {
   return right.map((row, i) => row.map((v) => v / left[i][i]));
 }
 
-// Splines through the nodes and three mirror images on either side, of what is the same on both sides of the sun.
-function azimuthSplines(azimuths) {
-  const count = AZIMUTH_DEG.length, nodes = [...[3, 2, 1].map((i) => -AZIMUTH_DEG[i]), ...AZIMUTH_DEG, ...[2, 3, 4].map((i) => 360 - AZIMUTH_DEG[count - i])];
+// Splines through nodes that are close to each other along the horizon.
+const elevationSplines = (nodes, elevations) => splines(nodes.map((e) => Math.log(e + 1.5)), elevations.map((e) => Math.log(e + 1.5)));
+
+// Splines through nodes from 0 to 180 deg and three mirror images on either side, of what is the same on both sides of the sun.
+function azimuthSplines(known, azimuths) {
+  const count = known.length, nodes = [...[3, 2, 1].map((i) => -known[i]), ...known, ...[2, 3, 4].map((i) => 360 - known[count - i])];
   return splines(nodes, azimuths.map((a) => Math.abs(((a + 180) % 360 + 360) % 360 - 180))).map((through) => {
     const out = through.slice(3, 3 + count);
     [3, 2, 1].forEach((i, k) => { out[i] += through[k]; });

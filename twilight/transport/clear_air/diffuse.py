@@ -49,7 +49,7 @@ from .shells import (
     Line,
     Shells,
     lit_fraction,
-    log_mean,
+    log_means,
     single,
     summed,
 )
@@ -115,7 +115,7 @@ def _sunlit(air: Air, shells: Shells) -> np.ndarray:
     (L + 1, C, W)."""
     zenith, z = np.radians(ZENITH_DEG), shells.boundary_km
     beam, edge = shells.log_sunbeam(np.arange(z.size)[:, None], zenith)
-    within = log_mean(beam[:-1], beam[1:]) * lit_fraction(edge[:-1], edge[1:])[..., None]
+    within = log_means(beam, 0) * lit_fraction(edge[:-1], edge[1:])[..., None]
     scattered = np.diff(z)[:, None] * shells.scattering.sum(axis=0)
     first = np.searchsorted(z, np.array(SUNLIT.boundary_km[:-1]) - 1e-4)
     direct = np.add.reduceat(within * scattered[:, None], first) / np.add.reduceat(scattered, first)[:, None]

@@ -280,7 +280,7 @@ class Shells:
         """Transmittance x sunbeam in layers (E, A, K, W), from zenith angles (E, A, K + 1) and depths (E, K + 1, W)."""
         logs, edge = self.log_sunbeam(np.arange(self.first, self.boundary_km.size), zenith)
         logs = np.maximum(logs - depth[:, None], DARK_LOG)
-        return log_mean(logs[:, :, :-1], logs[:, :, 1:]) * lit_fraction(edge[:, :, :-1], edge[:, :, 1:])[..., None]
+        return log_means(logs, 2) * lit_fraction(edge[:, :, :-1], edge[:, :, 1:])[..., None]
 
     def scattered_once(self, sun_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Integrals of scattering coefficient x transmittance x sunbeam along lines of sight, (S, E, A, W); times phase
@@ -296,9 +296,19 @@ class Shells:
 
 def log_mean(first: np.ndarray, last: np.ndarray) -> np.ndarray:
     """Mean of an exponential between two points, from its logarithms at both."""
-    drop, a, b = first - last, np.exp(first), np.exp(last)
+    return _mean(first - last, np.exp(first), np.exp(last))
+
+
+def log_means(logs: np.ndarray, axis: int) -> np.ndarray:
+    """`log_mean` between neighbours along an axis."""
+    values = np.exp(logs)
+    before, after = ((*[slice(None)] * axis, part) for part in (slice(None, -1), slice(1, None)))
+    return _mean(logs[before] - logs[after], values[before], values[after])
+
+
+def _mean(drop: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
     small = np.abs(drop) < 1e-3
-    return np.where(small, 0.5 * (a + b), (a - b) / np.where(small, 1.0, drop))
+    return np.where(small, 0.5 * (first + last), (first - last) / np.where(small, 1.0, drop))
 
 
 def lit_fraction(first: np.ndarray, last: np.ndarray) -> np.ndarray:

@@ -19,8 +19,8 @@ from .model import (
     network_inputs,
     splines,
 )
-from .shells import ABSORPTION, AIR, ALTITUDE_KM, DARK, EXTINCTION, Air, Shells, single, sublayers
-from .sky import PEAK_ANGLES, Sky
+from .shells import ABSORPTION, AIR, ALTITUDE_KM, DARK, EXTINCTION, Air, Line, Shells, single, sublayers
+from .sky import NEGLIGIBLE, PEAK_ANGLES, Sky, azimuth_splines, elevation_splines
 
 if TYPE_CHECKING:
     from twilight.atmosphere.screen import Screen
@@ -29,10 +29,10 @@ HALVED_KM = (30.0, 30.0)
 """Up to which layers are halved for the sunbeam, and once more: of a low sun it rises steeply below the top of haze."""
 
 
-def _halved(boundary_km: np.ndarray, highest_km: float) -> np.ndarray:
-    """Boundaries of layers, with the middles of those up to an altitude."""
-    middle = 0.5 * (boundary_km[1:] + boundary_km[:-1])
-    return np.unique(np.concatenate([boundary_km, middle[boundary_km[1:] <= highest_km]]))
+def _halved(nodes: np.ndarray, highest: float) -> np.ndarray:
+    """Nodes, with the middles between those up to one."""
+    middle = 0.5 * (nodes[1:] + nodes[:-1])
+    return np.unique(np.concatenate([nodes, middle[nodes[1:] <= highest]]))
 
 
 SHELLS_KM = functools.reduce(_halved, HALVED_KM, ALTITUDE_KM)
@@ -45,8 +45,11 @@ SPARED_DEG = 2.5
 """How far above the highest sun whose beams a screen dims anywhere it takes less than 0.1 % of any sky [deg]."""
 PEAK_DEGREE, LEAST_PEAK_DEPTH = 400, 1e-4
 """Of the widened peaks: degree, optical depth of scattering in peaks below which they stay."""
-NEGLIGIBLE = 1e-3
-"""Fraction of M that is added to every Q_k before its logarithm is interpolated: in the shadow it falls without end."""
+FINER_ELEVATION_DEG = _halved(ELEVATION_DEG, 90.0)
+"""Elevations at which M_0 and Q_k are computed: the shadow of the Earth crosses the sky."""
+FINER_AZIMUTH_DEG = np.unique(np.concatenate([AZIMUTH_DEG, _halved(AZIMUTH_DEG[3:], 180.0)]))
+"""Azimuths of Q_k under suns below SHADOWED_DEG; above there are the nodes."""
+SHADOWED_DEG = 2.0
 DARKEST_TERM = 1e-3
 """Light of a wavelength, of that of the brightest one, below which it does not count in the error of a sky."""
 
@@ -136,19 +139,30 @@ class Skies:
         light = np.log(seen_along(self._diffuse, SUN_DEG, BASE_ELEVATION_DEG, BASE_AZIMUTH_DEG, scattering))
         return light.reshape(-1, light.shape[-1]).T
 
+    @functools.cached_property
+    def _finer(self) -> tuple[Line, LastScattering]:
+        line = self.shells.line(FINER_ELEVATION_DEG)
+        return line, last_scattering(self.air, self.shells, line)
+
     def sky(self, sun_elevation_deg: float) -> Sky:
         """The sky under one sun, from -18 to 90 deg."""
-        air, shells = self.air, self.shells
+        elevation = FINER_ELEVATION_DEG
+        azimuth = FINER_AZIMUTH_DEG if sun_elevation_deg < SHADOWED_DEG else AZIMUTH_DEG
+        line, scattering = self._finer
         weight = splines(SUN_DEG, np.array([sun_elevation_deg]))[0]
         log_ratio, *polarised, spread = np.einsum("s,pwsea->peaw", weight, self.at_nodes)
-        base = self.base(np.array([sun_elevation_deg]))[0]
-        multiple = np.log(base) + log_ratio
-        integrals, peaks = self._scattered_once(sun_elevation_deg)
+        base = seen_along(self._diffuse, np.array([sun_elevation_deg]), elevation, AZIMUTH_DEG, scattering)[0]
+        rows = elevation_splines(ELEVATION_DEG, elevation)
+        finer = np.log(base) + np.tensordot(rows, log_ratio, (1, 0))
+        multiple = azimuth_splines(AZIMUTH_DEG, azimuth)[0] @ finer
+        integrals = self.shells.integrated(line, self._lit(sun_elevation_deg, line, azimuth))
         once = np.log(np.maximum(integrals, DARK) + NEGLIGIBLE * np.exp(multiple))
-        apparent = shells.apparent_elevation_deg(sun_elevation_deg)
-        sky = Sky(apparent, air, np.concatenate([multiple[None], once]), np.array(polarised), peaks)
+        logarithms = np.concatenate([multiple[None], once])
+        peaks = self._peaks_of(sun_elevation_deg)
+        apparent = self.shells.apparent_elevation_deg(sun_elevation_deg)
+        sky = Sky(apparent, self.air, elevation, azimuth, logarithms, np.array(polarised), peaks)
         light = sky.light(ELEVATION_DEG, AZIMUTH_DEG, widen=False).real[..., 0, :]
-        spread = np.abs(spread) * np.exp(multiple.real) / light
+        spread = np.abs(spread) * np.exp(finer[np.searchsorted(elevation, ELEVATION_DEG)].real) / light
         # terms of bands of gases that let no light through have no part in the sky
         brightest = light.max(axis=(0, 1))
         counted = spread[..., brightest > DARKEST_TERM * brightest.max()]
@@ -160,18 +174,22 @@ class Skies:
 
     def single_scattering(self, sun_elevation_deg: float) -> np.ndarray:
         """Light scattered once, with what forward peaks have scattered, at the nodes: I, Q, U over F0, (E, A, 3, W)."""
-        integrals, peaks = self._scattered_once(sun_elevation_deg)
+        integrals = self.shells.integrated(self.nodes, self._lit(sun_elevation_deg, self.nodes, AZIMUTH_DEG))
         logarithms = np.log(np.concatenate([np.zeros_like(integrals[:1]), integrals]) + DARK)
-        apparent = self.shells.apparent_elevation_deg(sun_elevation_deg)
+        apparent, peaks = self.shells.apparent_elevation_deg(sun_elevation_deg), self._peaks_of(sun_elevation_deg)
         none = np.zeros((2, *integrals.shape[1:]))
-        return Sky(apparent, self.air, logarithms, none, peaks).light(ELEVATION_DEG, AZIMUTH_DEG, 3)
+        sky = Sky(apparent, self.air, ELEVATION_DEG, AZIMUTH_DEG, logarithms, none, peaks)
+        return sky.light(ELEVATION_DEG, AZIMUTH_DEG, 3)
 
-    def _scattered_once(self, sun_deg: float) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
-        """Q_k at the nodes (1 + K, E, A, W), and `_widened`."""
-        line = self.nodes
-        mean = self.shells.sunlit(line.zenith(sun_deg, AZIMUTH_DEG)[0], line.depth)
-        peaks = self._widened(sun_deg, mean[:, 0]) if len(self.air.aerosol_depth) else None
-        return self.shells.integrated(line, mean), peaks
+    def _lit(self, sun_deg: float, line: Line, azimuth_deg: np.ndarray) -> np.ndarray:
+        """Transmittance x sunbeam in the layers of lines of sight, (E, A, K, W)."""
+        return self.shells.sunlit(line.zenith(sun_deg, azimuth_deg)[0], line.depth)
+
+    def _peaks_of(self, sun_deg: float) -> tuple[np.ndarray, np.ndarray] | None:
+        """`_widened` at the nodes; None without aerosols."""
+        if not len(self.air.aerosol_depth):
+            return None
+        return self._widened(sun_deg, self._lit(sun_deg, self.nodes, AZIMUTH_DEG[:1])[:, 0])
 
     def _widened(self, sun_deg: float, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Light that forward peaks have scattered more than once, at the elevations of the nodes, from light in layers

@@ -11,14 +11,20 @@ from .shells import Air
 
 PEAK_ANGLES = 161
 """Of the widened peaks: angles of tables."""
+NEGLIGIBLE = 0.01
+"""Fraction of M that is added to every Q_k before its logarithm is interpolated, and taken off again: in the shadow it
+falls without end."""
 
 
 class Sky(NamedTuple):
-    """The sky of one sun: its apparent elevation; ln of M and of Q_k of air and K aerosols at the nodes, (2 + K, E, A,
-    W); Q / M and U / M (2, E, A, W); `Skies._widened`; error of radiance at 95 % of directions, as estimated."""
+    """The sky of one sun: its apparent elevation; ln of M and of Q_k of air and K aerosols, with what is added to them,
+    at elevations (R,) and azimuths (C,), (2 + K, R, C, W); Q / M and U / M at the nodes (2, E, A, W); `Skies._widened`;
+    error of radiance at 95 % of directions, as estimated."""
 
     sun_elevation_deg: float
     air: Air
+    elevation_deg: np.ndarray
+    azimuth_deg: np.ndarray
     logarithms: np.ndarray
     polarised: np.ndarray
     peaks: tuple[np.ndarray, np.ndarray] | None
@@ -30,9 +36,11 @@ class Sky(NamedTuple):
         """The first n_stokes, 1 or 3, of I, Q, U over F0 [sr^-1], in rows (E,) times columns (A,), (E, A, n_stokes, W);
         not on_grid: in directions (D,), (D, n_stokes, W)."""
         air, rho = self.air, self.air.depolarisation
-        rows = splines(np.log(ELEVATION_DEG + 1.5), np.log(elevation_deg + 1.5))
-        even, odd = azimuth_splines(azimuth_deg)
-        multiple, *once = np.exp(_interpolated(self.logarithms, rows, even, on_grid))
+        rows, (even, odd) = elevation_splines(ELEVATION_DEG, elevation_deg), azimuth_splines(AZIMUTH_DEG, azimuth_deg)
+        finer = elevation_splines(self.elevation_deg, elevation_deg), azimuth_splines(self.azimuth_deg, azimuth_deg)[0]
+        multiple, *once = np.exp(_interpolated(self.logarithms, *finer, on_grid))
+        once = [q - NEGLIGIBLE * multiple for q in once]
+        once = [np.where(q.real > 0.0, q, 0.0) for q in once]
         sun, e, a = (np.radians(x) for x in (self.sun_elevation_deg, elevation_deg, azimuth_deg))
         e, a = (e[:, None], a[None]) if on_grid else (e, a)
         cosine = np.clip(np.sin(e) * np.sin(sun) + np.cos(e) * np.cos(sun) * np.cos(a), -1.0, 1.0)
@@ -81,13 +89,18 @@ def _interpolated(values: np.ndarray, rows: np.ndarray, columns: np.ndarray, on_
     return np.moveaxis(columns @ over_rows if on_grid else (columns[:, None, None] @ over_rows)[:, :, 0], 1, 0)
 
 
-def azimuth_splines(azimuth_deg: np.ndarray) -> list[np.ndarray]:
-    """Splines through the nodes and three mirror images on either side, (N, A): of what is the same on both sides of
-    the sun, and of what changes its sign."""
+def elevation_splines(nodes_deg: np.ndarray, elevation_deg: np.ndarray) -> np.ndarray:
+    """Splines through nodes (N,), close to each other along the horizon, (E, N)."""
+    return splines(np.log(nodes_deg + 1.5), np.log(elevation_deg + 1.5))
+
+
+def azimuth_splines(nodes_deg: np.ndarray, azimuth_deg: np.ndarray) -> list[np.ndarray]:
+    """Splines through nodes (N,) from 0 to 180 deg and three mirror images on either side, (A, N): of what is the same
+    on both sides of the sun, and of what changes its sign."""
     wrapped = (np.asarray(azimuth_deg, float) + 180.0) % 360.0 - 180.0
-    count, beside = AZIMUTH_DEG.size, np.arange(3, 0, -1)
+    count, beside = nodes_deg.size, np.arange(3, 0, -1)
     mirrored = count - 1 - beside[::-1]
-    nodes = np.concatenate([-AZIMUTH_DEG[beside], AZIMUTH_DEG, 360.0 - AZIMUTH_DEG[mirrored]])
+    nodes = np.concatenate([-nodes_deg[beside], nodes_deg, 360.0 - nodes_deg[mirrored]])
     through = splines(nodes, np.abs(wrapped))
     out: list[np.ndarray] = []
     for sign in (1.0, -1.0):
