@@ -23,7 +23,7 @@ from twilight.scene import resolve
 from twilight.solvers.compact.air import air_of, side_by_side, slope
 from twilight.solvers.compact.field import SHIPPED, load_model
 from twilight.transport import clear_air
-from twilight.transport.clear_air import Skies
+from twilight.transport.clear_air import Skies, skies
 from twilight.transport.clear_air.diffuse import LEAST_PART, _positive
 from twilight.transport.clear_air.model import AZIMUTH_DEG, ELEVATION_DEG, splines
 from twilight.transport.clear_air.rays import (
@@ -117,9 +117,9 @@ def test_the_refracted_beam_carries_the_flux_of_its_sphere(k):
 
 def test_the_sun_is_lifted_as_by_the_sunbeam_of_other_solvers(urban):
     """The aureole would stand beside the sun."""
-    skies = urban.blocks[0].field._seen_from(0.0)
+    seen = urban.blocks[0].field._seen_from(0.0)
     for sun in (0.0, 2.0, 20.0):
-        assert skies.shells.apparent_elevation_deg(sun) - sun == pytest.approx(urban.direct(sun).bending_deg, abs=0.02)
+        assert seen.shells.apparent_elevation_deg(sun) - sun == pytest.approx(urban.direct(sun).bending_deg, abs=0.02)
 
 
 @pytest.mark.parametrize("grid", [SUNLIT, DIFFUSE])
@@ -162,10 +162,10 @@ def test_what_further_moments_take_off_is_taken_off_in_full():
 def test_all_but_the_network_is_already_near_zones(climate):
     """The network would have to mend what closed forms and few rays get wrong, or peaks would count twice."""
     field, exact = (solve(resolve(scene(solver, climate))).blocks[0].field for solver in ("compact", "zones"))
-    skies = field._seen_from(0.0)
+    seen = field._seen_from(0.0)
     rows, columns = np.meshgrid(ELEVATION_DEG, AZIMUTH_DEG, indexing="ij")
     for sun in (30.0, -4.0):
-        light = skies.base(np.array([sun]))[0] + skies.single_scattering(sun)[:, :, 0]
+        light = seen.base(np.array([sun]))[0] + seen.single_scattering(sun)[:, :, 0]
         off = np.abs(light / exact.radiance(sun, rows, columns) - 1.0)
         assert np.percentile(off, 95) < 0.055, (sun, np.percentile(off, 95))
         assert np.percentile(off[0], 95) < 0.065, (sun, np.percentile(off[0], 95))  # along the horizon
@@ -218,6 +218,21 @@ def test_a_grid_gives_what_its_directions_give_and_the_sky_is_its_own_mirror_ima
         inside = (a > 0.0) & (a < 180.0)
         assert other[inside] == pytest.approx((grid * sign)[inside], rel=1e-9)
         assert np.abs(grid[~inside][:, 2] / grid[~inside][:, 0]).max() < 0.01
+
+
+@pytest.mark.parametrize("climate", ["pure-air", "maritime-tropical"])
+@pytest.mark.parametrize("sun", [4.0, -2.0, -9.0])
+def test_light_between_elevations_and_azimuths_is_that_of_closer_ones(monkeypatch, climate, sun):
+    """The edge of the Earth's shadow would ring through the sky of twilight."""
+    field = solve(resolve(scene(climate=climate))).blocks[0].field
+    e, a = np.random.default_rng(1).uniform([[0.2], [0.0]], [[60.0], [180.0]], (2, 400))
+    near = field.radiance(sun, e, a)
+    for name in ("FINER_ELEVATION_DEG", "FINER_AZIMUTH_DEG"):
+        closer = {key: skies._halved(nodes, 180.0) for key, nodes in getattr(skies, name).items()}
+        monkeypatch.setattr(skies, name, closer)
+    field._skies.clear()
+    off = np.abs(near / field.radiance(sun, e, a) - 1.0)
+    assert np.percentile(off, 95) < 0.005 and off.max() < 0.03
 
 
 def test_splines_meet_their_nodes():

@@ -3,7 +3,9 @@ const SUN_DEG = [-18, -16.5, -15, -13.5, ...steps(-12, 3, 1), 3.5, 5, 7.5, 10, 1
 const ELEVATION_DEG = [0, 1, 2.5, 5, 8, 12, 17, 23, 30, 38, 47, 57, 68, 79, 90], AZIMUTH_DEG = [0, 6, 12, 20, 30, 45, 60, 80, 100, 120, 140, 160, 180];
 const NODES = ELEVATION_DEG.length * AZIMUTH_DEG.length, BASE_ELEVATION_DEG = [0, 3, 6, 10, 14].map((i) => ELEVATION_DEG[i]), BASE_AZIMUTH_DEG = [0, 6, 12].map((i) => AZIMUTH_DEG[i]);
 const PEAK_DEGREE = 400, PEAK_ANGLES = 161, LEAST_PEAK_DEPTH = 1e-4, OUTERMOST = 5, NEGLIGIBLE = 0.01, SHADOWED_DEG = 2, DARKEST_TERM = 1e-3;
-const halved = (nodes, from = 0) => nodes.flatMap((v, i) => (i && nodes[i - 1] >= from ? [0.5 * (nodes[i - 1] + v), v] : [v])), FINER_ELEVATION_DEG = halved(ELEVATION_DEG), FINER_AZIMUTH_DEG = halved(AZIMUTH_DEG, AZIMUTH_DEG[3]);
+const halved = (nodes, from = 0) => nodes.flatMap((v, i) => (i && nodes[i - 1] >= from ? [0.5 * (nodes[i - 1] + v), v] : [v])), FINER_ELEVATION_DEG = halved(ELEVATION_DEG), SHADOWED = FINER_ELEVATION_DEG.filter((e) => e <= 8);
+// Elevations and azimuths at which light is computed: in the day, and where the shadow of the Earth crosses the sky.
+const DAY = [FINER_ELEVATION_DEG, AZIMUTH_DEG], ROWS_DEG = [...halved(ELEVATION_DEG.filter((e) => e <= 12)), ...ELEVATION_DEG.filter((e) => e > 12)], TWILIGHT = [[...halved(SHADOWED), ...FINER_ELEVATION_DEG.slice(SHADOWED.length)], halved(AZIMUTH_DEG, AZIMUTH_DEG[3])];
 const SLAB_KM = [0, 0.25, 0.7, 1.35, 2, 3, 4.5, 6, 8, 10, 12, 15, 19, 24, 30, 39, 60, 100], EVERY_SLAB = range(SLAB_KM.length), COARSE_SLABS = [0, 4, 8, 11, 13, 15, 17];
 const ABSORPTION_SLABS = [...steps(0, 18, 2), 17], MOMENT_INPUTS = [1, 2, 3, 4, 6, 8, 12];
 
@@ -66,24 +68,23 @@ class Skies {
     });
     const base = seenAlong(this, SUN_DEG, BASE_ELEVATION_DEG, BASE_AZIMUTH_DEG, g.line(BASE_ELEVATION_DEG));
     this.at.forEach((one, w) => { one.coefficients = model.coefficients(networkInputs(one.air, observerKm), base[w].map(Math.log)); });
-    this.lines = g.line(FINER_ELEVATION_DEG);
   }
 
   // The sky under one sun, from -18 to 90 deg.
   sky(sun) {
-    const { model, geometry: g, lines } = this, azimuths = sun < SHADOWED_DEG ? FINER_AZIMUTH_DEG : AZIMUTH_DEG, A = AZIMUTH_DEG.length, [suns] = splines(SUN_DEG, [sun]), under = (values, start = 0) => {
+    const { model, geometry: g } = this, [elevations, azimuths] = sun < SHADOWED_DEG ? TWILIGHT : DAY, lines = g.line(elevations), A = AZIMUTH_DEG.length, [suns] = splines(SUN_DEG, [sun]), under = (values, start = 0) => {
       const out = new Float64Array(NODES);
       suns.forEach((weight, s) => { for (let n = 0; n < NODES; n++) out[n] += weight * values[start + s * NODES + n]; });
       return out;
     };
     const mean = under(model.intensity_mean), vectors = range(model.count, (k) => under(model.intensity, k * SUN_DEG.length * NODES));
     const combined = (c, into) => { vectors.forEach((v, k) => { for (let n = 0; n < NODES; n++) into[n] += c[k] * v[n]; }); return into; };
-    const base = seenAlong(this, [sun], FINER_ELEVATION_DEG, AZIMUTH_DEG, lines), boundaries = range(g.boundary.length - g.first, (i) => g.first + i);
+    const base = seenAlong(this, [sun], ROWS_DEG, AZIMUTH_DEG, g.line(ROWS_DEG)), boundaries = range(g.boundary.length - g.first, (i) => g.first + i);
     const places = lines.map(({ angle }) => azimuths.map((azimuth) => boundaries.map((k, i) => g.place(k, zenithAt(sun, angle[i], azimuth)))));
-    const rows = elevationSplines(ELEVATION_DEG, FINER_ELEVATION_DEG), columns = azimuthSplines(AZIMUTH_DEG, azimuths);
+    const rows = elevationSplines(ELEVATION_DEG, elevations), ofBase = elevationSplines(ROWS_DEG, elevations), columns = azimuthSplines(AZIMUTH_DEG, azimuths);
     const at = this.at.map((one, w) => {
       const average = range(model.count, (k) => sum(one.coefficients.map((c) => c[k])) / one.coefficients.length), ratio = combined(average, mean.slice());
-      const finer = rows.map((row, r) => Float64Array.from({ length: A }, (_, a) => { let log = Math.log(base[w][r * A + a]); row.forEach((v, e) => { log += v * ratio[e * A + a]; }); return log; }));
+      const finer = rows.map((row, r) => Float64Array.from({ length: A }, (_, a) => { let log = 0; row.forEach((v, e) => { log += v * ratio[e * A + a]; }); ofBase[r].forEach((v, e) => { log += v * Math.log(base[w][e * A + a]); }); return log; }));
       const multiple = Float64Array.from(finer.flatMap((row) => columns.map((column) => inner(row, column))));
       const lit = lines.map(({ path }, r) => places[r].map((row) => sunlit(one, g.first, path, row)));
       const once = one.scattering.map((row) => multiple.map((log, n) => {
@@ -92,10 +93,10 @@ class Skies {
         for (let k = 0; k < path.length; k++) integral += path[k] * row[g.first + k] * light[k];
         return Math.log(Math.max(integral, DARK) + NEGLIGIBLE * Math.exp(log));
       }));
-      // how far the networks are apart, in ln M at the nodes, which are every other elevation
-      const apart = one.coefficients.map((c) => combined(c.map((v, k) => v - average[k]), new Float64Array(NODES))), ofNodes = (list) => list.filter((_, r) => r % 2 === 0);
+      // how far the networks are apart, in ln M at the nodes
+      const apart = one.coefficients.map((c) => combined(c.map((v, k) => v - average[k]), new Float64Array(NODES))), ofNodes = (list) => list.filter((_, r) => ELEVATION_DEG.includes(elevations[r]));
       const spread = ofNodes(finer).flatMap((row) => Array.from(row, Math.exp)).map((m, n) => m * Math.sqrt(sum(apart.map((v) => v[n] ** 2)) / apart.length));
-      return { air: one.air, azimuths, logs: [multiple, ...once], spread, widened: one.fractions.length ? this._widened(one, ofNodes(lines), ofNodes(places).map(([row]) => row), ofNodes(lit).map(([row]) => row)) : null };
+      return { air: one.air, elevations, azimuths, logs: [multiple, ...once], spread, widened: one.fractions.length ? this._widened(one, ofNodes(lines), ofNodes(places).map(([row]) => row), ofNodes(lit).map(([row]) => row)) : null };
     });
     return new Sky(g.apparentElevation(sun), at, sun, model.error);
   }
@@ -171,7 +172,7 @@ class Sky {
 
   // Of each wavelength: light over F0 [sr^-1] in rows times columns, and what aerosol scattered once of it.
   light(elevations, azimuths, widen = true) {
-    const rows = elevationSplines(ELEVATION_DEG, elevations), finer = elevationSplines(FINER_ELEVATION_DEG, elevations), columns = azimuthSplines(this.at[0].azimuths, azimuths), [S, N] = [Math.sin(this.apparent * RAD), Math.cos(this.apparent * RAD)];
+    const rows = elevationSplines(ELEVATION_DEG, elevations), finer = elevationSplines(this.at[0].elevations, elevations), columns = azimuthSplines(this.at[0].azimuths, azimuths), [S, N] = [Math.sin(this.apparent * RAD), Math.cos(this.apparent * RAD)];
     const over = (values) => {
       const along = finer.map((row) => { const out = new Float64Array(columns[0].length); row.forEach((v, e) => { for (let a = 0; a < out.length; a++) out[a] += v * values[e * out.length + a]; }); return out; });
       return Float64Array.from({ length: elevations.length * azimuths.length }, (_, i) => Math.exp(inner(along[Math.floor(i / azimuths.length)], columns[i % azimuths.length])));

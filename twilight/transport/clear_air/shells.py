@@ -234,7 +234,7 @@ class Shells:
         if self.screen is not None:
             screen, powers = self.screen
             depth -= np.log(np.maximum(screen.at(self._least_km(screen)), DARKEST_PASSED))[:, None] * powers
-        return key, depth
+        return key, single(depth)
 
     def _least_km(self, screen: Screen) -> np.ndarray:
         """Least altitudes (R,) of the sunbeams on the part of their way that counts for a screen [km]."""
@@ -276,22 +276,29 @@ class Shells:
         depth = summed(path[:, :, None] * self.extinction[self.first :])
         return Line(path, np.concatenate([np.zeros((len(path), 1)), np.cumsum(angle, axis=1)], axis=1), depth)
 
-    def sunlit(self, zenith: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """Transmittance x sunbeam in layers (E, A, K, W), from zenith angles (E, A, K + 1) and depths (E, K + 1, W)."""
-        logs, edge = self.log_sunbeam(np.arange(self.first, self.boundary_km.size), zenith)
-        logs = np.maximum(logs - depth[:, None], DARK_LOG)
+    def sunlit(self, zenith: np.ndarray, depth: np.ndarray, first: int | None = None) -> np.ndarray:
+        """Transmittance x sunbeam in layers (E, A, K, W), from zenith angles (E, A, K + 1) and depths (E, K + 1, W) at
+        boundaries from one on: the observer's where it is not given."""
+        first = self.first if first is None else first
+        logs, edge = self.log_sunbeam(np.arange(first, self.boundary_km.size), zenith)
+        logs = np.maximum(logs - single(depth)[:, None], DARK_LOG)
         return log_means(logs, 2) * lit_fraction(edge[:, :, :-1], edge[:, :, 1:])[..., None]
 
     def scattered_once(self, sun_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Integrals of scattering coefficient x transmittance x sunbeam along lines of sight, (S, E, A, W); times phase
         functions [sr^-1] they are light scattered once, L / F0."""
-        line = self.line(elevation_deg)
-        return self.integrated(line, self.sunlit(line.zenith(sun_deg, azimuth_deg)[0], line.depth))
+        return self.scattered_along(self.line(elevation_deg), sun_deg, azimuth_deg)
 
-    def integrated(self, line: Line, mean: np.ndarray) -> np.ndarray:
-        """Sums of scattering (S, E, A, W) along lines of sight, of light in layers (E, A, K, W)."""
-        weight = line.path[None, :, :, None] * self.scattering[:, None, self.first :]
-        return np.einsum("sekw,eakw->seaw", weight, mean, optimize=True)
+    def scattered_along(self, line: Line, sun_deg: float, azimuth_deg: np.ndarray) -> np.ndarray:
+        """`scattered_once` of lines."""
+        zenith, b = line.zenith(sun_deg, azimuth_deg)[0], self.beams
+        edge = b.zenith_rad[b.start[1:] - 1][self.first :]
+        lit = np.flatnonzero((zenith < edge).any(axis=(0, 1)))
+        k = max(int(lit[0]) - 1, 0) if lit.size else zenith.shape[2] - 2  # below it is night
+        first = self.first + k
+        mean = self.sunlit(zenith[:, :, k:], line.depth[:, k:], first)
+        weight = line.path[None, :, k:, None] * self.scattering[:, None, first:]
+        return np.einsum("sekw,eakw->seaw", single(weight), mean, optimize=True)
 
 
 def log_mean(first: np.ndarray, last: np.ndarray) -> np.ndarray:

@@ -45,11 +45,14 @@ SPARED_DEG = 2.5
 """How far above the highest sun whose beams a screen dims anywhere it takes less than 0.1 % of any sky [deg]."""
 PEAK_DEGREE, LEAST_PEAK_DEPTH = 400, 1e-4
 """Of the widened peaks: degree, optical depth of scattering in peaks below which they stay."""
-FINER_ELEVATION_DEG = _halved(ELEVATION_DEG, 90.0)
-"""Elevations at which M_0 and Q_k are computed: the shadow of the Earth crosses the sky."""
-FINER_AZIMUTH_DEG = np.unique(np.concatenate([AZIMUTH_DEG, _halved(AZIMUTH_DEG[3:], 180.0)]))
-"""Azimuths of Q_k under suns below SHADOWED_DEG; above there are the nodes."""
 SHADOWED_DEG = 2.0
+"""Elevation of suns below which the shadow of the Earth crosses the sky, or its edge is near."""
+FINER_ELEVATION_DEG = {False: _halved(ELEVATION_DEG, 90.0), True: _halved(_halved(ELEVATION_DEG, 90.0), 8.0)}
+"""Elevations at which Q_k are computed; True: with a shadow."""
+ROWS_DEG = _halved(ELEVATION_DEG, 12.0)
+"""Elevations at which M_0 is computed."""
+FINER_AZIMUTH_DEG = {False: AZIMUTH_DEG, True: np.unique(np.append(AZIMUTH_DEG, _halved(AZIMUTH_DEG[3:], 180.0)))}
+"""Azimuths of these."""
 DARKEST_TERM = 1e-3
 """Light of a wavelength, of that of the brightest one, below which it does not count in the error of a sky."""
 
@@ -80,6 +83,7 @@ class Skies:
         self._peak_depth = self.shells.beams.path_km @ self.shells.peak
         self.nodes = self.shells.line(ELEVATION_DEG)
         self._taken = np.zeros(SUN_DEG.size)
+        self._lines: dict[bool, Line] = {}
 
     @functools.cached_property
     def _diffuse(self) -> np.ndarray:
@@ -140,22 +144,26 @@ class Skies:
         return light.reshape(-1, light.shape[-1]).T
 
     @functools.cached_property
-    def _finer(self) -> tuple[Line, LastScattering]:
-        line = self.shells.line(FINER_ELEVATION_DEG)
-        return line, last_scattering(self.air, self.shells, line)
+    def _in_rows(self) -> LastScattering:
+        return last_scattering(self.air, self.shells, self.shells.line(ROWS_DEG))
+
+    def _finer(self, shadowed: bool) -> Line:
+        """Lines of sight at FINER_ELEVATION_DEG, computed when they are first asked for."""
+        if shadowed not in self._lines:
+            self._lines[shadowed] = self.shells.line(FINER_ELEVATION_DEG[shadowed])
+        return self._lines[shadowed]
 
     def sky(self, sun_elevation_deg: float) -> Sky:
         """The sky under one sun, from -18 to 90 deg."""
-        elevation = FINER_ELEVATION_DEG
-        azimuth = FINER_AZIMUTH_DEG if sun_elevation_deg < SHADOWED_DEG else AZIMUTH_DEG
-        line, scattering = self._finer
+        shadowed = sun_elevation_deg < SHADOWED_DEG
+        elevation, azimuth = FINER_ELEVATION_DEG[shadowed], FINER_AZIMUTH_DEG[shadowed]
         weight = splines(SUN_DEG, np.array([sun_elevation_deg]))[0]
         log_ratio, *polarised, spread = np.einsum("s,pwsea->peaw", weight, self.at_nodes)
-        base = seen_along(self._diffuse, np.array([sun_elevation_deg]), elevation, AZIMUTH_DEG, scattering)[0]
-        rows = elevation_splines(ELEVATION_DEG, elevation)
-        finer = np.log(base) + np.tensordot(rows, log_ratio, (1, 0))
+        base = seen_along(self._diffuse, np.array([sun_elevation_deg]), ROWS_DEG, AZIMUTH_DEG, self._in_rows)[0]
+        finer = np.tensordot(elevation_splines(ROWS_DEG, elevation), np.log(base), (1, 0))
+        finer = finer + np.tensordot(elevation_splines(ELEVATION_DEG, elevation), log_ratio, (1, 0))
         multiple = azimuth_splines(AZIMUTH_DEG, azimuth)[0] @ finer
-        integrals = self.shells.integrated(line, self._lit(sun_elevation_deg, line, azimuth))
+        integrals = self.shells.scattered_along(self._finer(shadowed), sun_elevation_deg, azimuth)
         once = np.log(np.maximum(integrals, DARK) + NEGLIGIBLE * np.exp(multiple))
         logarithms = np.concatenate([multiple[None], once])
         peaks = self._peaks_of(sun_elevation_deg)
@@ -174,22 +182,19 @@ class Skies:
 
     def single_scattering(self, sun_elevation_deg: float) -> np.ndarray:
         """Light scattered once, with what forward peaks have scattered, at the nodes: I, Q, U over F0, (E, A, 3, W)."""
-        integrals = self.shells.integrated(self.nodes, self._lit(sun_elevation_deg, self.nodes, AZIMUTH_DEG))
+        integrals = self.shells.scattered_along(self.nodes, sun_elevation_deg, AZIMUTH_DEG)
         logarithms = np.log(np.concatenate([np.zeros_like(integrals[:1]), integrals]) + DARK)
         apparent, peaks = self.shells.apparent_elevation_deg(sun_elevation_deg), self._peaks_of(sun_elevation_deg)
         none = np.zeros((2, *integrals.shape[1:]))
         sky = Sky(apparent, self.air, ELEVATION_DEG, AZIMUTH_DEG, logarithms, none, peaks)
         return sky.light(ELEVATION_DEG, AZIMUTH_DEG, 3)
 
-    def _lit(self, sun_deg: float, line: Line, azimuth_deg: np.ndarray) -> np.ndarray:
-        """Transmittance x sunbeam in the layers of lines of sight, (E, A, K, W)."""
-        return self.shells.sunlit(line.zenith(sun_deg, azimuth_deg)[0], line.depth)
-
     def _peaks_of(self, sun_deg: float) -> tuple[np.ndarray, np.ndarray] | None:
         """`_widened` at the nodes; None without aerosols."""
         if not len(self.air.aerosol_depth):
             return None
-        return self._widened(sun_deg, self._lit(sun_deg, self.nodes, AZIMUTH_DEG[:1])[:, 0])
+        light = self.shells.sunlit(self.nodes.zenith(sun_deg, AZIMUTH_DEG[:1])[0], self.nodes.depth)
+        return self._widened(sun_deg, light[:, 0])
 
     def _widened(self, sun_deg: float, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Light that forward peaks have scattered more than once, at the elevations of the nodes, from light in layers
