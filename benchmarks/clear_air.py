@@ -3,14 +3,12 @@
     python benchmarks/clear_air.py climates                              writes clear_air.csv
     python benchmarks/clear_air.py calibrate                             the error that it estimates, by clear_air.csv
     python benchmarks/clear_air.py drawn AIRS APPROXIMATE                writes clear_air_drawn.csv
-    python benchmarks/clear_air.py sizes FILE.npz ...                    writes clear_air_sizes.csv
     python benchmarks/clear_air.py screen                                writes clear_air_screen.csv
     python benchmarks/clear_air.py picture                               draws ../docs/clear-air.png
 
 `climates` compares it with the Monte-Carlo reference solution of thirteen climates (`zones_error.py`), `drawn` with the
 drawn airs that the fit held out, by type, wavelength, observer and stratosphere (arguments as of `clear_air_fit.py`);
-`sizes` lists the errors in these of files of networks of other widths, `screen` compares what `horizon: typical` takes
-of ln(light) with what it takes by `zones`.
+`screen` compares what `horizon: typical` takes of ln(light) with what it takes by `zones`.
 """
 
 from __future__ import annotations
@@ -58,7 +56,6 @@ LOADED_DEPTH = 0.05
 """Optical depth of aerosol above 12 km of a loaded stratosphere."""
 DRAWN_SUNS = (1, 4, 7, 10, 12, 16, 19, 20, 22, 25)
 """Places in SUN_DEG."""
-SIZED_SUNS_DEG = (30.0, 5.0, 0.0, -6.0, -12.0, -16.5)
 SCREENED = ("continental-clean", "continental-average", "urban")
 SCREENED_SUNS_DEG = (3.2, 0.4, -0.6, -1.4, -2.4, -3.6, -4.6, -6.4, -8.4, -11.4, -15.6)
 
@@ -140,18 +137,6 @@ def drawn(model: Model, airs: Path, approximate: Path) -> None:
     results.write(results.FOLDER / "clear_air_drawn.csv", columns, rows)
 
 
-def sizes(paths: Sequence[Path]) -> None:
-    """Errors in held-out airs of the models of some files, by the width of their networks."""
-    rows = []
-    for path in paths:
-        model = load_model(path)
-        error = dict(zip(SUN_DEG, model.provenance["held_out_percent"], strict=True))
-        suns = (f"{error[sun]:.2f}" for sun in SIZED_SUNS_DEG)
-        rows.append([model.provenance["width"], len(model.members), f"{path.stat().st_size / 1e6:.2f}", *suns])
-    columns = ("width", "networks", "file_mb", *(f"percent_at_{sun:g}_deg" for sun in SIZED_SUNS_DEG))
-    results.write(results.FOLDER / "clear_air_sizes.csv", columns, rows)
-
-
 def screen() -> None:
     """What the screen `typical` takes by zones and by compact, at 95 % of the directions, and the difference; suns lie
     between the model's."""
@@ -229,8 +214,6 @@ def main(words: Sequence[str]) -> None:
             calibrate(SHIPPED)
         case ["drawn", airs, approximate]:
             drawn(load_model(SHIPPED), Path(airs), Path(approximate))
-        case ["sizes", _, *_]:
-            sizes([Path(word) for word in words[1:]])
         case ["screen"]:
             screen()
         case ["picture"]:

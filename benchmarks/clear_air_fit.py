@@ -1,7 +1,7 @@
 """Fit the model of all clear air to airs that `clear_air_airs.py` drew and solved.
 
     python benchmarks/clear_air_fit.py AIRS APPROXIMATE [FILE.npz]       folders of clear_air_airs.py; AIRS may be a
-                                                                         file of clear_air_kept.py; --width, --networks
+                                                                         file of clear_air_kept.py
 
 Needs PyTorch, takes a quarter of an hour and holds one file of airs in ten out: it prints the errors in these, and
 calibrates the model's estimate of its error on them.
@@ -12,10 +12,9 @@ mean is nearer than any.  It teaches the networks of the file, by airs that are 
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -101,9 +100,9 @@ class Data:
     told: tuple[np.ndarray, ...]
 
 
-def read(airs: Path, approximate: Path, held_out_alone: bool = False, among: Path | None = None) -> Data:
+def read(airs: Path, approximate: Path, held_out_alone: bool = False) -> Data:
     """The samples of all airs that are solved, or of those that are held out, and what the model computes of them;
-    airs: a folder or a kept file.  among: a folder; files that it lacks are left out."""
+    airs: a folder or a kept file."""
     keys = ("inputs", "log_base", "ratio", "polarised")
     rows: dict[str, list[np.ndarray]] = {key: [] for key in (*keys, "part", "number")}
     told: dict[str, list[np.ndarray]] = {key: [] for key in keys}
@@ -112,8 +111,6 @@ def read(airs: Path, approximate: Path, held_out_alone: bool = False, among: Pat
         if held_out_alone and (number % HELD_OUT or number >= UNSOLVED):
             continue
         name = approximate / f"{number:05d}.npz"
-        if among is not None and not (among / name.name).exists():
-            continue
         if not name.exists():
             sys.exit(f"{name}: missing; see --approximate in clear_air_airs.py")
         some = rows if number < UNSOLVED else told
@@ -171,10 +168,10 @@ class Lesson(NamedTuple):
     former: np.ndarray
 
 
-def fit(data: Data, networks: int = MEMBERS, width: int = WIDTH) -> Model:
+def fit(data: Data) -> Model:
     """The model of samples."""
     lesson = prepared(data)
-    return finished(data, lesson, [member(data, lesson, seed, width) for seed in range(networks)])
+    return finished(data, lesson, [member(data, lesson, seed) for seed in range(MEMBERS)])
 
 
 def prepared(data: Data) -> Lesson:
@@ -202,13 +199,13 @@ def prepared(data: Data) -> Lesson:
     return Lesson(model, train, inputs, target, scale, unsolved, by_process, former)
 
 
-def member(data: Data, lesson: Lesson, seed: int, width: int = WIDTH) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+def member(data: Data, lesson: Lesson, seed: int) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
     """The layers of one network; prints its errors."""
     import torch
 
     torch.set_default_device("cuda" if torch.cuda.is_available() else "cpu")
     model, train, inputs = lesson.model, lesson.train, lesson.inputs
-    network = _Network(torch, seed, inputs.shape[1], lesson.scale, model, width)
+    network = _Network(torch, seed, inputs.shape[1], lesson.scale, model)
     network.fit_coefficients(inputs[train], lesson.target, EPOCHS, RATE)
     network.fit_light(data, train, inputs, None)
     print(f"network {seed}, held out:\n{_errors(model, data, ~train, network(inputs[~train]))}", flush=True)
@@ -238,7 +235,6 @@ def finished(data: Data, lesson: Lesson, members: list[tuple[tuple[np.ndarray, n
             "version": __version__,
             "airs": int((data.number < SIDE_BY_SIDE).sum() // 16 + (data.number >= SIDE_BY_SIDE).sum() // 2),
             "solver": "zones",
-            "width": members[0][0][1].size,
             "held_out_percent": [round(100.0 * float(x), 3) for x in of_median_sky(off(model, data, held)[0])],
             "settings": {key: getattr(SETTINGS, key) for key in settings},
         },
@@ -327,12 +323,12 @@ def _process(torch: Any, inputs: np.ndarray, target: np.ndarray) -> Callable[[np
 class _Network:
     """One network, in training: called with inputs (N, F), it gives coefficients (N, K)."""
 
-    def __init__(self, torch: Any, seed: int, count: int, scale: np.ndarray, model: Model, width: int):
+    def __init__(self, torch: Any, seed: int, count: int, scale: np.ndarray, model: Model):
         torch.manual_seed(seed)
         self.torch, self.model, self.scale = torch, model, torch.tensor(scale)
-        sizes = [count, *[width] * DEPTH]
+        sizes = [count, *[WIDTH] * DEPTH]
         self.hidden = torch.nn.ModuleList(torch.nn.Linear(i, o) for i, o in pairwise(sizes))
-        self.last = torch.nn.Linear(width, scale.size)
+        self.last = torch.nn.Linear(WIDTH, scale.size)
         with torch.no_grad():
             self.last.weight.zero_()
             self.last.bias.zero_()
@@ -465,19 +461,15 @@ def save(model: Model, path: Path) -> None:
         np.savez_compressed(file, format=FORMAT, provenance=json.dumps(model.provenance), **arrays)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("airs", type=Path)
-    parser.add_argument("approximate", type=Path)
-    parser.add_argument("file", type=Path, nargs="?", default=SHIPPED)
-    parser.add_argument("--width", type=int, default=WIDTH, help="units of a hidden layer")
-    parser.add_argument("--networks", type=int, default=MEMBERS)
-    parser.add_argument("--some", action="store_true", help="only airs that are in APPROXIMATE")
-    options = parser.parse_args()
-    data = read(options.airs, options.approximate, among=options.approximate if options.some else None)
-    save(fit(data, options.networks, options.width), options.file)
-    print(f"wrote {options.file} ({options.file.stat().st_size / 1e6:.2f} MB)")
+def main(words: Sequence[str]) -> None:
+    match words:
+        case [airs, approximate, *output] if len(output) < 2:
+            path = Path(output[0]) if output else SHIPPED
+            save(fit(read(Path(airs), Path(approximate))), path)
+            print(f"wrote {path} ({path.stat().st_size / 1e6:.2f} MB)")
+        case _:
+            sys.exit(__doc__)
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])
