@@ -90,7 +90,7 @@ class Skies {
       const once = one.scattering.map((row) => multiple.map((log, n) => {
         const r = Math.floor(n / azimuths.length), light = lit[r][n % azimuths.length], { path } = lines[r];
         let integral = 0;
-        for (let k = 0; k < path.length; k++) integral += path[k] * row[g.first + k] * light[k];
+        for (let k = 0; k < path.length; k++) if (light[k]) integral += path[k] * row[g.first + k] * light[k];
         return Math.log(Math.max(integral, DARK) + NEGLIGIBLE * Math.exp(log));
       }));
       // how far the networks are apart, in ln M at the nodes
@@ -148,12 +148,10 @@ function geometryOf({ refractivity, radiusKm }, observerKm) {
 // Transmittance x sunbeam in the layers of a line of sight, by the `places` of its boundaries.
 function sunlit({ extinction, depth }, first, path, places) {
   const out = new Float64Array(path.length);
-  let before = 0, log = Math.max(logSunbeam(depth, places[0]), DARK_LOG);
-  for (let k = 0; k < path.length; k++) {
-    before += path[k] * extinction[first + k];
-    const next = Math.max(logSunbeam(depth, places[k + 1]) - before, DARK_LOG);
-    out[k] = logMean(log, next) * litFraction(places[k][2], places[k + 1][2]);
-    log = next;
+  for (let k = 0, before = 0; k < path.length; k++) {
+    const after = before + path[k] * extinction[first + k], lit = litFraction(places[k][2], places[k + 1][2]);
+    if (lit > 0) out[k] = lit * logMean(Math.max(logSunbeam(depth, places[k]) - before, DARK_LOG), Math.max(logSunbeam(depth, places[k + 1]) - after, DARK_LOG));
+    before = after;
   }
   return out;
 }
