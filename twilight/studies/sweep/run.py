@@ -157,6 +157,8 @@ _DASK_SETTINGS: dict[str, Any] = {
     **{f"distributed.{who}.http.routes": [] for who in ("scheduler", "worker", "nanny")},  # pages that end tasks
     **{f"distributed.worker.memory.{limit}": False for limit in ("target", "spill", "pause")},
     "distributed.admin.tick.limit": "1h",
+    # arrays of some MB come and go with every sky: given back to the system each time, they took half the time
+    **{f"distributed.nanny.pre-spawn-environ.MALLOC_{what}_THRESHOLD_": 2**28 for what in ("TRIM", "MMAP")},
     "distributed.comm.timeouts.connect": "10s",
 }
 

@@ -48,6 +48,7 @@ from .shells import (
     Air,
     Line,
     Shells,
+    in_rows,
     lit_fraction,
     log_means,
     single,
@@ -220,7 +221,9 @@ def seen_along(
     scattering: LastScattering,
 ) -> np.ndarray:
     """M_0 under suns (S,) in directions, (S, E, A, W), from `diffuse_light`: what it scatters along lines of sight."""
-    return np.stack([_seen_under(light, sun, elevation_deg, azimuth_deg, *scattering) for sun in sun_deg])
+    weights, angle, nearer, layer = scattering
+    rows = [(elevation_deg[r], azimuth_deg, weights[:, r], angle[r], nearer[r]) for r in in_rows(elevation_deg.size)]
+    return np.stack([np.concatenate([_seen_under(light, sun, *row, layer) for row in rows]) for sun in sun_deg])
 
 
 def _seen_under(

@@ -32,6 +32,8 @@ DARKEST_PASSED = 1e-6
 """Least part of a sunbeam that passes a screen, so that it has a logarithm, which is interpolated."""
 MOST_DEGREE = 16
 """Degree to which phase functions are followed at most; what is beyond is their forward peak."""
+ROWS_AT_ONCE = 4
+"""Elevations whose light is computed at once: it stays in the processor's cache."""
 STEP = 1e-6
 """Imaginary part of an air whose light's derivative is asked for: an error of its square."""
 AIR = 0
@@ -291,14 +293,24 @@ class Shells:
 
     def scattered_along(self, line: Line, sun_deg: float, azimuth_deg: np.ndarray) -> np.ndarray:
         """`scattered_once` of lines."""
+        rows = (Line(*(part[some] for part in line)) for some in in_rows(len(line.path)))
+        return np.concatenate([self._scattered_along(row, sun_deg, azimuth_deg) for row in rows], axis=1)
+
+    def _scattered_along(self, line: Line, sun_deg: float, azimuth_deg: np.ndarray) -> np.ndarray:
         zenith, b = line.zenith(sun_deg, azimuth_deg)[0], self.beams
         edge = b.zenith_rad[b.start[1:] - 1][self.first :]
         lit = np.flatnonzero((zenith < edge).any(axis=(0, 1)))
         k = max(int(lit[0]) - 1, 0) if lit.size else zenith.shape[2] - 2  # below it is night
         first = self.first + k
         mean = self.sunlit(zenith[:, :, k:], line.depth[:, k:], first)
-        weight = line.path[None, :, k:, None] * self.scattering[:, None, first:]
-        return np.einsum("sekw,eakw->seaw", single(weight), mean, optimize=True)
+        weight = single(line.path[None, :, k:, None] * self.scattering[:, None, first:])
+        sums = mean.transpose(0, 3, 1, 2) @ weight.transpose(1, 3, 2, 0)  # E W A S
+        return sums.transpose(3, 0, 2, 1)
+
+
+def in_rows(count: int) -> list[slice]:
+    """ROWS_AT_ONCE elevations at a time."""
+    return [slice(first, first + ROWS_AT_ONCE) for first in range(0, count, ROWS_AT_ONCE)]
 
 
 def log_mean(first: np.ndarray, last: np.ndarray) -> np.ndarray:
