@@ -18,7 +18,7 @@ from twilight.solvers.compact.field import checked_observer
 
 
 class SkyArrays(NamedTuple):
-    """The light of N airs, O observers and S suns: radiance over F0 [sr^-1], (N, O, S, *directions, W), and the error
+    """The light of N airs, O observers and S suns: radiance over F0 [sr^-1], (N, O, S, ..., W), and the error
     at 95 % of the directions of each sky, as the model estimates it, (N, O, S)."""
 
     radiance: NDArray[np.float64]
@@ -55,7 +55,7 @@ def skies(
     Returns
     -------
     SkyArrays
-        `radiance` (N, O, S, *directions, W), sun-normalised [sr^-1]; `relative_error` (N, O, S).
+        `radiance` (N, O, S, ..., W), sun-normalised [sr^-1]; `relative_error` (N, O, S).
 
     Raises
     ------
