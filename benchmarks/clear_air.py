@@ -2,13 +2,15 @@
 
     python benchmarks/clear_air.py climates                              writes clear_air.csv
     python benchmarks/clear_air.py calibrate                             the error that it estimates, by clear_air.csv
+    python benchmarks/clear_air.py between                               writes clear_air_between.csv
     python benchmarks/clear_air.py drawn AIRS APPROXIMATE                writes clear_air_drawn.csv
     python benchmarks/clear_air.py screen                                writes clear_air_screen.csv
     python benchmarks/clear_air.py picture                               draws ../docs/clear-air.png
 
 `climates` compares it with the Monte-Carlo reference solution of thirteen climates (`zones_error.py`), `drawn` with the
 drawn airs that the fit held out, by type, wavelength, observer and stratosphere (arguments as of `clear_air_fit.py`);
-`screen` compares what `horizon: typical` takes of ln(light) with what it takes by `zones`.
+`between` compares it with `zones` in directions drawn at random, half of them below 20 deg; `screen` compares what
+`horizon: typical` takes of ln(light) with what it takes by `zones`.
 """
 
 from __future__ import annotations
@@ -54,6 +56,8 @@ OBSERVERS = 2
 """Of each drawn air."""
 LOADED_DEPTH = 0.05
 """Optical depth of aerosol above 12 km of a loaded stratosphere."""
+BETWEEN = ("pure-air", "maritime-tropical", "continental-average")
+BETWEEN_SUNS_DEG = (-2.0, -4.0, -9.0, -12.0)
 DRAWN_SUNS = (1, 4, 7, 10, 12, 16, 19, 20, 22, 25)
 """Places in SUN_DEG."""
 SCREENED = ("continental-clean", "continental-average", "urban")
@@ -137,6 +141,24 @@ def drawn(model: Model, airs: Path, approximate: Path) -> None:
     results.write(results.FOLDER / "clear_air_drawn.csv", columns, rows)
 
 
+def between() -> None:
+    """Errors in directions between the model's own, beside `zones` at draft, and write the table."""
+    rng, rows = np.random.default_rng(3), []
+    e = np.concatenate([np.degrees(np.arcsin(rng.random(600)))[:300], rng.uniform(0.3, 20.0, 300)])
+    a = rng.uniform(0.0, 180.0, e.size)
+    for name in BETWEEN:
+        model, exact = (
+            twilight.solve(name, wavelength_nm=[450.0, 550.0, 680.0], **how)
+            for how in ({"solver": "compact"}, {"quality": "draft"})
+        )
+        for sun in BETWEEN_SUNS_DEG:
+            percent = 100.0 * np.abs(model.radiance(sun, e, a) / exact.radiance(sun, e, a) - 1.0)
+            rows.append([name, f"{sun:g}", f"{np.percentile(percent, 95):.2f}", f"{percent.max():.1f}"])
+            print(*rows[-1], sep="\t", flush=True)
+    columns = ("climate", "sun_elevation_deg", "p95_percent", "max_percent")
+    results.write(results.FOLDER / "clear_air_between.csv", columns, rows)
+
+
 def screen() -> None:
     """What the screen `typical` takes by zones and by compact, at 95 % of the directions, and the difference; suns lie
     between the model's."""
@@ -214,6 +236,8 @@ def main(words: Sequence[str]) -> None:
             calibrate(SHIPPED)
         case ["drawn", airs, approximate]:
             drawn(load_model(SHIPPED), Path(airs), Path(approximate))
+        case ["between"]:
+            between()
         case ["screen"]:
             screen()
         case ["picture"]:

@@ -26,7 +26,8 @@ def test_they_are_the_skies_of_fields():
     ("scenes", "more", "words"),
     [
         ([], {}, "scenes is empty"),
-        (["urban"], {"sun_elevation_deg": [-20.0]}, "sun_elevation_deg: -20 is outside the suns of compact"),
+        (["urban"], {"sun_elevation_deg": [-20.0]}, "is -20; the compact solver allows -18 to 90"),
+        (["urban"], {"elevation_deg": [-3.0]}, "above the horizon only"),
         (["urban"], {"altitude_km": [30.0]}, "up to 15 km above the ground"),
         (["urban", "overcast-stratus"], {}, "the optical depth of aerosol is 0 to"),
         (["urban", "bruneton2008"], {}, "the part of scattering by air|other wavelengths"),

@@ -20,12 +20,20 @@ ELEVATION_DEG = np.array([0, 1, 2.5, 5, 8, 12, 17, 23, 30, 38, 47, 57, 68, 79, 9
 AZIMUTH_DEG = np.array([0, 6, 12, 20, 30, 45, 60, 80, 100, 120, 140, 160, 180.0])
 """Nodes over the sky, from the sun [deg]."""
 NODES = (SUN_DEG.size, ELEVATION_DEG.size, AZIMUTH_DEG.size)
-BASE_ELEVATION_DEG, BASE_AZIMUTH_DEG = ELEVATION_DEG[[0, 3, 6, 10, 14]], AZIMUTH_DEG[[0, 6, 12]]
+BASE_ELEVATION_DEG = ELEVATION_DEG[[0, 3, 6, 10, 14]]
+"""Elevations at which ln M_0 is an input of the networks [deg]."""
+BASE_AZIMUTH_DEG = AZIMUTH_DEG[[0, 6, 12]]
+"""Azimuths of these, from the sun [deg]."""
 SLAB_KM = np.array([0, 0.25, 0.7, 1.35, 2, 3, 4.5, 6, 8, 10, 12, 15, 19, 24, 30, 39, 60, 100])
-COARSE_SLABS, ABSORPTION_SLABS = (0, 4, 8, 11, 13, 15, 17), (*range(0, 18, 2), 17)
-"""Slabs whose optical depths are inputs of the network; of air's scattering and of the aerosol's absorption these."""
-MOMENTS, ANGLES_DEG = (1, 2, 3, 4, 6, 8, 12), (60.0, 90.0, 120.0, 150.0, 180.0)
-"""Legendre moments, and angles at which logarithms of phase functions, are inputs [deg]."""
+"""Boundaries of slabs whose optical depths are inputs of the networks [km]."""
+COARSE_SLABS = (0, 4, 8, 11, 13, 15, 17)
+"""Boundaries, by their places, between which scattering by air is an input."""
+ABSORPTION_SLABS = (*range(0, 18, 2), 17)
+"""Boundaries, by their places, between which absorption by aerosol is an input."""
+MOMENTS = (1, 2, 3, 4, 6, 8, 12)
+"""Degrees of the Legendre moments of phase functions that are inputs."""
+ANGLES_DEG = (60.0, 90.0, 120.0, 150.0, 180.0)
+"""Scattering angles at which logarithms of phase functions are inputs [deg]."""
 OUTERMOST = 5.0
 """Standard deviations from the mean at which inputs are cut off."""
 

@@ -43,16 +43,18 @@ SCREEN_ERROR = 0.1
 """Error at 95 % of a sky, as a part of what a screen takes of ln(light), by `benchmarks/clear_air.py screen`."""
 SPARED_DEG = 2.5
 """How far above the highest sun whose beams a screen dims anywhere it takes less than 0.1 % of any sky [deg]."""
-PEAK_DEGREE, LEAST_PEAK_DEPTH = 400, 1e-4
-"""Of the widened peaks: degree, optical depth of scattering in peaks below which they stay."""
+PEAK_DEGREE = 400
+"""Degree of the Legendre series of widened peaks."""
+LEAST_PEAK_DEPTH = 1e-4
+"""Optical depth of scattering in peaks below which they are not widened."""
 SHADOWED_DEG = 2.0
-"""Elevation of suns below which the shadow of the Earth crosses the sky, or its edge is near."""
+"""Elevation of suns below which the shadow of the Earth crosses the sky, or its edge is near [deg]."""
 FINER_ELEVATION_DEG = {False: _halved(ELEVATION_DEG, 90.0), True: _halved(_halved(ELEVATION_DEG, 90.0), 8.0)}
-"""Elevations at which Q_k are computed; True: with a shadow."""
+"""Elevations at which Q_k are computed [deg]; True: under suns below SHADOWED_DEG."""
 ROWS_DEG = _halved(ELEVATION_DEG, 12.0)
-"""Elevations at which M_0 is computed."""
+"""Elevations at which M_0 is computed [deg]."""
 FINER_AZIMUTH_DEG = {False: AZIMUTH_DEG, True: np.unique(np.append(AZIMUTH_DEG, _halved(AZIMUTH_DEG[3:], 180.0)))}
-"""Azimuths of these."""
+"""Azimuths at which Q_k are computed [deg]; True: under suns below SHADOWED_DEG."""
 DARKEST_TERM = 1e-3
 """Light of a wavelength, of that of the brightest one, below which it does not count in the error of a sky."""
 
