@@ -5,7 +5,8 @@
 One file for each number, FOLDER/<number>.npz, until --last is reached or it is stopped; what is there stays.  What it
 holds is drawn from its number alone: one air at eight wavelengths, from SIDE_BY_SIDE on eight airs at one wavelength
 each.  5 to 100 processor seconds a file.  With --first UNSOLVED --last N it writes what the shipped model says of airs
-that are not solved, a processor second each: what it knew is not lost to the next one.  `--approximate FOLDER2`
+that are not solved, a processor second each: what it knew is not lost to the next one.  `--better` solves airs of the
+folder once more, in an order drawn, by `BETTER_SETTINGS`: a minute each.  `--approximate FOLDER2`
 computes in place of it what the model itself computes of the airs that are there (FOLDER may be a file of
 `clear_air_kept.py`), to be done again when code changes: three processor seconds each; `clear_air_fit.py` fits all.
 """
@@ -13,12 +14,13 @@ computes in place of it what the model itself computes of the airs that are ther
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from clear_air_kept import degrees
+from clear_air_kept import better_solved, degrees
 
 from twilight.atmosphere.medium import ON_LEVELS, Medium
 from twilight.atmosphere.opac import opac_type
@@ -73,6 +75,15 @@ MOST_OZONE_DEPTH = 0.5
 HIGHEST_KM = 15.0
 """Highest of the second observers."""
 SETTINGS = QUALITIES["draft"]
+BETTER_SETTINGS = replace(
+    QUALITIES["standard"],
+    polar_directions=44,
+    late_polar_directions=10,
+    step_density=0.6,
+    line_of_sight_density=2.0,
+)
+"""Light along the horizon that reaches air in the Earth's shadow needs them: with fourteen directions a side red light
+under suns below -12 deg is off by up to 6 %, in each air otherwise."""
 SIDE_BY_SIDE = 1000
 """Number from which on each wavelength has an air of its own, over one ground and profile; before, all have one air."""
 ONE_SHAPE = 4000
@@ -282,14 +293,15 @@ def airs_of(medium: Medium, number: int) -> Air:
     return joined_airs([air_of(medium.select(np.array([w]))) for w in range(medium.n_wavelengths)])
 
 
-def sample(path: Path, number: int) -> None:
+def sample(path: Path, number: int, settings: zones.ZonesSettings) -> None:
     """Draw an air, solve it, and write its light."""
     medium, observers = drawn(number)
     if number < UNSOLVED:
-        write(path, light=several(medium, SETTINGS, observers), degree=degree_needed(SETTINGS, medium))
+        better = settings is BETTER_SETTINGS
+        write(path, light=several(medium, settings, observers), degree=degree_needed(settings, medium), better=better)
     else:
         air = air_of(medium)
-        write(path, light=told(air, observers), degree=air.degree[0])
+        write(path, light=told(air, observers), degree=air.degree[0], better=False)
 
 
 def told(air: Air, observers_km: tuple[float, ...]) -> np.ndarray:
@@ -315,23 +327,26 @@ def approximate(path: Path, number: int, degree: float) -> None:
         "log_base": np.array([one.log_base for one in skies], np.float32),
     }
     if number < UNSOLVED:
-        single = np.array([_single_scattering(one) for one in skies])
-        other = single if (air.degree == degree).all() else moved(air, observers, degree)
-        arrays |= {"single": single[:, :, :, :, 0], "moved": other - single}
+        single = _singles(skies)
+        arrays |= {"single": single[:, :, :, :, 0], "moved": moved(skies, single, degree)}
         arrays["limits"] = limited(air)
     write(path, **arrays)
 
 
-def moved(air: Air, observers_km: tuple[float, ...], degree: float) -> np.ndarray:
-    """Light scattered once, (observers, suns, E, A, 3, W), if phase functions were followed to another degree, that of
-    a solution: less light stands in peaks then, which count as not scattered, and more in that solution's M."""
+def moved(skies: Sequence[Skies], single: np.ndarray, degree: float) -> np.ndarray:
+    """What is added to light scattered once, (observers, suns, E, A, 3, W), if phase functions are followed to another
+    degree, that of a solution: less light stands in peaks then, which count as not scattered, and more in that
+    solution's M."""
+    air = skies[0].air
+    if (air.degree == degree).all():
+        return 0.0 * single
     air = air._replace(degree=np.full_like(air.degree, degree))
-    return np.array([_single_scattering(Skies(None, air, above)) for above in observers_km])
+    return _singles([Skies(None, air, one.observer_km) for one in skies]) - single
 
 
-def _single_scattering(skies: Skies) -> np.ndarray:
-    """Light scattered once at the nodes under all suns, (suns, E, A, 3, W)."""
-    return np.array([skies.single_scattering(float(sun)) for sun in SUN_DEG], np.float32)
+def _singles(skies: Sequence[Skies]) -> np.ndarray:
+    """Light scattered once at the nodes under all suns, (observers, suns, E, A, 3, W)."""
+    return np.array([[one.single_scattering(float(sun)) for sun in SUN_DEG] for one in skies], np.float32)
 
 
 def write(path: Path, **arrays: np.ndarray) -> None:
@@ -347,6 +362,7 @@ def main() -> None:
     parser.add_argument("--step", type=int, default=1)
     parser.add_argument("--last", type=int, default=UNSOLVED)
     parser.add_argument("--approximate", type=Path)
+    parser.add_argument("--better", action="store_true")
     options = parser.parse_args()
     if options.approximate:
         for number, degree in sorted(degrees(options.folder).items())[options.first :: options.step]:
@@ -356,10 +372,16 @@ def main() -> None:
                 approximate(path, number, degree)
         return
     options.folder.mkdir(parents=True, exist_ok=True)
-    for number in range(options.first, options.last, options.step):
+    numbers = np.arange(options.first, options.last, options.step)
+    coarse = {n for n, better in better_solved(options.folder).items() if n < UNSOLVED and not better}
+    if options.better:
+        numbers = np.random.default_rng(49).permutation(min(options.last, UNSOLVED))[options.first :: options.step]
+    for number in numbers.tolist():
         path = options.folder / f"{number:05d}.npz"
-        if not path.exists():
-            sample(path, number)
+        if options.better and number in coarse:
+            sample(path, number, BETTER_SETTINGS)
+        elif not (options.better or path.exists()):
+            sample(path, number, SETTINGS)
 
 
 if __name__ == "__main__":

@@ -2,9 +2,10 @@
 
     python benchmarks/clear_air_fit.py AIRS APPROXIMATE [FILE.npz]       folders of clear_air_airs.py; AIRS may be a
                                                                          file of clear_air_kept.py
+    python benchmarks/clear_air_fit.py sizes AIRS APPROXIMATE            writes clear_air_sizes.csv
 
 Needs PyTorch, takes a quarter of an hour and holds one file of airs in ten out: it prints the errors in these, and
-calibrates the model's estimate of its error on them.
+calibrates the model's estimate of its error on them.  `sizes` fits networks of other widths too.
 
 A Gaussian process on the airs, networks fitted to them, and the former model, fitted to others, err differently: their
 mean is nearer than any.  It teaches the networks of the file, by airs that are not solved, what lies between.
@@ -14,15 +15,17 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Sequence
+import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import results
 from clear_air_airs import SETTINGS, SIDE_BY_SIDE, UNSOLVED
 from clear_air_kept import components, solved
+from clear_air_learners import TOLERATED, Network, process
 
 from twilight import __version__
 from twilight.base.whole_files import whole_file
@@ -37,34 +40,24 @@ MEMBERS = 3
 """Networks whose mean counts; their spread gives the error of a sky."""
 WIDTH = 256
 """Units of a hidden layer."""
-DEPTH = 3
-"""Hidden layers."""
+WIDTHS = (64, 128, 384, 512)
+"""Others, of which `sizes` fits one network each."""
+PARTS = (0.25, 0.5, 0.75)
+"""Parts of the components that it looks at."""
+JUDGED_SUNS = (1, 4, 7, 10, 12, 16, 19, 20, 22, 25)
+"""Places in SUN_DEG of the tables of errors."""
 EPOCHS = 300
 """Passes over the samples in the fit of coefficients to solved airs."""
 TAUGHT_EPOCHS = 60
 """Passes in the fit of coefficients to the teacher's answers too."""
-FINE_EPOCHS = 60
-"""Passes in each fit of light."""
-BATCH = 128
-"""Samples of a step."""
 RATE = 2e-3
 """Largest step of AdamW in the fit of coefficients to solved airs."""
 TAUGHT_RATE = 1e-3
 """Largest step with the teacher's answers."""
-FINE_RATE = 3e-4
-"""Largest step in the fit of light."""
-DECAY = 0.1
-"""Weight decay of AdamW."""
-TOLERATED = np.interp(SUN_DEG, [-18.0, -12.0, -6.0, 0.0], [0.05, 0.03, 0.015, 0.01])
-"""Errors of radiance that weigh the same under each sun."""
-TOLERATED_POLARISATION = 0.01
-"""Error of Q / I and U / I that weighs as much."""
-LEAST_PART = 0.1
-"""Fraction of all light that light scattered more than once counts as at least."""
-LEAST_LEFT = 0.2
-"""Part of M that is left at least when its degree changes."""
 COVERED = 0.95
 """Fraction of the skies whose error is at most the one that the model estimates."""
+LEAST_LEFT = 0.2
+"""Part of M that is left at least when its degree changes."""
 SINGLE_ERROR = np.interp(SUN_DEG, [-7.0, -4.0, -1.0, 3.0], [0.0, 0.004, 0.008, 0.003])
 """Error of light scattered once, of all light, about: it is computed, not fitted."""
 MIXED = 60000
@@ -73,14 +66,6 @@ FORMER_SHARE = 0.25
 """Share of the former model in the teacher's answer where both say the same."""
 FORMER_APART = 0.1
 """Distance of their ln M, at 95 % of the nodes, at which that share is half as much."""
-LENGTHS_OF = 700
-"""Samples of a step in the fit of the process's lengths."""
-LENGTH_STEPS = 60
-"""Steps of Adam in it."""
-LENGTH_RATE = 0.05
-"""Largest step of ln(length)."""
-LEADING = 40
-"""Components that it looks at."""
 
 
 @dataclass
@@ -154,10 +139,11 @@ def _samples(values: np.ndarray) -> np.ndarray:
 
 
 class Lesson(NamedTuple):
-    """What every network is fitted to: a model without networks, which samples train, inputs of all, coefficients of
-    those that train over their scale, inputs of airs that are not solved, and what the process says of these; of the
-    first of these what the former model says."""
+    """What every network is fitted to: the samples, a model without networks, which samples train, inputs of all,
+    coefficients of those that train over their scale, inputs of airs that are not solved, and what the process says of
+    these; of the first of these what the former model says."""
 
+    data: Data
     model: Model
     train: np.ndarray
     inputs: np.ndarray
@@ -171,7 +157,7 @@ class Lesson(NamedTuple):
 def fit(data: Data) -> Model:
     """The model of samples."""
     lesson = prepared(data)
-    return finished(data, lesson, [member(data, lesson, seed) for seed in range(MEMBERS)])
+    return finished(lesson, [member(lesson, seed) for seed in range(MEMBERS)])
 
 
 def prepared(data: Data) -> Lesson:
@@ -183,7 +169,7 @@ def prepared(data: Data) -> Lesson:
     train = data.number % HELD_OUT != 0
     model = _without_networks(data, train)
     coefficients = _coefficients(model, data.ratio[train], data.polarised[train])
-    k = COMPONENTS["intensity"]
+    k = model.intensity.shape[0]
     scale = np.concatenate(
         [np.full(part.shape[1], part.std(), np.float32) for part in (coefficients[:, :k], coefficients[:, k:])]
     )
@@ -191,26 +177,25 @@ def prepared(data: Data) -> Lesson:
     inputs = model.standardised(data.inputs, data.log_base)
     others, former = model.standardised(*data.told[:2]), _coefficients(model, *data.told[2:])
     unsolved = np.concatenate([others, _between(np.concatenate([inputs[train], others]))])
-    processes = [_process(torch, inputs[train], target[:, some]) for some in (slice(0, k), slice(k, None))]
+    processes = [process(inputs[train], target[:, some]) for some in (slice(0, k), slice(k, None))]
     held, by_process = (
         np.concatenate([one(x) for one in processes], axis=1) * scale for x in (inputs[~train], unsolved)
     )
     print(f"process, held out:\n{_errors(model, data, ~train, held)}", flush=True)
-    return Lesson(model, train, inputs, target, scale, unsolved, by_process, former)
+    return Lesson(data, model, train, inputs, target, scale, unsolved, by_process, former)
 
 
-def member(data: Data, lesson: Lesson, seed: int) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+def member(lesson: Lesson, seed: int, width: int = WIDTH) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
     """The layers of one network; prints its errors."""
     import torch
 
     torch.set_default_device("cuda" if torch.cuda.is_available() else "cpu")
-    model, train, inputs = lesson.model, lesson.train, lesson.inputs
-    network = _Network(torch, seed, inputs.shape[1], lesson.scale, model)
+    data, model, train, inputs = lesson.data, lesson.model, lesson.train, lesson.inputs
+    network = Network(seed, width, inputs.shape[1], lesson.scale, model)
     network.fit_coefficients(inputs[train], lesson.target, EPOCHS, RATE)
     network.fit_light(data, train, inputs, None)
-    print(f"network {seed}, held out:\n{_errors(model, data, ~train, network(inputs[~train]))}", flush=True)
     taught, told = 0.5 * (lesson.by_process + network(lesson.unsolved)), len(lesson.former)
-    apart = (lesson.former - taught[:told])[:, : COMPONENTS["intensity"]] @ model.intensity[:, ::7]
+    apart = (lesson.former - taught[:told])[:, : model.intensity.shape[0]] @ model.intensity[:, ::7]
     apart = np.percentile(np.abs(apart), 95, axis=1, keepdims=True)
     share = FORMER_SHARE / (1.0 + (apart / FORMER_APART) ** 2)
     taught[:told] += share * (lesson.former - taught[:told])
@@ -218,13 +203,14 @@ def member(data: Data, lesson: Lesson, seed: int) -> tuple[tuple[np.ndarray, np.
     both = np.concatenate([inputs[train], lesson.unsolved]), np.concatenate([lesson.target, taught / lesson.scale])
     network.fit_coefficients(*both, TAUGHT_EPOCHS, TAUGHT_RATE)
     network.fit_light(data, train, inputs, (lesson.unsolved, taught))
-    print(f"taught, held out:\n{_errors(model, data, ~train, network(inputs[~train]))}", flush=True)
+    held = _errors(model, data, ~train, network(inputs[~train]))
+    print(f"network {seed}, {width} wide, held out:\n{held}", flush=True)
     return network.layers()
 
 
-def finished(data: Data, lesson: Lesson, members: list[tuple[tuple[np.ndarray, np.ndarray], ...]]) -> Model:
+def finished(lesson: Lesson, members: list[tuple[tuple[np.ndarray, np.ndarray], ...]]) -> Model:
     """The model of networks, with the estimate of its error; prints its errors."""
-    held = ~lesson.train
+    data, held = lesson.data, ~lesson.train
     model = replace(lesson.model, members=tuple(members))
     print(f"all, held out:\n{_errors(model, data, held)}", flush=True)
     settings = ("degree", "max_degree", "altitude_density", "zenith_density")
@@ -239,6 +225,37 @@ def finished(data: Data, lesson: Lesson, members: list[tuple[tuple[np.ndarray, n
             "settings": {key: getattr(SETTINGS, key) for key in settings},
         },
     )
+
+
+def sizes(lesson: Lesson, members: list[tuple[tuple[np.ndarray, np.ndarray], ...]]) -> None:
+    """Errors and sizes of models of one, two and more of these networks, of networks of other widths, and of fewer
+    components, and write the table."""
+    held, rows = ~lesson.train, []
+    chosen = [one for one in members if one[0][0].shape[1] == WIDTH]
+    models = [replace(lesson.model, members=tuple(chosen[: n + 1])) for n in range(len(chosen))]
+    models += [replace(lesson.model, members=(one,)) for one in members if one[0][0].shape[1] != WIDTH]
+    models += [_with_fewer(models[len(chosen) - 1], part) for part in PARTS]
+    for model in models:
+        with tempfile.TemporaryDirectory() as folder:
+            save(model, path := Path(folder) / "model.npz")
+            size = path.stat().st_size / 1e6
+        percent = 100.0 * of_median_sky(off(model, lesson.data, held)[0])
+        of = len(model.members), model.members[0][0][0].shape[1], model.intensity.shape[0]
+        rows.append([*of, f"{size:.2f}", *(f"{percent[s]:.2f}" for s in JUDGED_SUNS)])
+        print(*rows[-1], sep="\t", flush=True)
+    columns = (f"median_p95_percent_at_{SUN_DEG[s]:g}" for s in JUDGED_SUNS)
+    results.write(
+        results.FOLDER / "clear_air_sizes.csv", ("networks", "width", "components", "megabytes", *columns), rows
+    )
+
+
+def _with_fewer(model: Model, part: float) -> Model:
+    """A model with the first part of its components."""
+    k, some = model.intensity.shape[0], round(part * model.intensity.shape[0])
+    others = round(part * model.polarisation.shape[0])
+    kept = np.r_[:some, k : k + others]
+    members = tuple((*layers, (w[:, kept], b[kept])) for *layers, (w, b) in model.members)
+    return replace(model, members=members, intensity=model.intensity[:some], polarisation=model.polarisation[:others])
 
 
 def _between(inputs: np.ndarray) -> np.ndarray:
@@ -278,129 +295,6 @@ def _without_networks(data: Data, train: np.ndarray) -> Model:
         np.zeros((2, SUN_DEG.size)),
         {},
     )
-
-
-def _process(torch: Any, inputs: np.ndarray, target: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """The mean of a Gaussian process through targets (N, K), as a function of inputs (M, F): Matern's kernel 5/2 with a
-    length for each input, and a linear one, both by marginal likelihood of the leading components."""
-    torch.manual_seed(0)
-    x, y = (torch.tensor(values).double() for values in (inputs, target))
-    n = x.shape[1]
-    lengths = torch.full((n,), 0.5 * float(np.log(n)), dtype=torch.double, requires_grad=True)
-    others = torch.tensor(np.log([0.02, 0.1]), requires_grad=True)  # variances of noise and of the linear kernel
-
-    def kernel(a, b):
-        a, b = (part * torch.exp(-lengths) for part in (a, b))
-        square = (a * a).sum(1)[:, None] + (b * b).sum(1) - 2.0 * a @ b.T
-        d = torch.sqrt(5.0 * torch.clamp(square, min=1e-12))
-        return (1.0 + d + d * d / 3.0) * torch.exp(-d) + torch.exp(others[1]) * (a @ b.T)
-
-    def factor(a):
-        return torch.linalg.cholesky(kernel(a, a) + torch.exp(others[0]) * torch.eye(len(a), dtype=torch.double))
-
-    optimiser = torch.optim.Adam([lengths, others], lr=LENGTH_RATE)
-    share = (y[:, :LEADING] ** 2).mean(0)
-    share = share / share.sum()
-    for _ in range(LENGTH_STEPS):
-        some = torch.randperm(len(x))[:LENGTHS_OF]
-        lower, values = factor(x[some]), y[some][:, :LEADING]
-        fitted = (values * torch.cholesky_solve(values, lower)).sum(0) / len(some)
-        loss = 0.5 * len(some) * (share * torch.log(fitted)).sum() + torch.log(torch.diagonal(lower)).sum()
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-    with torch.no_grad():
-        weights = torch.cholesky_solve(y, factor(x))
-
-    def mean(at: np.ndarray) -> np.ndarray:
-        with torch.no_grad():
-            rows = [kernel(part, x) @ weights for part in torch.split(torch.tensor(at).double(), 2048)]
-            return torch.cat(rows).cpu().numpy().astype(np.float32)
-
-    return mean
-
-
-class _Network:
-    """One network, in training: called with inputs (N, F), it gives coefficients (N, K)."""
-
-    def __init__(self, torch: Any, seed: int, count: int, scale: np.ndarray, model: Model):
-        torch.manual_seed(seed)
-        self.torch, self.model, self.scale = torch, model, torch.tensor(scale)
-        sizes = [count, *[WIDTH] * DEPTH]
-        self.hidden = torch.nn.ModuleList(torch.nn.Linear(i, o) for i, o in pairwise(sizes))
-        self.last = torch.nn.Linear(WIDTH, scale.size)
-        with torch.no_grad():
-            self.last.weight.zero_()
-            self.last.bias.zero_()
-
-    def _forward(self, x):
-        for n, layer in enumerate(self.hidden):
-            active = self.torch.nn.functional.silu(layer(x))
-            x = active + x if n else active
-        return self.last(x)
-
-    def __call__(self, inputs: np.ndarray) -> np.ndarray:
-        with self.torch.no_grad():
-            return (self._forward(self.torch.tensor(inputs)) * self.scale).cpu().numpy()
-
-    def _epochs(self, samples: int, epochs: int, rate: float, loss_of) -> None:
-        torch, parameters = self.torch, [*self.hidden.parameters(), *self.last.parameters()]
-        optimiser = torch.optim.AdamW(parameters, lr=rate, weight_decay=DECAY)
-        steps = epochs * -(-samples // BATCH)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=steps, pct_start=0.1)
-        for _ in range(epochs):
-            for some in torch.split(torch.randperm(samples), BATCH):
-                loss = loss_of(some)
-                optimiser.zero_grad()
-                loss.backward()
-                optimiser.step()
-                schedule.step()
-
-    def fit_coefficients(self, inputs: np.ndarray, target: np.ndarray, epochs: int, rate: float) -> None:
-        """Fit to coefficients over their scale."""
-        x, t = self.torch.tensor(inputs), self.torch.tensor(target)
-        self._epochs(len(x), epochs, rate, lambda some: ((self._forward(x[some]) - t[some]) ** 2).mean())
-
-    def fit_light(self, data: Data, train: np.ndarray, inputs: np.ndarray, taught) -> None:
-        """Fit to the light of the airs, and to coefficients that a teacher gives for other inputs."""
-        torch, model, k = self.torch, self.model, self.model.intensity.shape[0]
-        x = torch.tensor(inputs[train])
-        intensity, polarisation = torch.tensor(model.intensity), torch.tensor(model.polarisation)
-        ratio = torch.tensor(data.ratio[train] - model.intensity_mean)
-        polarised = torch.tensor(data.polarised[train] - model.polarisation_mean)
-        part = torch.tensor(data.part[train])
-        tolerated = torch.tensor(np.repeat(TOLERATED.astype(np.float32), NODES[1] * NODES[2]))
-        others = None if taught is None else tuple(torch.tensor(one) for one in taught)
-        usual = part.float().mean(0)
-
-        def distance(off, parts, nodes, turned):
-            off = off * torch.clamp(parts, min=LEAST_PART) / tolerated[nodes]
-            turned = turned * torch.cat([parts] * 2, dim=-1) / TOLERATED_POLARISATION
-            # errors beyond three tolerated ones count by their size, not its square: a few airs are no rule for all
-            losses = (torch.nn.functional.huber_loss(one, 0.0 * one, delta=3.0) for one in (off, turned))
-            return sum(losses)
-
-        def of_light(some):
-            nodes = torch.randperm(ratio.shape[1])[: ratio.shape[1] // 6]
-            both = torch.cat([nodes, nodes + ratio.shape[1]])
-            seen, crossed = intensity[:, nodes], polarisation[:, both]
-            c = self._forward(x[some]) * self.scale
-            off, turned = c[:, :k] @ seen - ratio[some][:, nodes], c[:, k:] @ crossed - polarised[some][:, both]
-            loss = distance(off, part[some][:, nodes].float(), nodes, turned)
-            if others is not None:
-                few = torch.randint(len(others[0]), (BATCH,))
-                c = self._forward(others[0][few]) * self.scale - others[1][few]
-                loss = loss + distance(c[:, :k] @ seen, usual[nodes].expand(len(c), -1), nodes, c[:, k:] @ crossed)
-            return loss
-
-        self._epochs(len(x), FINE_EPOCHS, FINE_RATE, of_light)
-
-    def layers(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-        """What `Model.members` holds of it."""
-        layers = [[part.detach().cpu().numpy() for part in (one.weight, one.bias)] for one in (*self.hidden, self.last)]
-        *hidden, (weight, bias) = layers
-        scale = self.scale.cpu().numpy()
-        return *((w.T.copy(), b.copy()) for w, b in hidden), (weight.T * scale, bias * scale)
 
 
 def _calibrated(model: Model, data: Data, some: np.ndarray) -> np.ndarray:
@@ -467,6 +361,10 @@ def main(words: Sequence[str]) -> None:
             path = Path(output[0]) if output else SHIPPED
             save(fit(read(Path(airs), Path(approximate))), path)
             print(f"wrote {path} ({path.stat().st_size / 1e6:.2f} MB)")
+        case ["sizes", airs, approximate]:
+            lesson = prepared(read(Path(airs), Path(approximate)))
+            members = [member(lesson, seed) for seed in range(MEMBERS)]
+            sizes(lesson, members + [member(lesson, 0, width) for width in WIDTHS])
         case _:
             sys.exit(__doc__)
 
