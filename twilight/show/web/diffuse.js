@@ -97,14 +97,14 @@ function directions(layer) {
 // layer, elevation and fine zenith angle; turned, means: see `turning`.
 function rays(grid) {
   if (grid.made) return grid.made;
-  const { boundary, azimuths } = grid, known = sublayers(boundary), segment = { ray: [], layer: [], length: [], angle: [], leaving: [] }, cosine = [], weight = [], first = [];
+  const { boundary, azimuths } = grid, known = sublayers(boundary), heights = [...known, ...MIDDLE_KM.filter((z) => !known.some((other) => Math.abs(z - other) <= NEAR_KM))].sort((a, b) => a - b), segment = { ray: [], layer: [], length: [], angle: [], leaving: [] }, cosine = [], weight = [], first = [];
+  const parts = partsOf(heights.map((z) => EARTH_RADIUS_KM + z), heights.map((z) => 1 + REFRACTIVITY * Math.exp(-z / SCALE_HEIGHT_KM)));
+  const own = range(heights.length - 1, (i) => searchsorted(boundary, 0.5 * (heights[i] + heights[i + 1])) - 1);
   for (let k = 0; k < LAYERS; k++) {
-    const from = k < LAYERS - 1 ? k : null, start = from === null ? 0 : MIDDLE_KM[k], heights = known.some((z) => Math.abs(z - start) <= NEAR_KM) ? known : [...known, start].sort((a, b) => a - b);
-    const parts = partsOf(heights.map((z) => EARTH_RADIUS_KM + z), heights.map((z) => 1 + REFRACTIVITY * Math.exp(-z / SCALE_HEIGHT_KM)));
-    const own = range(heights.length - 1, (i) => searchsorted(boundary, 0.5 * (heights[i] + heights[i + 1])) - 1), [cosines, weights] = directions(from);
+    const from = k < LAYERS - 1 ? k : null, start = nearest(heights, from === null ? 0 : MIDDLE_KM[k]), [cosines, weights] = directions(from);
     cosines.forEach((c, i) => {
       first.push(segment.ray.length);
-      for (const [layer, length, angle] of segmentsOf(parts, own, nearest(heights, start), c)) {
+      for (const [layer, length, angle] of segmentsOf(parts, own, start, c)) {
         const near = nearest(LEAVING_DEG, (Math.asin(c) + angle) / RAD), values = { ray: RAYS * k + i, layer, length, angle, leaving: ((LEAVING - 1) * layer + near) * FINE };
         for (const key in values) segment[key].push(values[key]);
       }

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from .shells import ALTITUDE_KM, EARTH_RADIUS_KM, sublayers
+from .shells import ALTITUDE_KM, EARTH_RADIUS_KM, Parts, sublayers
 
 BOUNDARY_KM = np.array(
     [
@@ -21,6 +21,8 @@ BOUNDARY_KM = np.array(
     ]
 )
 """Boundaries of the layers of diffuse light, all in ALTITUDE_KM; the ground counts as the layer above them."""
+START_KM = np.append(0.5 * (BOUNDARY_KM[1:] + BOUNDARY_KM[:-1]), 0.0)
+"""Where rays start: in the middle of layers, and on the ground."""
 ZENITH_DEG = np.concatenate(
     [[0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5], np.arange(89, 92, 0.5), np.arange(92.0, 113.0), [115, 118, 122]]
 )
@@ -133,70 +135,57 @@ def gauss(count: int, power: int = 1) -> tuple[np.ndarray, np.ndarray]:
 
 
 def segments(grid: Grid) -> np.ndarray:
-    """Segments of rays, (N, 6): number of the ray (RAYS from each layer, the ground last), the grid's layer that is
-    crossed, length [km], angle at the Earth's centre from start to middle [rad], cosine of the ray's zenith angle,
-    weight."""
-    rows = []
-    for k in range(LAYERS):
-        layer = None if k == LAYERS - 1 else k
-        for n, (c, w) in enumerate(zip(*_directions(layer), strict=True)):
-            rows += [(RAYS * k + n, *part, c, w) for part in _segments_of(grid, float(c), layer)]
-    return np.array(rows)
+    """Segments of rays, each in one layer, (N, 6): number of the ray (RAYS from each layer, the ground last), the grid's
+    layer that is crossed, length [km], angle at the Earth's centre from start to middle [rad], cosine of the ray's
+    zenith angle, weight."""
+    boundary = np.array(grid.boundary_km)
+    altitude = np.unique(np.append(sublayers(boundary), START_KM).round(9))
+    parts = Parts.of(altitude, _refractive_index(altitude), EARTH_RADIUS_KM)
+    first, (cosine, weight) = np.searchsorted(altitude, START_KM - NEAR_KM), directions()
+    b = (parts.x[first][:, None] * np.sqrt(1.0 - cosine * cosine)).ravel()
+    path, angle = parts.through(b)
+    cosine, weight, part = cosine.ravel(), weight.ravel(), np.arange(altitude.size - 1)
+    above, falls = part >= np.repeat(first, RAYS)[:, None], (cosine < 0.0)[:, None]
+    below, hit = ~above & falls & (path > 0.0), falls[:, 0] & (b < parts.x[0])
+    # down to the lowest point, and up again
+    ray, place = np.nonzero(np.concatenate([below[:, ::-1], (above | below) & ~hit[:, None]], axis=1))
+    place = np.where(place < part.size, part.size - 1 - place, place - part.size)
+    path, angle = path[ray, place], angle[ray, place]
+    layer = (np.searchsorted(boundary, 0.5 * (altitude[1:] + altitude[:-1])) - 1)[place]
+
+    def since(change: np.ndarray) -> np.ndarray:
+        """Angle to the end of each part from the last change."""
+        begin = np.flatnonzero(change)
+        return end - np.repeat((end - angle)[begin], np.diff(np.append(begin, ray.size)))
+
+    end, other_ray = np.cumsum(angle), np.diff(ray, prepend=-1) != 0
+    other = other_ray | (np.diff(layer, prepend=-1) != 0)
+    other |= np.diff(since(other) // LONGEST, prepend=0.0) != 0.0
+    begin, total = np.flatnonzero(other), since(other_ray)
+    length, moment = (np.add.reduceat(values, begin) for values in (path, path * (total - 0.5 * angle)))
+    last = np.flatnonzero(np.append(other_ray[1:], True))[hit]
+    ground = np.array([np.flatnonzero(hit), np.full(last.size, boundary.size - 1), np.zeros(last.size), total[last]])
+    rows = np.concatenate([[ray[begin], layer[begin], length, moment / length], ground], axis=1)
+    rows = rows[:, np.argsort(rows[0], kind="stable")]
+    return np.concatenate([rows, [cosine[rows[0].astype(int)], weight[rows[0].astype(int)]]]).T
 
 
-def _directions(layer: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """Cosines of the zenith angles of the rays from a layer or the ground, and their weights in means."""
-    if layer is None:
-        up, weight = gauss(RAYS)
-        return up, 2.0 * up * weight
-    x = _refracted_radius(np.array([0.0, BOUNDARY_KM[layer : layer + 2].mean()]))
-    horizon = float(np.sqrt(1.0 - (x[0] / x[1]) ** 2))
+@functools.cache
+def directions() -> tuple[np.ndarray, np.ndarray]:
+    """Cosines of the zenith angles of the rays from layers and, last, the ground, and their weights in means, (L + 1,
+    r)."""
+    x = _refractive_index(START_KM) * (EARTH_RADIUS_KM + START_KM)
+    horizon = np.sqrt(1.0 - (x[-1] / x[:-1]) ** 2)[:, None]
     (up, w_up), (grazing, w_grazing), (down, w_down) = gauss(ABOVE, POWER), gauss(GRAZING), gauss(BELOW, POWER_BELOW)
-    cosine = np.concatenate([-horizon - (1.0 - horizon) * down[::-1], -horizon * grazing[::-1], up])
-    weight = np.concatenate([(1.0 - horizon) * w_down[::-1], horizon * w_grazing[::-1], w_up])
-    return cosine, 0.5 * weight
+    cosine = [-horizon - (1.0 - horizon) * down[::-1], -horizon * grazing[::-1], up + 0.0 * horizon]
+    weight = [(1.0 - horizon) * w_down[::-1], horizon * w_grazing[::-1], w_up + 0.0 * horizon]
+    ground, of_ground = gauss(RAYS)
+    cosines, weights = np.concatenate(cosine, axis=1), 0.5 * np.concatenate(weight, axis=1)
+    return np.vstack([cosines, ground]), np.vstack([weights, 2.0 * ground * of_ground])
 
 
-def _refracted_radius(altitude_km: np.ndarray) -> np.ndarray:
-    """Refractive index times the distance from the Earth's centre [km]."""
-    index = 1.0 + REFRACTIVITY * np.exp(-altitude_km / REFRACTIVITY_SCALE_KM)
-    return index * (EARTH_RADIUS_KM + altitude_km)
-
-
-def _segments_of(grid: Grid, cosine: float, layer: int | None) -> list[tuple[int, float, float]]:
-    """Layer, length [km] and angle at the Earth's centre from the ray's start to its middle [rad] of the parts of a ray
-    in one layer each.  layer: where it starts, in the middle; None: from the ground"""
-    start, boundary = 0.0 if layer is None else BOUNDARY_KM[layer : layer + 2].mean(), np.array(grid.boundary_km)
-    part = sublayers(boundary)
-    if np.abs(part - start).min() > NEAR_KM:
-        part = np.sort(np.append(part, start))
-    own, first = np.searchsorted(boundary, 0.5 * (part[1:] + part[:-1])) - 1, int(np.abs(part - start).argmin())
-    radius, index = EARTH_RADIUS_KM + part, 1.0 + REFRACTIVITY * np.exp(-part / REFRACTIVITY_SCALE_KM)
-    x, mean = index * radius, 0.5 * (index[1:] + index[:-1])
-    slope = np.diff(x) / np.diff(radius)
-    b = x[first] * np.sqrt(1.0 - cosine * cosine)
-    beyond = np.maximum(x, b)
-    path = np.diff(np.sqrt(beyond * beyond - b * b)) / slope
-    angle = np.diff(np.arccos(b / beyond)) * mean / slope
-    passed = list(range(first, path.size))
-    hit = cosine < 0.0 and bool(b < x[0])
-    if cosine < 0.0:
-        below = [i for i in range(first - 1, -1, -1) if path[i] > 0.0]
-        passed = below if hit else below + below[::-1] + passed
-    groups: list[list[tuple[int, float, float]]] = []
-    total = spanned = 0.0  # angles of the ray so far, and of the last group, which is of one layer and at most LONGEST
-    for i in passed:
-        if not groups or groups[-1][0][0] != own[i] or spanned + angle[i] > LONGEST:
-            groups.append([])
-            spanned = 0.0
-        groups[-1].append((int(own[i]), float(path[i]), total + 0.5 * float(angle[i])))
-        spanned += angle[i]
-        total += float(angle[i])
-    out = []
-    for group in groups:
-        length = sum(one[1] for one in group)
-        out.append((group[0][0], length, sum(one[1] * one[2] for one in group) / length))
-    return [*out, (boundary.size - 1, 0.0, total)] if hit else out
+def _refractive_index(altitude_km: np.ndarray) -> np.ndarray:
+    return 1.0 + REFRACTIVITY * np.exp(-altitude_km / REFRACTIVITY_SCALE_KM)
 
 
 @functools.cache
@@ -243,7 +232,7 @@ def rays(grid: Grid) -> Rays:
 @functools.cache
 def sun_legendre(grid: Grid) -> np.ndarray:
     """Legendre polynomials of the cosine between the sun and the r rays of each layer, (L + 1, r, C A, CUT)."""
-    mu = np.array([_directions(layer)[0] for layer in (*range(LAYERS - 1), None)])[:, :, None, None]
+    mu = directions()[0][:, :, None, None]
     chi = np.radians(ZENITH_DEG)[:, None]
     towards = mu * np.cos(chi) + np.sqrt(1.0 - mu * mu) * np.cos(grid.azimuth_rad) * np.sin(chi)
     return legvander(towards.reshape(LAYERS, RAYS, -1), CUT - 1).astype(np.float32)
@@ -254,7 +243,7 @@ def turned(grid: Grid, other: Grid) -> np.ndarray:
     """Of light along the rays of one grid that leaves into azimuths of another and LEAVING_DEG: weights of rays, times
     Legendre polynomials of the angles between them and these directions, of both sides of the sun, (L, A' O, A r,
     CUT)."""
-    mu, weight = np.array([_directions(layer) for layer in range(LAYERS - 1)]).swapaxes(0, 1)
+    mu, weight = (values[:-1] for values in directions())
     up, flat = (f(np.radians(LEAVING_DEG))[:, None, None] for f in (np.sin, np.cos))
     wave, apart = np.arange(min(grid.azimuths, other.azimuths)), (np.arange(2 * CUT) + 0.5) * np.pi / (2 * CUT)
     mu, level = mu[:, None, :, None], np.sqrt(1.0 - mu * mu)[:, None, :, None]
