@@ -64,7 +64,7 @@ class ShellsBelow(Shells):
     def _boundary_x(self) -> np.ndarray:
         """n r at the boundaries of layers [km]."""
         parts = _parts(*self._geometry)
-        return parts.x[:: parts.count]
+        return parts.x[:: parts.per_layer]
 
     @property
     def middles_km(self) -> np.ndarray:

@@ -26,6 +26,7 @@ from .rays import (
     DEGREE,
     DIFFUSE,
     LAYERS,
+    RAYS,
     REFRACTIVITY_SCALE_KM,
     SUNLIT,
     ZENITH_DEG,
@@ -34,6 +35,7 @@ from .rays import (
     between,
     by_azimuth,
     harmonics,
+    into_azimuths,
     log_reference,
     rays,
     reference_slope,
@@ -89,14 +91,14 @@ def diffuse_light(air: Air, shells: Shells) -> np.ndarray:
     parts, reaching = (np.ascontiguousarray(single(x).T) for x in (parts, _reaching(again, kinds)))
     depolarised = single((1.0 - air.depolarisation) / (2.0 + air.depolarisation))
     ground_albedo, albedo, series = single(air.ground_albedo), single(kinds.albedo), single(kinds.series)
-    of_wavelengths = []
+    of_wavelengths, dtype = [], np.result_type(light, parts)
+    sent = np.empty(once.place.shape, dtype), np.empty(again.place.shape, dtype)
     for w in range(depolarised.size):
-        scattering = (albedo[..., w], series[..., w], depolarised[w])
-        radiance, by_air = _scattered_once(once, light[..., w], parts[w], *scattering)
-        further = _scattered_again(again, radiance, reaching[w, :, None], *scattering, ground_albedo[w])
-        polarised = once.mean(slice(-3, None), by_air) * (np.float32(0.75) * depolarised[w])
-        moments = once.mean(slice(0, -3), radiance) + again.mean(slice(0, -3), further)
-        of_wavelengths.append(np.concatenate([moments, polarised], axis=2)[:-1])
+        radiance, by_air = _scattered_once(once, light[..., w], parts[w], series[..., w], depolarised[w], sent[0])
+        into = _into(albedo[..., w], series[..., w], depolarised[w])
+        further = _scattered_again(again, radiance, reaching[w, :, None], into, ground_albedo[w], sent[1])
+        polarised = once.polarised(by_air) * (np.float32(0.75) * depolarised[w])
+        of_wavelengths.append(np.concatenate([once.mean(radiance) + again.mean(further), polarised], axis=2)[:-1])
     moments = np.stack(of_wavelengths, axis=-1)
     moments *= np.exp(-log_reference(ZENITH_DEG)).astype(np.float32)[:, None, None]
     return moments.reshape(-1, *moments.shape[2:])
@@ -126,52 +128,66 @@ def _sunlit(air: Air, shells: Shells) -> np.ndarray:
 
 
 def _scattered_once(
-    r: Rays, light: np.ndarray, parts: np.ndarray, albedo: np.ndarray, series: np.ndarray, depolarised: np.floating
+    r: Rays, light: np.ndarray, parts: np.ndarray, series: np.ndarray, depolarised: np.floating, sent: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Radiance along the rays of light scattered once, at one wavelength, and that by air alone, (L + 1, C, A r).
 
     light (G, C): what the sunbeam lights in layers and on the ground; parts (N, K + 2): part of it that each segment
     sends to the start of its ray, scattered by air, by each aerosol and by the ground; series (K, CUT): of the phase
-    functions of aerosols
+    functions of aerosols; sent: as of `Rays.arriving`
     """
-    by_air, *by_aerosols, last = np.moveaxis(r.arriving(light @ at_fine_zeniths().T, parts), 2, 0)
+    by_air, *by_aerosols, last = r.arriving(light @ at_fine_zeniths().T, r.weights(parts), sent)
     legendre = sun_legendre(SUNLIT)
-    last = last + by_air * (1.0 + depolarised * legendre[..., 2])
-    phases = legendre @ series.T
-    for n, scattered in enumerate(by_aerosols):
-        last += scattered * np.maximum(phases[..., n], LEAST_PHASE)
+    phases = (series @ legendre.reshape(CUT, -1)).reshape(-1, *last.shape)
+    last = last + by_air * (1.0 + depolarised * legendre[2])
+    for scattered, phase in zip(by_aerosols, phases, strict=True):
+        last += scattered * np.maximum(phase, LEAST_PHASE)
     return by_azimuth(last), by_azimuth(by_air)
+
+
+def _into(albedo: np.ndarray, series: np.ndarray, depolarised: np.floating) -> list[np.ndarray]:
+    """What layers scatter into azimuths of DIFFUSE and LEAVING_DEG of radiance along the rays of SUNLIT and of DIFFUSE,
+    at one wavelength, (L, A' O, A r) each.
+
+    albedo (1 + K, L + 1) of `_Kinds`; series (K, CUT)
+    """
+    by_degree = albedo[1:, :-1].T @ series
+    by_degree[:, 0] += albedo[0, :-1]
+    by_degree[:, 2] += albedo[0, :-1] * depolarised
+    waves = (turned().reshape(LAYERS - 1, -1, CUT) @ by_degree[..., None]).reshape(LAYERS - 1, DIFFUSE.azimuths, -1)
+    out = []
+    for grid in (SUNLIT, DIFFUSE):
+        both = into_azimuths(grid)
+        each = (both.reshape(-1, DIFFUSE.azimuths) @ waves).reshape(LAYERS - 1, *both.shape[:2], -1, RAYS)
+        out.append(each.transpose(0, 1, 3, 2, 4).reshape(LAYERS - 1, -1, grid.azimuths * RAYS))
+    return out
 
 
 def _scattered_again(
     r: Rays,
     last: np.ndarray,
     reaching: np.ndarray,
-    albedo: np.ndarray,
-    series: np.ndarray,
-    depolarised: np.floating,
+    into: list[np.ndarray],
     ground_albedo: np.floating,
+    sent: np.ndarray,
 ) -> np.ndarray:
     """Radiance along the rays (L + 1, C, A r) of light scattered more than once, from that of light scattered once, at
     one wavelength.
 
-    reaching (N, 1): what comes from each segment to the start of its ray if nothing is absorbed; albedo (1 + K, L + 1)
-    of `_Kinds`; series (K, CUT)
+    reaching (N, 1): what comes from each segment to the start of its ray if nothing is absorbed; into: of `_into`;
+    sent: as of `Rays.arriving`
     """
-    by_degree = albedo[1:, :-1].T @ series
-    by_degree[:, 0] += albedo[0, :-1]
-    by_degree[:, 2] += albedo[0, :-1] * depolarised
-    into = [(turned(grid, DIFFUSE) @ by_degree[:, None, :, None])[..., 0] for grid in (SUNLIT, DIFFUSE)]
-    total, mean = np.zeros(1, np.float32), [rays(grid).moments[-1, :, 0] for grid in (SUNLIT, DIFFUSE)]
+    total, mean = np.zeros(1, np.float32), [rays(grid).moments[-1, 0] for grid in (SUNLIT, DIFFUSE)]
+    weights = r.weights(reaching)
     for n in range(FOLLOWED - 1):
         before, first = last, min(n, 1)
-        sent = np.empty((LAYERS, into[first].shape[1], ANGLES), np.result_type(by_degree, last))
-        np.matmul(into[first], np.swapaxes(last, 1, 2)[:-1], out=sent[:-1])
-        sent[-1] = ground_albedo * np.einsum("cr,cr->c", mean[first], last[-1])
-        source = np.where(sent.real > 0.0, sent, 0.0) @ at_fine_zeniths().T
-        last = by_azimuth(r.arriving(source, reaching)[:, :, 0])
+        leaving = np.empty((LAYERS, into[first].shape[1], ANGLES), last.dtype)
+        np.matmul(into[first], np.swapaxes(last, 1, 2)[:-1], out=leaving[:-1])
+        leaving[-1] = ground_albedo * (last[-1] @ mean[first])
+        source = np.where(leaving.real > 0.0, leaving, 0.0) @ at_fine_zeniths().T
+        last = by_azimuth(r.arriving(source, weights, sent)[0])
         total = total + last
-    now, before = (np.einsum("lcr,lcr->lc", r.moments[:, :, 0], order) for order in (last, before))
+    now, before = ((order @ r.moments[:, 0, :, None])[..., 0] for order in (last, before))
     ratio = np.clip(now / np.maximum(before, 1e-30), 0.0, MOST_RATIO)
     # where the sun is low it falls later towards that of a high one
     ratio = 0.5 * (ratio + np.where(ratio.real < ratio[:, :1].real, ratio, ratio[:, :1]))

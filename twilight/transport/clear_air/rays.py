@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from .shells import ALTITUDE_KM, EARTH_RADIUS_KM, Parts, sublayers
+from .shells import ALTITUDE_KM, EARTH_RADIUS_KM, Parts, single, sublayers
 
 BOUNDARY_KM = np.array(
     [
@@ -61,6 +61,8 @@ RAYS = ABOVE + GRAZING + BELOW
 """Rays from a layer under one azimuth."""
 SUNLIT_KM = np.setdiff1d(ALTITUDE_KM, [0.06, 7, 9, 11, 13, 15, 39, 45, 51, 57, 63, 69, 75, 86, 95])
 """Boundaries of layers of the sunbeam, those of diffuse light among them."""
+RAYS_AT_ONCE = 4
+"""Rays whose segments are summed by one product of matrices."""
 LAYERS = BOUNDARY_KM.size
 """With the ground."""
 ANGLES = ZENITH_DEG.size
@@ -94,9 +96,10 @@ class Rays(NamedTuple):
 
     ray, layer, length_km (N,): of each segment its ray, layer of the grid and length
     first (R + 1,): first segment of each ray, and N; on_ground: segments that are the ground
-    place (N, C A): index of (layer, fine zenith angle) of what each segment sends to the start of its ray; where it has
-        directions, of (layer, azimuth, elevation LEAVING_DEG, fine zenith angle)
-    moments (L + 1, C, m + 3, A r): weights of these rays in the m moments of radiance, and the three of polarisation
+    place (U, C A): indices of (layer, fine zenith angle) of what a segment sends to the start of its ray; where it has
+        directions, of (layer, azimuth, elevation LEAVING_DEG, fine zenith angle); row (N,): those of each segment
+    moments (L + 1, m + 9, A r): weights of these rays in the m moments of radiance, and in the three of polarisation
+        with the sun in the zenith, 45 deg from it and on the horizon
     """
 
     ray: np.ndarray
@@ -105,24 +108,38 @@ class Rays(NamedTuple):
     first: np.ndarray
     on_ground: np.ndarray
     place: np.ndarray
+    row: np.ndarray
     moments: np.ndarray
 
-    def arriving(self, source: np.ndarray, parts: np.ndarray) -> np.ndarray:
-        """What segments send, by `place`, times parts of it (N, p), summed over each ray, (L + 1, r, p, C A)."""
-        at_segments = np.take(source, self.place)
-        shape = (self.first.size - 1, parts.shape[1], at_segments.shape[1])
-        out = np.empty(shape, np.result_type(source, parts))
-        for n, some in enumerate(map(slice, self.first[:-1], self.first[1:])):
-            np.matmul(parts[some].T, at_segments[some], out=out[n])
-        return out.reshape(LAYERS, RAYS, *out.shape[1:])
+    def weights(self, parts: np.ndarray) -> np.ndarray:
+        """Parts (N, p) that segments send to the start of their rays, in the columns of these, (N, p RAYS_AT_ONCE)."""
+        out = np.zeros((*parts.shape, RAYS_AT_ONCE), parts.dtype)
+        out[np.arange(self.ray.size), :, self.ray % RAYS_AT_ONCE] = parts
+        return out.reshape(self.ray.size, -1)
 
-    def mean(self, rows: slice, radiance: np.ndarray) -> np.ndarray:
-        """Some of the moments, (L + 1, C, m), of radiance by azimuths and rays (L + 1, C, A r)."""
-        return (self.moments[:, :, rows] @ radiance[..., None])[..., 0]
+    def arriving(self, source: np.ndarray, weights: np.ndarray, sent: np.ndarray) -> np.ndarray:
+        """What segments send, by `place`, times `weights` of p parts, summed over each ray, (p, R / RAYS_AT_ONCE,
+        RAYS_AT_ONCE, C A); sent (U, C A) is overwritten."""
+        np.take(source, self.place, out=sent, mode="clip")
+        first = self.first[::RAYS_AT_ONCE]
+        out = np.empty((first.size - 1, weights.shape[1], sent.shape[1]), np.result_type(source, weights))
+        for n, some in enumerate(map(slice, first[:-1], first[1:])):
+            np.matmul(weights[some].T, np.take(sent, self.row[some], axis=0, mode="clip"), out=out[n])
+        return np.moveaxis(out.reshape(len(out), -1, RAYS_AT_ONCE, sent.shape[1]), 1, 0)
+
+    def mean(self, radiance: np.ndarray) -> np.ndarray:
+        """The m moments (L + 1, C, m) of radiance by azimuths and rays (L + 1, C, A r)."""
+        return radiance @ self.moments[:, :-9].swapaxes(1, 2)
+
+    def polarised(self, radiance: np.ndarray) -> np.ndarray:
+        """The three moments of polarisation (L + 1, C, 3) of what air scatters once, (L + 1, C, A r)."""
+        high, between, low = np.split(radiance @ self.moments[:, -9:].swapaxes(1, 2), 3, axis=2)
+        c, s = (f(np.radians(ZENITH_DEG))[:, None].astype(np.float32) for f in (np.cos, np.sin))
+        return (c * c - c * s) * high + 2.0 * c * s * between + (s * s - c * s) * low
 
 
 def by_azimuth(radiance: np.ndarray) -> np.ndarray:
-    """Radiance (L + 1, r, C A) in the order of `Rays.moments`, (L + 1, C, A r)."""
+    """Radiance (R / RAYS_AT_ONCE, RAYS_AT_ONCE, C A) in the order of `Rays.moments`, (L + 1, C, A r)."""
     parted = radiance.reshape(LAYERS, RAYS, ANGLES, -1)
     return np.ascontiguousarray(parted.transpose(0, 2, 3, 1)).reshape(LAYERS, ANGLES, -1)
 
@@ -135,8 +152,8 @@ def gauss(count: int, power: int = 1) -> tuple[np.ndarray, np.ndarray]:
 
 
 def segments(grid: Grid) -> np.ndarray:
-    """Segments of rays, each in one layer, (N, 6): number of the ray (RAYS from each layer, the ground last), the grid's
-    layer that is crossed, length [km], angle at the Earth's centre from start to middle [rad], cosine of the ray's
+    """Segments of rays, each in one layer, (N, 6): number of the ray (RAYS from each layer, the ground last), layer of
+    the grid, length [km], angle at the Earth's centre from start to middle [rad], cosine of the ray's
     zenith angle, weight."""
     boundary = np.array(grid.boundary_km)
     altitude = np.unique(np.append(sublayers(boundary), START_KM).round(9))
@@ -191,68 +208,86 @@ def _refractive_index(altitude_km: np.ndarray) -> np.ndarray:
 @functools.cache
 def rays(grid: Grid) -> Rays:
     """The rays between scatterings."""
-    ray, layer, length, angle, cosine, weight = segments(grid).T
-    ray, layer, phi = ray.astype(int), layer.astype(int), angle
-    first = np.flatnonzero(np.diff(ray, prepend=-1))
-    azimuth, chi = np.cos(grid.azimuth_rad), np.radians(ZENITH_DEG)[:, None, None]
-    local = np.cos(chi) * np.cos(phi) + np.sin(chi) * np.sin(phi) * azimuth[:, None]
-    rounded = np.rint(np.degrees(np.arccos(np.clip(local, -1.0, 1.0))) / FINE_DEG).astype(int)  # C A N
-    rounded = np.minimum(rounded, FINE_ZENITH_DEG.size - 1)
-    # moments: u and s are the parts of the ray's direction upwards and towards the sun
-    mu, sun = cosine[first], azimuth[:, None]
-    u, s = mu + 0.0 * sun, np.sqrt(1.0 - mu * mu) * sun
-    w, towards = weight[first] / grid.azimuths, u * np.cos(chi) + s * np.sin(chi)  # C A R
-    flat, sine2 = np.ones_like(towards), 1.0 - towards**2
-    across_u, across_s = np.cos(chi) - u * towards, np.sin(chi) - s * towards
-    order = [m for n in range(DEGREE + 1) for m in range(n + 1)]
-    # waves shorter than twice the distance of azimuths look like longer ones
-    parts = [part * flat * (m < grid.azimuths) for m, part in zip(order, harmonics(u, s), strict=True)]
-    parts.append(sine2 * (1.0 - u * u) - 2.0 * across_u * across_u)
-    parts.append(-sine2 * u * s - 2.0 * across_u * across_s)
-    parts.append(sine2 * (1.0 - s * s) - 2.0 * across_s * across_s)
-    moments = np.array([w * part for part in parts]).reshape(len(parts), ANGLES, grid.azimuths, LAYERS, -1)
-    moments = moments.transpose(3, 1, 0, 2, 4).reshape(LAYERS, ANGLES, len(parts), -1)
-    place = layer * FINE_ZENITH_DEG.size + rounded
+    ray, layer, length, phi, cosine, _ = segments(grid).T
+    ray, layer = ray.astype(int), layer.astype(int)
+    azimuth, chi = np.cos(grid.azimuth_rad)[:, None, None], np.radians(ZENITH_DEG)[:, None]
+    local = np.sin(phi)[:, None, None] * (azimuth * np.sin(chi))[..., 0].T + (np.cos(phi)[:, None, None] * np.cos(chi))
+    zenith = np.degrees(np.arccos(np.clip(local, -1.0, 1.0)))  # N C A
+    place = np.minimum(np.rint(zenith / FINE_DEG).astype(np.int32), FINE_ZENITH_DEG.size - 1)
+    start = layer
     if grid.directed:  # into azimuths of the rays and elevations near theirs at each segment
-        elevation = np.degrees(np.arcsin(cosine) + angle)
+        elevation = np.degrees(np.arcsin(cosine) + phi)
         near = np.abs(elevation[:, None] - LEAVING_DEG).argmin(axis=1)
-        every = np.arange(grid.azimuths)[:, None]
-        place = ((layer * grid.azimuths + every) * LEAVING_DEG.size + near) * FINE_ZENITH_DEG.size + rounded
+        start = (layer[:, None] * grid.azimuths + np.arange(grid.azimuths)) * LEAVING_DEG.size + near[:, None]
+    place += (start.reshape(ray.size, 1, -1) * FINE_ZENITH_DEG.size).astype(np.int32)
+    place = place.reshape(ray.size, -1)
+    _, unique, row = np.unique(place.view(f"V{place[0].nbytes}"), return_index=True, return_inverse=True)
     return Rays(
         ray,
         layer,
         length,
-        np.append(first, ray.size),
+        np.searchsorted(ray, np.arange(LAYERS * RAYS + 1)),
         np.flatnonzero(layer == len(grid.boundary_km) - 1),
-        np.ascontiguousarray(np.moveaxis(place, -1, 0)).reshape(ray.size, -1),
-        moments.astype(np.float32),
+        place[unique].astype(int),
+        row.ravel(),
+        _moments(grid),
     )
+
+
+def _moments(grid: Grid) -> np.ndarray:
+    """`Rays.moments`."""
+    mu, weight = (values[:, None] for values in directions())
+    azimuth = np.cos(grid.azimuth_rad)[:, None]
+    # parts of the ray's direction upwards and towards the sun
+    u, s = mu + 0.0 * azimuth, np.sqrt(1.0 - mu * mu) * azimuth
+    order = [m for n in range(DEGREE + 1) for m in range(n + 1)]
+    # waves shorter than twice the distance of azimuths look like longer ones
+    parts = [part * (m < grid.azimuths) for m, part in zip(order, harmonics(u, s), strict=True)]
+    for chi in np.radians([0.0, 45.0, 90.0]):
+        towards = u * np.cos(chi) + s * np.sin(chi)
+        sine2, across_u, across_s = 1.0 - towards**2, np.cos(chi) - u * towards, np.sin(chi) - s * towards
+        parts.append(sine2 * (1.0 - u * u) - 2.0 * across_u * across_u)
+        parts.append(-sine2 * u * s - 2.0 * across_u * across_s)
+        parts.append(sine2 * (1.0 - s * s) - 2.0 * across_s * across_s)
+    moments = np.stack(parts, axis=1) * (weight / grid.azimuths)[:, None]
+    return moments.reshape(LAYERS, len(parts), -1).astype(np.float32)
 
 
 @functools.cache
 def sun_legendre(grid: Grid) -> np.ndarray:
-    """Legendre polynomials of the cosine between the sun and the r rays of each layer, (L + 1, r, C A, CUT)."""
-    mu = directions()[0][:, :, None, None]
-    chi = np.radians(ZENITH_DEG)[:, None]
+    """Legendre polynomials of the cosine between the sun and the r rays of each layer, (CUT, R / RAYS_AT_ONCE,
+    RAYS_AT_ONCE, C A)."""
+    mu, chi = directions()[0].reshape(-1, RAYS_AT_ONCE)[:, :, None, None], np.radians(ZENITH_DEG)[:, None]
     towards = mu * np.cos(chi) + np.sqrt(1.0 - mu * mu) * np.cos(grid.azimuth_rad) * np.sin(chi)
-    return legvander(towards.reshape(LAYERS, RAYS, -1), CUT - 1).astype(np.float32)
+    towards = single(towards.reshape(*mu.shape[:2], -1))
+    out = [np.ones_like(towards), towards]
+    for n in range(1, CUT - 1):
+        out.append(((2 * n + 1) * towards * out[n] - n * out[n - 1]) / (n + 1))
+    return np.stack(out)
 
 
 @functools.cache
-def turned(grid: Grid, other: Grid) -> np.ndarray:
-    """Of light along the rays of one grid that leaves into azimuths of another and LEAVING_DEG: weights of rays, times
-    Legendre polynomials of the angles between them and these directions, of both sides of the sun, (L, A' O, A r,
-    CUT)."""
+def turned() -> np.ndarray:
+    """Weights of the waves of light along rays in those of light that leaves into LEAVING_DEG, times Legendre
+    polynomials of the angles between them, (L, waves, O, r, CUT)."""
     mu, weight = (values[:-1] for values in directions())
     up, flat = (f(np.radians(LEAVING_DEG))[:, None, None] for f in (np.sin, np.cos))
-    wave, apart = np.arange(min(grid.azimuths, other.azimuths)), (np.arange(2 * CUT) + 0.5) * np.pi / (2 * CUT)
+    apart = (np.arange(2 * CUT) + 0.5) * np.pi / (2 * CUT)
     mu, level = mu[:, None, :, None], np.sqrt(1.0 - mu * mu)[:, None, :, None]
     cosine = np.clip(up * mu + flat * level * np.cos(apart), -1.0, 1.0)  # L O r
-    by_wave = np.einsum("tm,lortd->lordm", np.cos(np.outer(apart, wave)) / apart.size, legvander(cosine, CUT - 1))
-    into, along = (np.cos(np.outer(one.azimuth_rad, wave)) for one in (other, grid))
-    both = np.where(wave > 0, 2.0, 1.0) * into[:, None] * along / grid.azimuths  # of both sides of the sun
-    out = np.einsum("abm,lordm,lr->laobrd", both, by_wave, weight, optimize=True)
-    return out.reshape(len(mu), other.azimuths * LEAVING_DEG.size, -1, CUT).astype(np.float32)
+    waves = np.cos(np.outer(np.arange(DIFFUSE.azimuths), apart)) / apart.size
+    out = np.moveaxis(waves @ legvander(cosine, CUT - 1), 3, 1)
+    return (out * weight[:, None, None, :, None]).astype(np.float32)
+
+
+@functools.cache
+def into_azimuths(grid: Grid) -> np.ndarray:
+    """Weights of waves of `turned` in light that comes along azimuths of a grid and leaves into those of DIFFUSE, on
+    both sides of the sun, (A', A, waves)."""
+    wave = np.arange(DIFFUSE.azimuths)
+    into, along = (np.cos(np.outer(one.azimuth_rad, wave)) for one in (DIFFUSE, grid))
+    both = np.where(wave > 0, 2.0, 1.0) * into[:, None] * along / grid.azimuths
+    return both.astype(np.float32)
 
 
 @functools.cache

@@ -124,28 +124,28 @@ def sublayers(boundary_km: np.ndarray, count: int = SUBLAYERS) -> np.ndarray:
 
 
 class Parts(NamedTuple):
-    """Parts of layers, `count` in each, in which n r is linear: altitude [km], n and x = n r [km] at their boundaries
-    (P + 1,), d(n r) / dr and mean n of each (P,)."""
+    """Parts of layers, `per_layer` in each, in which n r is linear: altitude [km], n and x = n r [km] at their
+    boundaries (P + 1,), d(n r) / dr and mean n of each (P,)."""
 
-    count: int
+    per_layer: int
     altitude_km: np.ndarray
     n: np.ndarray
     x: np.ndarray
     slope: np.ndarray
-    index: np.ndarray
+    mean_n: np.ndarray
 
     @staticmethod
-    def of(altitude_km: np.ndarray, n: np.ndarray, radius_km: float, count: int = 1) -> Parts:
+    def of(altitude_km: np.ndarray, n: np.ndarray, radius_km: float, per_layer: int = 1) -> Parts:
         """From n at the boundaries of parts."""
         radius = radius_km + altitude_km
         x = n * radius
-        return Parts(count, altitude_km, n, x, np.diff(x) / np.diff(radius), 0.5 * (n[1:] + n[:-1]))
+        return Parts(per_layer, altitude_km, n, x, np.diff(x) / np.diff(radius), 0.5 * (n[1:] + n[:-1]))
 
     def through(self, b: np.ndarray, first: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Path [km] and angle at the Earth's centre [rad] of rays in each layer from one on, (B, L), on one side of
         their lowest point: s = sqrt(x^2 - b^2) / (dx/dr), phi = n arccos(b / x) / (dx/dr), b (B,) = n r sin(zenith
         angle) being Bouguer's invariant [km]."""
-        j, b = self.count * first, b[:, None]
+        j, b = self.per_layer * first, b[:, None]
         beyond = np.maximum(self.x[j:], b)
         arc = b / beyond
         np.arccos(arc, out=arc)
@@ -154,11 +154,11 @@ class Parts(NamedTuple):
         np.sqrt(beyond, out=beyond)
         path, angle = beyond[:, 1:] - beyond[:, :-1], arc[:, 1:] - arc[:, :-1]
         path /= self.slope[j:]
-        angle *= self.index[j:] / self.slope[j:]
-        if self.count == 1:
+        angle *= self.mean_n[j:] / self.slope[j:]
+        if self.per_layer == 1:
             return path, angle
-        parts = range(self.count)
-        return sum(path[:, p :: self.count] for p in parts), sum(angle[:, p :: self.count] for p in parts)
+        parts = range(self.per_layer)
+        return sum(path[:, p :: self.per_layer] for p in parts), sum(angle[:, p :: self.per_layer] for p in parts)
 
 
 @functools.lru_cache(maxsize=8)
@@ -183,7 +183,7 @@ FROM_BELOW = np.unique(
 
 def _rays_to(k: int, parts: Parts) -> tuple[np.ndarray, ...]:
     """Rays from the sun to boundary k: true and apparent zenith angles, ln of the spreading, ways in layers (R, L)."""
-    edge, apparent, down = parts.x[:: parts.count], FROM_ABOVE_RAD, FROM_ABOVE_RAD.size
+    edge, apparent, down = parts.x[:: parts.per_layer], FROM_ABOVE_RAD, FROM_ABOVE_RAD.size
     if k:
         apparent = np.concatenate([apparent, 0.5 * np.pi + np.arccos(edge[0] / edge[k]) * FROM_BELOW])
     b = edge[k] * np.sin(apparent)
@@ -196,7 +196,7 @@ def _rays_to(k: int, parts: Parts) -> tuple[np.ndarray, ...]:
         angle[down:, :k] *= 2.0
     true = angle.sum(axis=1) + np.arcsin(np.minimum(b / edge[-1], 1.0))
     spread, sine = np.maximum(np.gradient(true, apparent), LEAST_SPREAD), np.sin(apparent)
-    factor = parts.n[parts.count * k] ** 2 * sine / np.maximum(np.sin(true), 1e-9) / spread
+    factor = parts.n[parts.per_layer * k] ** 2 * sine / np.maximum(np.sin(true), 1e-9) / spread
     factor[sine < 1e-6] = 1.0
     return true, apparent, np.log(factor), path
 
@@ -204,7 +204,7 @@ def _rays_to(k: int, parts: Parts) -> tuple[np.ndarray, ...]:
 @functools.lru_cache(maxsize=8)
 def _beams(geometry: tuple[bytes, bytes, float]) -> Beams:
     parts = _parts(*geometry)
-    rows = [_rays_to(k, parts) for k in range(parts.slope.size // parts.count + 1)]
+    rows = [_rays_to(k, parts) for k in range(parts.slope.size // parts.per_layer + 1)]
     start = np.cumsum([0, *(row[0].size for row in rows)])
     return Beams(start, *(np.concatenate(part) for part in zip(*rows, strict=True)))
 
@@ -274,7 +274,7 @@ class Shells:
     def _least_km(self, screen: Screen) -> np.ndarray:
         """Least altitudes (R,) of the sunbeams on the part of their way that counts for a screen [km]."""
         b, parts = self.beams, _parts(*self._geometry)
-        at_end = np.repeat(parts.x[:: parts.count], np.diff(b.start))
+        at_end = np.repeat(parts.x[:: parts.per_layer], np.diff(b.start))
         near, far = (at_end * np.cos(b.apparent_rad) + s for s in (screen.from_km, screen.to_km))
         along = np.where(near > 0.0, near, np.where(far < 0.0, far, 0.0))
         highest = np.maximum.accumulate(parts.x)
@@ -311,7 +311,9 @@ class Shells:
     def line(self, elevation_deg: np.ndarray) -> Line:
         """Lines of sight (E,), by their apparent elevations [deg]."""
         parts = _parts(*self._geometry)
-        path, angle = parts.through(parts.x[parts.count * self.first] * np.cos(np.radians(elevation_deg)), self.first)
+        path, angle = parts.through(
+            parts.x[parts.per_layer * self.first] * np.cos(np.radians(elevation_deg)), self.first
+        )
         depth = summed(path[:, :, None] * self.extinction[self.first :])
         return Line(path, np.concatenate([np.zeros((len(path), 1)), np.cumsum(angle, axis=1)], axis=1), depth)
 
