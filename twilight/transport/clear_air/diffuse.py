@@ -34,13 +34,14 @@ from .rays import (
     at_fine_zeniths,
     between,
     by_azimuth,
-    harmonics,
     into_azimuths,
+    legendre_functions,
     log_reference,
     rays,
     reference_slope,
     sun_legendre,
     turned,
+    waves,
 )
 from .shells import (
     AIR,
@@ -50,7 +51,6 @@ from .shells import (
     Air,
     Line,
     Shells,
-    in_rows,
     lit_fraction,
     log_means,
     single,
@@ -67,6 +67,8 @@ LEAST_PART = 0.1
 """What further moments leave of the mean light at least, before they count less."""
 MOST_CHANGE = 1.0
 """By how much ln(light of a layer) changes at most because it is seen nearer or farther than on the average."""
+DIRECTIONS_AT_ONCE = 100
+"""About how many suns and directions are seen at once: what they take stays in the processor's cache."""
 OPAQUE = 60.0
 """Optical depth of the ground."""
 
@@ -80,7 +82,7 @@ def _positive(first: np.ndarray, further: np.ndarray) -> np.ndarray:
 
 def diffuse_light(air: Air, shells: Shells) -> np.ndarray:
     """The moments of light scattered at least once, over F0, in layers between BOUNDARY_KM at ZENITH_DEG, the
-    reference taken off, (L C, m + 3, W)."""
+    reference taken off, (L, W, m + 3, C)."""
     once, again = rays(SUNLIT), rays(DIFFUSE)
     light = single(_sunlit(air, shells))
     kinds = _kinds(air, np.array(SUNLIT.boundary_km))
@@ -99,9 +101,7 @@ def diffuse_light(air: Air, shells: Shells) -> np.ndarray:
         further = _scattered_again(again, radiance, reaching[w, :, None], into, ground_albedo[w], sent[1])
         polarised = once.polarised(by_air) * (np.float32(0.75) * depolarised[w])
         of_wavelengths.append(np.concatenate([once.mean(radiance) + again.mean(further), polarised], axis=2)[:-1])
-    moments = np.stack(of_wavelengths, axis=-1)
-    moments *= np.exp(-log_reference(ZENITH_DEG)).astype(np.float32)[:, None, None]
-    return moments.reshape(-1, *moments.shape[2:])
+    return np.stack(of_wavelengths, axis=1).swapaxes(2, 3) * np.exp(-log_reference(ZENITH_DEG)).astype(np.float32)
 
 
 def _reaching(r: Rays, kinds: _Kinds) -> np.ndarray:
@@ -218,82 +218,63 @@ def _kinds(air: Air, boundary_km: np.ndarray) -> _Kinds:
 
 
 class LastScattering(NamedTuple):
-    """Of lines of sight (E,) in K layers of diffuse light, `layer` (K,): weights (DEGREE + 2, E, K, W), what scattering
-    of J, of the moments of each further degree by aerosols and of the second by air alone adds; angle (E, K) [rad] at
-    the Earth's centre from the observer to the mean point, and by how much nearer the light is that he sees, (E, K,
-    W)."""
+    """Of lines of sight (E,) in K layers of diffuse light at zenith angles C of the sun: light (E, K, C, DEGREE + 2, W),
+    what is seen of its mean, and of its further moments by waves around the zenith, the reference taken off; slope (K,
+    C - 1, W), change of ln(mean light) a degree; elevation [deg]; angle (E, K) [rad] at the Earth's centre from the
+    observer to the mean point, and by how much nearer the light is that he sees, (E, K, W)."""
 
-    weights: np.ndarray
+    light: np.ndarray
+    slope: np.ndarray
+    elevation_deg: np.ndarray
     angle: np.ndarray
     nearer: np.ndarray
-    layer: np.ndarray
 
 
-def seen_along(
-    light: np.ndarray,
-    sun_deg: np.ndarray,
-    elevation_deg: np.ndarray,
-    azimuth_deg: np.ndarray,
-    scattering: LastScattering,
-) -> np.ndarray:
-    """M_0 under suns (S,) in directions, (S, E, A, W), from `diffuse_light`: what it scatters along lines of sight."""
-    weights, angle, nearer, layer = scattering
-    rows = [(elevation_deg[r], azimuth_deg, weights[:, r], angle[r], nearer[r]) for r in in_rows(elevation_deg.size)]
-    return np.stack([np.concatenate([_seen_under(light, sun, *row, layer) for row in rows]) for sun in sun_deg])
+def seen_along(sun_deg: np.ndarray, azimuth_deg: np.ndarray, scattering: LastScattering) -> np.ndarray:
+    """M_0 under suns (S,) along lines of sight in azimuths (A,), (S, E, A, W)."""
+    at_once = max(1, DIRECTIONS_AT_ONCE // (sun_deg.size * azimuth_deg.size))
+    rows = [slice(first, first + at_once) for first in range(0, scattering.elevation_deg.size, at_once)]
+    return np.concatenate([_seen_along(sun_deg, azimuth_deg, scattering, row) for row in rows], axis=1)
 
 
-def _seen_under(
-    light: np.ndarray,
-    sun_deg: float,
-    elevation_deg: np.ndarray,
-    azimuth_deg: np.ndarray,
-    weights: np.ndarray,
-    angle: np.ndarray,
-    nearer: np.ndarray,
-    layer: np.ndarray,
-) -> np.ndarray:
-    """`seen_along` under one sun, (E, A, W)."""
-    sun, azimuth = np.radians(90.0 - sun_deg), np.cos(np.radians(azimuth_deg))[:, None]
-    cosine = np.cos(angle)[:, None] * np.cos(sun) + np.sin(angle)[:, None] * azimuth * np.sin(sun)
-    zenith = np.arccos(np.clip(cosine, -1.0, 1.0))  # E A K
-    degrees = np.degrees(zenith)
+def _seen_along(sun_deg: np.ndarray, azimuth_deg: np.ndarray, scattering: LastScattering, rows: slice) -> np.ndarray:
+    """`seen_along` of some elevations."""
+    light, elevation, angle, nearer = scattering.light[rows], *(np.asarray(part[rows]) for part in scattering[2:])
+    sun, azimuth = np.radians(90.0 - sun_deg)[:, None, None, None], np.cos(np.radians(azimuth_deg))[:, None]
+    elevation, angle = np.radians(elevation)[:, None, None], angle[:, None]
+    along, across = np.cos(angle) * np.cos(sun), np.sin(angle) * azimuth * np.sin(sun)
+    cosine = np.clip(along + across, -1.0, 1.0)  # S E A K
+    degrees, sine = np.degrees(np.arccos(cosine)), np.maximum(np.sqrt(1.0 - cosine * cosine), 1e-3)
     below, f = between(degrees)
-    place, rows = (layer * ANGLES + below).ravel(), light.reshape(len(light), -1)
-    moments, after = (np.take(rows, at, axis=0) for at in (place, place + 1))
-    shape = (*degrees.shape, -1, light.shape[-1])
-    first, last = (np.log(np.maximum(part.reshape(shape)[..., 0, :], DARK)) for part in (moments, after))
-    after -= moments
-    after *= f.astype(np.float32).reshape(-1, 1)
-    moments += after
-    moments = moments.reshape(shape)
     # an angle at the Earth's centre towards the sun takes as much from that between the sun and the zenith
-    towards = np.cos(angle)[:, None] * azimuth * np.sin(sun) - np.sin(angle)[:, None] * np.cos(sun)
-    towards = np.degrees(towards) / np.maximum(np.sin(zenith), 1e-3)
-    slope = (last - first) / np.diff(ZENITH_DEG)[below][..., None] + reference_slope(degrees)[..., None]
-    change = slope * towards[..., None] * nearer[:, None]
+    towards = (np.cos(angle) * azimuth * np.sin(sun) - np.sin(angle) * np.cos(sun)) / sine
+    layer = np.arange(angle.shape[2])
+    slope = scattering.slope.reshape(-1, nearer.shape[-1])[layer * (ANGLES - 1) + below]
+    slope = slope + single(reference_slope(degrees))[..., None]
+    change = slope * (single(np.degrees(towards))[..., None] * nearer[:, None])
     change = np.where(
         change.real < -MOST_CHANGE, -MOST_CHANGE, np.where(change.real > MOST_CHANGE, MOST_CHANGE, change)
     )
-    elevation = np.radians(elevation_deg)[:, None]
-    u = np.sin(elevation + angle)[:, None] + np.zeros_like(azimuth)
-    from_sun = np.cos(sun) * np.sin(elevation)[:, None] + np.sin(sun) * np.cos(elevation)[:, None] * azimuth
-    s = np.clip((from_sun - np.cos(zenith) * u) / np.maximum(np.sin(zenith), 1e-3), -1.0, 1.0)
-    u, s = u.astype(np.float32), s.astype(np.float32)
-    beside = np.maximum(1.0 - u * u - s * s, 0.0)
-    functions = np.stack([*harmonics(u, s), u * u - beside, 2.0 * u * s, s * s - beside], axis=-1)[..., None, :]
-    weights = weights[:, :, None]
-    further = (functions[..., -3:] @ moments[..., -3:, :])[..., 0, :] * (-3.0 * weights[-1])
-    for n in range(1, DEGREE + 1):
-        some = slice(n * (n + 1) // 2, (n + 1) * (n + 2) // 2)
-        of_degree = (functions[..., some] @ moments[..., some, :])[..., 0, :]
-        further = further + (weights[n] + weights[-1] if n == 2 else weights[n]) * of_degree
-    reference = single(np.exp(log_reference(degrees)[..., None] + change))
-    source = _positive(weights[0] * moments[..., 0, :], further) * reference
-    return np.maximum(source.sum(axis=2), DARK)
+    reference = np.exp(change) * single(np.exp(log_reference(degrees)))[..., None]
+    u = np.sin(elevation + angle)
+    from_sun = np.cos(sun) * np.sin(elevation) + np.sin(sun) * np.cos(elevation) * azimuth
+    s = single(np.clip((from_sun - cosine * u) / sine, -1.0, 1.0))
+    around = np.stack(waves(single(u + np.zeros_like(azimuth)), s), axis=-1)
+    place = (np.arange(len(light))[:, None, None] * layer.size + layer) * ANGLES + below
+    flat = light.reshape(-1, light[0, 0, 0].size)
+    before, after = (np.take(flat, (place + n).ravel(), axis=0, mode="clip") for n in (0, 1))
+    after -= before
+    after *= f.astype(np.float32).reshape(-1, 1)
+    before += after
+    first, further = np.split(before.reshape(*place.shape, *light.shape[3:]), [1], axis=-2)
+    source = _positive(first[..., 0, :], (around[..., None, :] @ further)[..., 0, :]) * reference
+    return np.maximum(source.sum(axis=3), DARK)
 
 
-def last_scattering(air: Air, shells: Shells, line: Line) -> LastScattering:
-    """Where along lines of sight above the observer how much of diffuse light is scattered towards him."""
+def last_scattering(
+    diffuse: np.ndarray, air: Air, shells: Shells, line: Line, elevation_deg: np.ndarray
+) -> LastScattering:
+    """What of diffuse light (`diffuse_light`) is scattered along lines of sight towards the observer."""
     middle = 0.5 * (shells.boundary_km[1:] + shells.boundary_km[:-1])[shells.first :]
     own = np.searchsorted(ALTITUDE_KM, middle) - 1
     of_air, followed = air.depth[AIR], air.moments[..., : DEGREE + 1] - air.peaks(air.moments)[..., None]
@@ -314,7 +295,38 @@ def last_scattering(air: Air, shells: Shells, line: Line) -> LastScattering:
     near = np.where(np.abs(inside) < 1e-3, 0.5 - inside / 12.0, 1.0 / near - 1.0 / np.expm1(near))
     seen_share = weights[0] + 1e-20 * path
     seen_angle = (shares.T @ ((low[..., None] + whole[..., None] * near) * seen_share)) / (shares.T @ seen_share)
-    return LastScattering(single(shares.T @ weights), mean_angle, mean_angle[..., None] - seen_angle, layer)
+    light = _by_waves(
+        diffuse[layer], single(shares.T @ weights), np.sin(np.radians(elevation_deg)[:, None] + mean_angle)
+    )
+    log = np.log(np.maximum(diffuse[layer, :, 0], DARK))
+    slope = np.diff(log).swapaxes(1, 2) / single(np.diff(ZENITH_DEG))[:, None]
+    return LastScattering(light, slope, elevation_deg, mean_angle, single(mean_angle[..., None] - seen_angle))
+
+
+def _by_waves(diffuse: np.ndarray, weights: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """`LastScattering.light` from moments (K, W, m + 3, C) and what scattering of the mean light, of the moments of each
+    further degree by aerosols and of the second by air alone adds, (DEGREE + 2, E, K, W); up (E, K): sines of the
+    elevations."""
+    weights, functions = weights.transpose(0, 2, 3, 1), legendre_functions(single(up))
+    weights[2] += weights[-1]
+    up, by_air = single(up).T[:, None], -3.0 * weights[-1]
+    out = np.empty((up.shape[2], len(diffuse), ANGLES, DEGREE + 2, diffuse.shape[1]), np.result_type(diffuse, weights))
+
+    def take(row: int, terms: list[tuple[int, np.ndarray]]) -> None:
+        some, factors = zip(*terms, strict=True)
+        out[..., row, :] = (np.stack(factors, axis=-1) @ diffuse[:, :, some]).transpose(2, 0, 3, 1)
+
+    polarised = {
+        0: [(-3, by_air * (1.5 * up * up - 0.5))],
+        1: [(-2, by_air * 2.0 * up)],
+        2: [(-3, 0.5 * by_air), (-1, by_air)],
+    }
+    take(0, [(0, weights[0])])
+    for m in range(DEGREE + 1):
+        degrees = range(max(m, 1), DEGREE + 1)
+        of_degrees = [(n * (n + 1) // 2 + m, functions[n, m].T[:, None] * weights[n]) for n in degrees]
+        take(m + 1, of_degrees + polarised.get(m, []))
+    return out
 
 
 def _between_middles(altitude_km: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

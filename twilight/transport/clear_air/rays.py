@@ -300,29 +300,44 @@ def at_fine_zeniths() -> np.ndarray:
     return (out * np.exp(log_reference(FINE_ZENITH_DEG)[:, None] - log_reference(ZENITH_DEG))).astype(np.float32)
 
 
+_BEFORE = np.clip(np.searchsorted(ZENITH_DEG, FINE_ZENITH_DEG, side="right") - 1, 0, ANGLES - 2)
+"""Index of the zenith angle before each of FINE_ZENITH_DEG, all of ZENITH_DEG among them."""
+
+
 def between(degrees: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Index of the zenith angle before each, and the part of the way to the next."""
     degrees = np.minimum(degrees, ZENITH_DEG[-1])
-    below = np.clip(np.searchsorted(ZENITH_DEG, degrees, side="right") - 1, 0, ANGLES - 2)
-    return below, (degrees - ZENITH_DEG[below]) / (ZENITH_DEG[below + 1] - ZENITH_DEG[below])
+    below = _BEFORE[(degrees / FINE_DEG).astype(int)]
+    return below, (degrees - ZENITH_DEG[below]) / np.diff(ZENITH_DEG)[below]
 
 
 def harmonics(up: np.ndarray, aside: np.ndarray) -> list[np.ndarray]:
     """Harmonics of directions by their parts upwards and towards the sun, of degree 0 to DEGREE, each with its orders:
     those of one degree, times each other for two directions and summed, are the mean of the Legendre polynomials of the
     angle between the first direction and the second or its mirror image."""
-    x, y = aside, np.sqrt(np.maximum(1.0 - up * up - aside * aside, 0.0))
-    # sin^m cos(m azimuth), sin^m sin(m azimuth), and the Legendre functions over sin^m
-    cosine, sine = np.ones_like(x), np.zeros_like(x)
+    functions, around = legendre_functions(up), waves(up, aside)
+    return [functions[n, m] * around[m] for n in range(DEGREE + 1) for m in range(n + 1)]
+
+
+def legendre_functions(up: np.ndarray) -> dict[tuple[int, int], np.ndarray]:
+    """What `harmonics` of a degree and order are over the `waves` of this order."""
     functions: dict[tuple[int, int], np.ndarray] = {}
     for m in range(DEGREE + 1):
         before, now = np.zeros_like(up), float(np.prod(np.arange(1, 2 * m, 2))) + 0.0 * up
         for n in range(m, DEGREE + 1):
-            scale = np.sqrt((2.0 if m else 1.0) * factorial(n - m) / factorial(n + m))
-            functions[n, m] = scale * now * cosine
+            functions[n, m] = np.sqrt((2.0 if m else 1.0) * factorial(n - m) / factorial(n + m)) * now
             before, now = now, ((2 * n + 1) * up * now - (n + m) * before) / (n - m + 1)
-        cosine, sine = cosine * x - sine * y, sine * x + cosine * y
-    return [functions[n, m] for n in range(DEGREE + 1) for m in range(n + 1)]
+    return functions
+
+
+def waves(up: np.ndarray, aside: np.ndarray) -> list[np.ndarray]:
+    """sin^m(zenith angle) cos(m azimuth) of directions, m from 0 to DEGREE."""
+    across = np.sqrt(np.maximum(1.0 - up * up - aside * aside, 0.0))
+    cosine, sine = [np.ones_like(aside), aside], across
+    for _ in range(DEGREE - 1):
+        cosine.append(cosine[-1] * aside - sine * across)
+        sine = sine * aside + cosine[-2] * across
+    return cosine
 
 
 def log_reference(zenith_deg: np.ndarray) -> np.ndarray:

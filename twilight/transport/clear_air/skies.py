@@ -109,7 +109,8 @@ class Skies:
         made, made.shells = copy.copy(self), copy.copy(self.shells)
         made.shells.screen = screen, powers
         made.shells.__dict__.pop("_tables")
-        made._diffuse = diffuse_light(self.air, made.shells)
+        for key in ("_diffuse", "_last_scattering", "_in_rows"):
+            made.__dict__.pop(key, None)
         taken = (whole - made._log_base()).real.reshape(len(powers), SUN_DEG.size, -1)
         made._taken = np.percentile(taken, 95, axis=(0, 2))
         return made
@@ -134,21 +135,23 @@ class Skies:
 
     def base(self, sun_deg: np.ndarray) -> np.ndarray:
         """M_0 under suns (S,) at the nodes, (S, E, A, W)."""
-        return seen_along(self._diffuse, sun_deg, ELEVATION_DEG, AZIMUTH_DEG, self._last_scattering)
+        return seen_along(sun_deg, AZIMUTH_DEG, self._last_scattering)
 
     @functools.cached_property
     def _last_scattering(self) -> LastScattering:
-        return last_scattering(self.air, self.shells, self.nodes)
+        return self._along(ELEVATION_DEG)
+
+    def _along(self, elevation_deg: np.ndarray) -> LastScattering:
+        line = self.shells.line(elevation_deg)
+        return last_scattering(self._diffuse, self.air, self.shells, line, elevation_deg)
 
     def _log_base(self) -> np.ndarray:
-        line = self.shells.line(BASE_ELEVATION_DEG)
-        scattering = last_scattering(self.air, self.shells, line)
-        light = np.log(seen_along(self._diffuse, SUN_DEG, BASE_ELEVATION_DEG, BASE_AZIMUTH_DEG, scattering))
+        light = np.log(seen_along(SUN_DEG, BASE_AZIMUTH_DEG, self._along(BASE_ELEVATION_DEG)))
         return light.reshape(-1, light.shape[-1]).T
 
     @functools.cached_property
     def _in_rows(self) -> LastScattering:
-        return last_scattering(self.air, self.shells, self.shells.line(ROWS_DEG))
+        return self._along(ROWS_DEG)
 
     def _finer(self, shadowed: bool) -> Line:
         """Lines of sight at FINER_ELEVATION_DEG, computed when they are first asked for."""
@@ -162,7 +165,7 @@ class Skies:
         elevation, azimuth = FINER_ELEVATION_DEG[shadowed], FINER_AZIMUTH_DEG[shadowed]
         weight = splines(SUN_DEG, np.array([sun_elevation_deg]))[0]
         log_ratio, *polarised, spread = np.einsum("s,pwsea->peaw", weight, self.at_nodes)
-        base = seen_along(self._diffuse, np.array([sun_elevation_deg]), ROWS_DEG, AZIMUTH_DEG, self._in_rows)[0]
+        base = seen_along(np.array([sun_elevation_deg]), AZIMUTH_DEG, self._in_rows)[0]
         finer = np.tensordot(elevation_splines(ROWS_DEG, elevation), np.log(base), (1, 0))
         finer = finer + np.tensordot(elevation_splines(ELEVATION_DEG, elevation), log_ratio, (1, 0))
         multiple = azimuth_splines(AZIMUTH_DEG, azimuth)[0] @ finer
