@@ -218,9 +218,9 @@ def _kinds(air: Air, boundary_km: np.ndarray) -> _Kinds:
 
 
 class LastScattering(NamedTuple):
-    """Of lines of sight (E,) in K layers of diffuse light at zenith angles C of the sun: light (E, K, C, DEGREE + 2, W),
-    what is seen of its mean, and of its further moments by waves around the zenith, the reference taken off; slope (K,
-    C - 1, W), change of ln(mean light) a degree; elevation [deg]; angle (E, K) [rad] at the Earth's centre from the
+    """Of lines of sight (E,) in K layers of diffuse light at zenith angles C of the sun: light (E, K, C, DEGREE + 2,
+    W), what is seen of its mean, and of its further moments by waves around the zenith, the reference taken off; slope
+    (K, C - 1, W), change of ln(mean light) a degree; elevation [deg]; angle (E, K) [rad] at the Earth's centre from the
     observer to the mean point, and by how much nearer the light is that he sees, (E, K, W)."""
 
     light: np.ndarray
@@ -295,21 +295,20 @@ def last_scattering(
     near = np.where(np.abs(inside) < 1e-3, 0.5 - inside / 12.0, 1.0 / near - 1.0 / np.expm1(near))
     seen_share = weights[0] + 1e-20 * path
     seen_angle = (shares.T @ ((low[..., None] + whole[..., None] * near) * seen_share)) / (shares.T @ seen_share)
-    light = _by_waves(
-        diffuse[layer], single(shares.T @ weights), np.sin(np.radians(elevation_deg)[:, None] + mean_angle)
-    )
+    up = np.sin(np.radians(elevation_deg)[:, None] + mean_angle)
+    light = _by_waves(diffuse[layer], single(shares.T @ weights), single(up))
     log = np.log(np.maximum(diffuse[layer, :, 0], DARK))
     slope = np.diff(log).swapaxes(1, 2) / single(np.diff(ZENITH_DEG))[:, None]
     return LastScattering(light, slope, elevation_deg, mean_angle, single(mean_angle[..., None] - seen_angle))
 
 
 def _by_waves(diffuse: np.ndarray, weights: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """`LastScattering.light` from moments (K, W, m + 3, C) and what scattering of the mean light, of the moments of each
-    further degree by aerosols and of the second by air alone adds, (DEGREE + 2, E, K, W); up (E, K): sines of the
+    """`LastScattering.light` from moments (K, W, m + 3, C) and what scattering of the mean light, of the moments of
+    each further degree by aerosols and of the second by air alone adds, (DEGREE + 2, E, K, W); up (E, K): sines of the
     elevations."""
-    weights, functions = weights.transpose(0, 2, 3, 1), legendre_functions(single(up))
+    weights, functions = weights.transpose(0, 2, 3, 1), legendre_functions(up)
     weights[2] += weights[-1]
-    up, by_air = single(up).T[:, None], -3.0 * weights[-1]
+    up, by_air = up.T[:, None], -3.0 * weights[-1]
     out = np.empty((up.shape[2], len(diffuse), ANGLES, DEGREE + 2, diffuse.shape[1]), np.result_type(diffuse, weights))
 
     def take(row: int, terms: list[tuple[int, np.ndarray]]) -> None:

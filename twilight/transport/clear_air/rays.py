@@ -6,6 +6,7 @@ They are the same in all air: their segments in layers, the zenith angle of the 
 from __future__ import annotations
 
 import functools
+from itertools import pairwise
 from math import factorial
 from typing import NamedTuple
 
@@ -120,11 +121,13 @@ class Rays(NamedTuple):
     def arriving(self, source: np.ndarray, weights: np.ndarray, sent: np.ndarray) -> np.ndarray:
         """What segments send, by `place`, times `weights` of p parts, summed over each ray, (p, R / RAYS_AT_ONCE,
         RAYS_AT_ONCE, C A); sent (U, C A) is overwritten."""
-        np.take(source, self.place, out=sent, mode="clip")
-        first = self.first[::RAYS_AT_ONCE]
-        out = np.empty((first.size - 1, weights.shape[1], sent.shape[1]), np.result_type(source, weights))
-        for n, some in enumerate(map(slice, first[:-1], first[1:])):
-            np.matmul(weights[some].T, np.take(sent, self.row[some], axis=0, mode="clip"), out=out[n])
+        source.take(self.place, out=sent, mode="clip")
+        first = self.first[::RAYS_AT_ONCE].tolist()
+        out = np.empty((len(first) - 1, weights.shape[1], sent.shape[1]), sent.dtype)
+        segments = np.empty((max(b - a for a, b in pairwise(first)), sent.shape[1]), sent.dtype)
+        for (a, b), one in zip(pairwise(first), out, strict=True):
+            some = sent.take(self.row[a:b], axis=0, out=segments[: b - a], mode="clip")
+            np.matmul(weights[a:b].T, some, out=one)
         return np.moveaxis(out.reshape(len(out), -1, RAYS_AT_ONCE, sent.shape[1]), 1, 0)
 
     def mean(self, radiance: np.ndarray) -> np.ndarray:

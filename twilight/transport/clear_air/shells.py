@@ -198,7 +198,7 @@ def _rays_to(k: int, parts: Parts) -> tuple[np.ndarray, ...]:
     spread, sine = np.maximum(np.gradient(true, apparent), LEAST_SPREAD), np.sin(apparent)
     factor = parts.n[parts.per_layer * k] ** 2 * sine / np.maximum(np.sin(true), 1e-9) / spread
     factor[sine < 1e-6] = 1.0
-    return true, apparent, np.log(factor), path
+    return true, apparent, single(np.log(factor)), single(path)
 
 
 @functools.lru_cache(maxsize=8)
@@ -261,15 +261,19 @@ class Shells:
         return _beams(self._geometry)
 
     @functools.cached_property
-    def _tables(self) -> tuple[np.ndarray, np.ndarray]:
-        """Zenith angles that go on rising from boundary to boundary, (R,), and -ln of the sunbeams, (R, W)."""
+    def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Zenith angles that go on rising from boundary to boundary, (R,), and of the sunbeams -ln and the depth of
+        scattering in peaks, (W, R)."""
         b = self.beams
         key = b.zenith_rad + 4.0 * np.repeat(np.arange(self.boundary_km.size), np.diff(b.start))
-        depth = b.path_km @ self.extinction - b.log_factor[:, None]
+        each = single(np.concatenate([self.extinction, self.peak], axis=1).T)
+        depth, peak = np.split(each @ b.path_km.T, 2)
+        depth -= b.log_factor
         if self.screen is not None:
             screen, powers = self.screen
-            depth -= np.log(np.maximum(screen.at(self._least_km(screen)), DARKEST_PASSED))[:, None] * powers
-        return key, single(depth)
+            passed = np.log(np.maximum(screen.at(self._least_km(screen)), DARKEST_PASSED))
+            depth -= single(powers[:, None] * passed)
+        return key, depth, peak
 
     def _least_km(self, screen: Screen) -> np.ndarray:
         """Least altitudes (R,) of the sunbeams on the part of their way that counts for a screen [km]."""
@@ -291,11 +295,20 @@ class Shells:
     def log_sunbeam(self, k: Any, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ln of the sunbeam over F0 at boundaries k for true solar zenith angles (...,), (..., W), and how far these
         are from the shadow of the ground [rad]: negative within it, where the logarithm is that at its edge."""
-        i, f = self._place(k, zenith_rad)
-        depth = self._tables[1]
-        here = depth[i]
-        out = (here - depth[i + 1]) * f[..., None] - here
+        out = -self._between(self._tables[1], *self._place(k, zenith_rad))
         return np.maximum(out, DARK_LOG), self.beams.zenith_rad[self.beams.start[np.asarray(k) + 1] - 1] - zenith_rad
+
+    def peak_depth(self, k: Any, zenith_rad: np.ndarray) -> np.ndarray:
+        """Depth of scattering in peaks on the way of the sunbeam to boundaries k, (..., W)."""
+        return self._between(self._tables[2], *self._place(k, zenith_rad))
+
+    def _between(self, table: np.ndarray, i: np.ndarray, f: np.ndarray) -> np.ndarray:
+        """What a table (W, R) has at a `_place`, (..., W); in memory wavelengths come first."""
+        here, after = (table.take(at, axis=1, mode="clip") for at in (i, i + 1))
+        after -= here
+        after *= single(f)
+        after += here
+        return np.moveaxis(after, 0, -1)
 
     @functools.cached_property
     def _own_rays(self) -> tuple[np.ndarray, ...]:

@@ -83,7 +83,6 @@ class Skies:
             observer_km,
             air.radius_km,
         )
-        self._peak_depth = self.shells.beams.path_km @ self.shells.peak
         self.nodes = self.shells.line(ELEVATION_DEG)
         self._taken = np.zeros(SUN_DEG.size)
         self._lines: dict[bool, Line] = {}
@@ -215,10 +214,8 @@ class Skies:
         line, first, f = self.nodes, self.shells.first, self.peak_fraction
         scattered = line.path[..., None] * f[:, None, None] * self.shells.scattering[1:, None, first:] * light
         passed = np.cumsum(line.path[..., None] * self.shells.peak[first:], axis=1)
-        i, part = self.shells._place(
-            np.arange(first, self.shells.boundary_km.size), line.zenith(sun_deg, np.zeros(1))[0, :, 0]
-        )
-        before = self._peak_depth[i] * (1.0 - part[..., None]) + self._peak_depth[i + 1] * part[..., None]
+        boundaries = np.arange(first, self.shells.boundary_km.size)
+        before = self.shells.peak_depth(boundaries, line.zenith(sun_deg, np.zeros(1))[0, :, 0])
         shifted = np.concatenate([np.zeros_like(passed[:, :1]), passed[:, :-1]], axis=1)
         mean_depth = 0.5 * (shifted + passed + before[:, :-1] + before[:, 1:])
         by_kind = scattered.sum(axis=2)
