@@ -219,9 +219,9 @@ def _kinds(air: Air, boundary_km: np.ndarray) -> _Kinds:
 
 class LastScattering(NamedTuple):
     """Of lines of sight (E,) in K layers of diffuse light at zenith angles C of the sun: light (E, K, C, DEGREE + 2,
-    W), what is seen of its mean, and of its further moments by waves around the zenith, the reference taken off; slope
-    (K, C - 1, W), change of ln(mean light) a degree; elevation [deg]; angle (E, K) [rad] at the Earth's centre from the
-    observer to the mean point, and by how much nearer the light is that he sees, (E, K, W)."""
+    W), what is seen of its mean and its further moments, by waves around the zenith, the reference taken off; slope (W,
+    K (C - 1)), change of ln(mean light) a degree; elevation [deg]; angle (E, K) [rad] at the Earth's centre from the
+    observer to the mean point, and by how much nearer the light is that he sees, (W, E, K)."""
 
     light: np.ndarray
     slope: np.ndarray
@@ -239,7 +239,7 @@ def seen_along(sun_deg: np.ndarray, azimuth_deg: np.ndarray, scattering: LastSca
 
 def _seen_along(sun_deg: np.ndarray, azimuth_deg: np.ndarray, scattering: LastScattering, rows: slice) -> np.ndarray:
     """`seen_along` of some elevations."""
-    light, elevation, angle, nearer = scattering.light[rows], *(np.asarray(part[rows]) for part in scattering[2:])
+    light, elevation, angle = scattering.light[rows], scattering.elevation_deg[rows], scattering.angle[rows]
     sun, azimuth = np.radians(90.0 - sun_deg)[:, None, None, None], np.cos(np.radians(azimuth_deg))[:, None]
     elevation, angle = np.radians(elevation)[:, None, None], angle[:, None]
     along, across = np.cos(angle) * np.cos(sun), np.sin(angle) * azimuth * np.sin(sun)
@@ -249,13 +249,13 @@ def _seen_along(sun_deg: np.ndarray, azimuth_deg: np.ndarray, scattering: LastSc
     # an angle at the Earth's centre towards the sun takes as much from that between the sun and the zenith
     towards = (np.cos(angle) * azimuth * np.sin(sun) - np.sin(angle) * np.cos(sun)) / sine
     layer = np.arange(angle.shape[2])
-    slope = scattering.slope.reshape(-1, nearer.shape[-1])[layer * (ANGLES - 1) + below]
-    slope = slope + single(reference_slope(degrees))[..., None]
-    change = slope * (single(np.degrees(towards))[..., None] * nearer[:, None])
+    slope = scattering.slope.take(layer * (ANGLES - 1) + below, axis=1, mode="clip")  # W S E A K
+    slope += single(reference_slope(degrees))
+    change = slope * (single(np.degrees(towards)) * scattering.nearer[:, None, rows, None])
     change = np.where(
         change.real < -MOST_CHANGE, -MOST_CHANGE, np.where(change.real > MOST_CHANGE, MOST_CHANGE, change)
     )
-    reference = np.exp(change) * single(np.exp(log_reference(degrees)))[..., None]
+    reference = np.moveaxis(np.exp(change) * single(np.exp(log_reference(degrees))), 0, -1)
     u = np.sin(elevation + angle)
     from_sun = np.cos(sun) * np.sin(elevation) + np.sin(sun) * np.cos(elevation) * azimuth
     s = single(np.clip((from_sun - cosine * u) / sine, -1.0, 1.0))
@@ -298,8 +298,9 @@ def last_scattering(
     up = np.sin(np.radians(elevation_deg)[:, None] + mean_angle)
     light = _by_waves(diffuse[layer], single(shares.T @ weights), single(up))
     log = np.log(np.maximum(diffuse[layer, :, 0], DARK))
-    slope = np.diff(log).swapaxes(1, 2) / single(np.diff(ZENITH_DEG))[:, None]
-    return LastScattering(light, slope, elevation_deg, mean_angle, single(mean_angle[..., None] - seen_angle))
+    slope = np.swapaxes(np.diff(log) / single(np.diff(ZENITH_DEG)), 0, 1).reshape(log.shape[1], -1)
+    nearer = np.ascontiguousarray(np.moveaxis(single(mean_angle[..., None] - seen_angle), -1, 0))
+    return LastScattering(light, slope, elevation_deg, mean_angle, nearer)
 
 
 def _by_waves(diffuse: np.ndarray, weights: np.ndarray, up: np.ndarray) -> np.ndarray:

@@ -289,8 +289,8 @@ class Shells:
         b = self.beams
         i = np.searchsorted(self._tables[0], zenith_rad + 4.0 * k) - 1
         i = np.minimum(np.maximum(i, b.start[k]), b.start[np.asarray(k) + 1] - 2)
-        f = (zenith_rad - b.zenith_rad[i]) / (b.zenith_rad[i + 1] - b.zenith_rad[i])
-        return i, np.minimum(np.maximum(f, 0.0), 1.0)
+        here, after = (b.zenith_rad.take(at, mode="clip") for at in (i, i + 1))
+        return i, np.minimum(np.maximum((zenith_rad - here) / (after - here), 0.0), 1.0)
 
     def log_sunbeam(self, k: Any, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ln of the sunbeam over F0 at boundaries k for true solar zenith angles (...,), (..., W), and how far these
@@ -327,7 +327,7 @@ class Shells:
         path, angle = parts.through(
             parts.x[parts.per_layer * self.first] * np.cos(np.radians(elevation_deg)), self.first
         )
-        depth = summed(path[:, :, None] * self.extinction[self.first :])
+        depth = summed((path[:, None] * self.extinction[self.first :].T)[..., None])[..., 0].swapaxes(1, 2)
         return Line(path, np.concatenate([np.zeros((len(path), 1)), np.cumsum(angle, axis=1)], axis=1), depth)
 
     def sunlit(self, zenith: np.ndarray, depth: np.ndarray, first: int | None = None) -> np.ndarray:

@@ -230,7 +230,8 @@ class Skies:
             small, 0.5 * none * x * mixed, (np.exp(-x * (1.0 - mixed)) - none) / np.where(small, 1.0, mixed * x) - none
         )
         series = (np.where(f > 1e-6, f, 0.0)[..., None] * moments)[:, None] * g + (1.0 - none) * followed[:, None]
-        return x[..., 0], np.swapaxes(single(series) @ _legendre_terms().T, -1, -2)
+        added = single(series).reshape(-1, series.shape[-1]) @ _legendre_terms().T
+        return x[..., 0], np.swapaxes(added.reshape(*series.shape[:-1], -1), -1, -2)
 
     @functools.cached_property
     def _peaks(self) -> tuple[np.ndarray, np.ndarray]:
