@@ -64,6 +64,8 @@ SUNLIT_KM = np.setdiff1d(ALTITUDE_KM, [0.06, 7, 9, 11, 13, 15, 39, 45, 51, 57, 6
 """Boundaries of layers of the sunbeam, those of diffuse light among them."""
 RAYS_AT_ONCE = 4
 """Rays whose segments are summed by one product of matrices."""
+SEGMENTS_AT_ONCE = 64
+"""Segments whose zenith angles are computed at once: they stay in the processor's cache."""
 LAYERS = BOUNDARY_KM.size
 """With the ground."""
 ANGLES = ZENITH_DEG.size
@@ -213,16 +215,18 @@ def rays(grid: Grid) -> Rays:
     """The rays between scatterings."""
     ray, layer, length, phi, cosine, _ = segments(grid).T
     ray, layer = ray.astype(int), layer.astype(int)
-    azimuth, chi = np.cos(grid.azimuth_rad)[:, None, None], np.radians(ZENITH_DEG)[:, None]
-    local = np.sin(phi)[:, None, None] * (azimuth * np.sin(chi))[..., 0].T + (np.cos(phi)[:, None, None] * np.cos(chi))
-    zenith = np.degrees(np.arccos(np.clip(local, -1.0, 1.0)))  # N C A
-    place = np.minimum(np.rint(zenith / FINE_DEG).astype(np.int32), FINE_ZENITH_DEG.size - 1)
-    start = layer
+    start = layer[:, None]
     if grid.directed:  # into azimuths of the rays and elevations near theirs at each segment
         elevation = np.degrees(np.arcsin(cosine) + phi)
         near = np.abs(elevation[:, None] - LEAVING_DEG).argmin(axis=1)
-        start = (layer[:, None] * grid.azimuths + np.arange(grid.azimuths)) * LEAVING_DEG.size + near[:, None]
-    place += (start.reshape(ray.size, 1, -1) * FINE_ZENITH_DEG.size).astype(np.int32)
+        start = (start * grid.azimuths + np.arange(grid.azimuths)) * LEAVING_DEG.size + near[:, None]
+    up = np.cos(np.radians(ZENITH_DEG))[:, None]
+    aside = np.sin(np.radians(ZENITH_DEG))[:, None] * np.cos(grid.azimuth_rad)
+    place = np.empty((ray.size, ANGLES, grid.azimuths), np.int32)
+    for some in (slice(first, first + SEGMENTS_AT_ONCE) for first in range(0, ray.size, SEGMENTS_AT_ONCE)):
+        local = np.cos(phi[some, None, None]) * up + np.sin(phi[some, None, None]) * aside
+        fine = np.rint(np.degrees(np.arccos(np.clip(local, -1.0, 1.0))) / FINE_DEG)
+        place[some] = start[some, None] * FINE_ZENITH_DEG.size + np.minimum(fine, FINE_ZENITH_DEG.size - 1)
     place = place.reshape(ray.size, -1)
     _, unique, row = np.unique(place.view(f"V{place[0].nbytes}"), return_index=True, return_inverse=True)
     return Rays(
