@@ -184,7 +184,7 @@ def _scattered_again(
         leaving = np.empty((LAYERS, into[first].shape[1], ANGLES), last.dtype)
         np.matmul(into[first], np.swapaxes(last, 1, 2)[:-1], out=leaving[:-1])
         leaving[-1] = ground_albedo * (last[-1] @ mean[first])
-        source = np.where(leaving.real > 0.0, leaving, 0.0) @ at_fine_zeniths().T
+        source = np.where(leaving.real > 0.0, leaving, 0.0).reshape(-1, ANGLES) @ at_fine_zeniths().T
         last = by_azimuth(r.arriving(source, weights, sent)[0])
         total = total + last
     now, before = ((order @ r.moments[:, 0, :, None])[..., 0] for order in (last, before))

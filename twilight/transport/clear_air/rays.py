@@ -62,8 +62,6 @@ RAYS = ABOVE + GRAZING + BELOW
 """Rays from a layer under one azimuth."""
 SUNLIT_KM = np.setdiff1d(ALTITUDE_KM, [0.06, 7, 9, 11, 13, 15, 39, 45, 51, 57, 63, 69, 75, 86, 95])
 """Boundaries of layers of the sunbeam, those of diffuse light among them."""
-RAYS_AT_ONCE = 4
-"""Rays whose segments are summed by one product of matrices."""
 SEGMENTS_AT_ONCE = 64
 """Segments whose zenith angles are computed at once: they stay in the processor's cache."""
 LAYERS = BOUNDARY_KM.size
@@ -75,11 +73,13 @@ FINE_ZENITH_DEG = np.arange(0.0, ZENITH_DEG[-1] + 0.5 * FINE_DEG, FINE_DEG)
 
 class Grid(NamedTuple):
     """Rays in A azimuths from the sun over half a turn, through layers between these boundaries [km]; the ground counts
-    as one more, the last; and whether what a layer sends of the light that it collects has directions."""
+    as one more, the last; whether what a layer sends of the light that it collects has directions; and of how many rays
+    segments are summed by one product of matrices."""
 
     azimuths: int
     boundary_km: tuple[float, ...]
     directed: bool
+    at_once: int
 
     @property
     def azimuth_rad(self) -> np.ndarray:
@@ -87,9 +87,9 @@ class Grid(NamedTuple):
         return (np.arange(self.azimuths) + 0.5) * np.pi / self.azimuths
 
 
-SUNLIT = Grid(7, tuple(SUNLIT_KM.tolist()), directed=False)
+SUNLIT = Grid(7, tuple(SUNLIT_KM.tolist()), directed=False, at_once=2)
 """Of light of the sunbeam."""
-DIFFUSE = Grid(4, tuple(BOUNDARY_KM.tolist()), directed=True)
+DIFFUSE = Grid(4, tuple(BOUNDARY_KM.tolist()), directed=True, at_once=4)
 """Of light scattered before, which is smoother."""
 
 
@@ -97,6 +97,7 @@ class Rays(NamedTuple):
     """N segments of R rays, RAYS from each layer between BOUNDARY_KM and from the ground, under C zenith angles of the
     sun and A azimuths from it; of a grid with G layers.
 
+    at_once: of how many rays, Z, segments are summed at once
     ray, layer, length_km (N,): of each segment its ray, layer of the grid and length
     first (R + 1,): first segment of each ray, and N; on_ground: segments that are the ground
     place (U, C A): indices of (layer, fine zenith angle) of what a segment sends to the start of its ray; where it has
@@ -105,6 +106,7 @@ class Rays(NamedTuple):
         with the sun in the zenith, 45 deg from it and on the horizon
     """
 
+    at_once: int
     ray: np.ndarray
     layer: np.ndarray
     length_km: np.ndarray
@@ -115,22 +117,22 @@ class Rays(NamedTuple):
     moments: np.ndarray
 
     def weights(self, parts: np.ndarray) -> np.ndarray:
-        """Parts (N, p) that segments send to the start of their rays, in the columns of these, (N, p RAYS_AT_ONCE)."""
-        out = np.zeros((*parts.shape, RAYS_AT_ONCE), parts.dtype)
-        out[np.arange(self.ray.size), :, self.ray % RAYS_AT_ONCE] = parts
+        """Parts (N, p) that segments send to the start of their rays, in the columns of these, (N, p Z)."""
+        out = np.zeros((*parts.shape, self.at_once), parts.dtype)
+        out[np.arange(self.ray.size), :, self.ray % self.at_once] = parts
         return out.reshape(self.ray.size, -1)
 
     def arriving(self, source: np.ndarray, weights: np.ndarray, sent: np.ndarray) -> np.ndarray:
-        """What segments send, by `place`, times `weights` of p parts, summed over each ray, (p, R / RAYS_AT_ONCE,
-        RAYS_AT_ONCE, C A); sent (U, C A) is overwritten."""
+        """What segments send, by `place`, times `weights` of p parts, summed over each ray, (p, R / Z, Z,
+        C A); sent (U, C A) is overwritten."""
         source.take(self.place, out=sent, mode="clip")
-        first = self.first[::RAYS_AT_ONCE].tolist()
+        first = self.first[:: self.at_once].tolist()
         out = np.empty((len(first) - 1, weights.shape[1], sent.shape[1]), sent.dtype)
         segments = np.empty((max(b - a for a, b in pairwise(first)), sent.shape[1]), sent.dtype)
         for (a, b), one in zip(pairwise(first), out, strict=True):
             some = sent.take(self.row[a:b], axis=0, out=segments[: b - a], mode="clip")
             np.matmul(weights[a:b].T, some, out=one)
-        return np.moveaxis(out.reshape(len(out), -1, RAYS_AT_ONCE, sent.shape[1]), 1, 0)
+        return np.moveaxis(out.reshape(len(out), -1, self.at_once, sent.shape[1]), 1, 0)
 
     def mean(self, radiance: np.ndarray) -> np.ndarray:
         """The m moments (L + 1, C, m) of radiance by azimuths and rays (L + 1, C, A r)."""
@@ -144,7 +146,7 @@ class Rays(NamedTuple):
 
 
 def by_azimuth(radiance: np.ndarray) -> np.ndarray:
-    """Radiance (R / RAYS_AT_ONCE, RAYS_AT_ONCE, C A) in the order of `Rays.moments`, (L + 1, C, A r)."""
+    """Radiance (R / Z, Z, C A) in the order of `Rays.moments`, (L + 1, C, A r)."""
     parted = radiance.reshape(LAYERS, RAYS, ANGLES, -1)
     return np.ascontiguousarray(parted.transpose(0, 2, 3, 1)).reshape(LAYERS, ANGLES, -1)
 
@@ -230,6 +232,7 @@ def rays(grid: Grid) -> Rays:
     place = place.reshape(ray.size, -1)
     _, unique, row = np.unique(place.view(f"V{place[0].nbytes}"), return_index=True, return_inverse=True)
     return Rays(
+        grid.at_once,
         ray,
         layer,
         length,
@@ -262,9 +265,9 @@ def _moments(grid: Grid) -> np.ndarray:
 
 @functools.cache
 def sun_legendre(grid: Grid) -> np.ndarray:
-    """Legendre polynomials of the cosine between the sun and the r rays of each layer, (CUT, R / RAYS_AT_ONCE,
-    RAYS_AT_ONCE, C A)."""
-    mu, chi = directions()[0].reshape(-1, RAYS_AT_ONCE)[:, :, None, None], np.radians(ZENITH_DEG)[:, None]
+    """Legendre polynomials of the cosine between the sun and the r rays of each layer, (CUT, R / Z, Z, C
+    A)."""
+    mu, chi = directions()[0].reshape(-1, grid.at_once)[:, :, None, None], np.radians(ZENITH_DEG)[:, None]
     towards = mu * np.cos(chi) + np.sqrt(1.0 - mu * mu) * np.cos(grid.azimuth_rad) * np.sin(chi)
     towards = single(towards.reshape(*mu.shape[:2], -1))
     out = [np.ones_like(towards), towards]
