@@ -262,18 +262,18 @@ class Shells:
 
     @functools.cached_property
     def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Zenith angles that go on rising from boundary to boundary, (R,), and of the sunbeams -ln and the depth of
+        """Zenith angles that go on rising from boundary to boundary, (R,), and of the sunbeams ln and the depth of
         scattering in peaks, (W, R)."""
         b = self.beams
         key = b.zenith_rad + 4.0 * np.repeat(np.arange(self.boundary_km.size), np.diff(b.start))
         each = single(np.concatenate([self.extinction, self.peak], axis=1).T)
         depth, peak = np.split(each @ b.path_km.T, 2)
-        depth -= b.log_factor
+        log = b.log_factor - depth
         if self.screen is not None:
             screen, powers = self.screen
             passed = np.log(np.maximum(screen.at(self._least_km(screen)), DARKEST_PASSED))
-            depth -= single(powers[:, None] * passed)
-        return key, depth, peak
+            log += single(powers[:, None] * passed)
+        return key, log, peak
 
     def _least_km(self, screen: Screen) -> np.ndarray:
         """Least altitudes (R,) of the sunbeams on the part of their way that counts for a screen [km]."""
@@ -295,8 +295,10 @@ class Shells:
     def log_sunbeam(self, k: Any, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ln of the sunbeam over F0 at boundaries k for true solar zenith angles (...,), (..., W), and how far these
         are from the shadow of the ground [rad]: negative within it, where the logarithm is that at its edge."""
-        out = -self._between(self._tables[1], *self._place(k, zenith_rad))
-        return np.maximum(out, DARK_LOG), self.beams.zenith_rad[self.beams.start[np.asarray(k) + 1] - 1] - zenith_rad
+        out = self._between(self._tables[1], *self._place(k, zenith_rad))
+        return np.maximum(out, DARK_LOG, out=out), self.beams.zenith_rad[
+            self.beams.start[np.asarray(k) + 1] - 1
+        ] - zenith_rad
 
     def peak_depth(self, k: Any, zenith_rad: np.ndarray) -> np.ndarray:
         """Depth of scattering in peaks on the way of the sunbeam to boundaries k, (..., W)."""
@@ -335,8 +337,11 @@ class Shells:
         boundaries from one on: the observer's where it is not given."""
         first = self.first if first is None else first
         logs, edge = self.log_sunbeam(np.arange(first, self.boundary_km.size), zenith)
-        logs = np.maximum(logs - single(depth)[:, None], DARK_LOG)
-        return log_means(logs, 2) * lit_fraction(edge[:, :, :-1], edge[:, :, 1:])[..., None]
+        logs -= single(depth)[:, None]
+        return (
+            log_means(np.maximum(logs, DARK_LOG, out=logs), 2)
+            * lit_fraction(edge[:, :, :-1], edge[:, :, 1:])[..., None]
+        )
 
     def scattered_once(self, sun_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Integrals of scattering coefficient x transmittance x sunbeam along lines of sight, (S, E, A, W); times phase
