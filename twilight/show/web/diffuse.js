@@ -359,19 +359,19 @@ function scatteringAlong(skies, elevations) {
   return { elevations, angles, seen };
 }
 
-// Of a line of sight, [layer][zenith angle][SEEN]: mean light and, times waves around the zenith, that of its further moments; by:
+// Of a line of sight, [layer][zenith angle][SEEN]: mean light and, times waves that SUNLIT tells apart, that of its further moments; by:
 // of `lastScattering`; up: sines of the elevations at the layers.
-const SEEN = DEGREE + 2;
+const SEEN = SUNLIT.azimuths + 1;
 function byWaves(diffuse, layers, by, up) {
   const out = new Float64Array(layers.length * ANGLES * SEEN), functions = new Float64Array(HARMONICS);
   layers.forEach((layer, g) => {
-    const o = g * SEEN, u = up[g], byAir = -3 * by[o + DEGREE + 1];
+    const o = g * (DEGREE + 2), u = up[g], byAir = -3 * by[o + DEGREE + 1];
     legendreFunctions(u, functions);
     for (let n = 1, m = 1; n <= DEGREE; n++) for (const end = m + n, of = by[o + n] + (n === 2 ? by[o + DEGREE + 1] : 0); m <= end; m++) functions[m] *= of;
     for (let c = 0, p = layer * ANGLES * MOMENTS, q = g * ANGLES * SEEN; c < ANGLES; c++, p += MOMENTS, q += SEEN) {
       const uu = byAir * diffuse[p + HARMONICS], us = byAir * diffuse[p + HARMONICS + 1], ss = byAir * diffuse[p + HARMONICS + 2];
       out[q] = by[o] * diffuse[p];
-      for (let m = 0; m <= DEGREE; m++) {
+      for (let m = 0; m < SEEN - 1; m++) {
         let wave = 0;
         for (let n = Math.max(m, 1), h = n * (n + 1) / 2 + m; n <= DEGREE; n++, h += n) wave += functions[h] * diffuse[p + h];
         out[q + 1 + m] = wave;
@@ -398,7 +398,7 @@ function seenAlong(suns, azimuths, { elevations, angles, seen }) {
       for (let w = 0; w < seen.length; w++) {
         const { light, slope: slopes, nearer } = seen[w][j], p = cell * SEEN, q = p + SEEN;
         let first = 0, last = 0;
-        for (let m = 0; m <= DEGREE; m++) { first += around[m] * light[p + 1 + m]; last += around[m] * light[q + 1 + m]; }
+        for (let m = 0; m < SEEN - 1; m++) { first += around[m] * light[p + 1 + m]; last += around[m] * light[q + 1 + m]; }
         const change = within((slope + slopes[cell]) * towards * nearer[g], -MOST_CHANGE, MOST_CHANGE);
         out[w][here] += positive(light[p] * (1 - f) + light[q] * f, first * (1 - f) + last * f) * Math.exp(reference + change);
       }

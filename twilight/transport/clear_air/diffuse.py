@@ -29,6 +29,7 @@ from .rays import (
     RAYS,
     REFRACTIVITY_SCALE_KM,
     SUNLIT,
+    WAVES,
     ZENITH_DEG,
     Rays,
     at_fine_zeniths,
@@ -218,7 +219,7 @@ def _kinds(air: Air, boundary_km: np.ndarray) -> _Kinds:
 
 
 class LastScattering(NamedTuple):
-    """Of lines of sight (E,) in K layers of diffuse light at zenith angles C of the sun: light (E, K, C, DEGREE + 2,
+    """Of lines of sight (E,) in K layers of diffuse light at zenith angles C of the sun: light (E, K, C, WAVES + 1,
     W), what is seen of its mean and its further moments, by waves around the zenith, the reference taken off; slope (W,
     K (C - 1)), change of ln(mean light) a degree; elevation [deg]; angle (E, K) [rad] at the Earth's centre from the
     observer to the mean point, and by how much nearer the light is that he sees, (W, E, K)."""
@@ -259,7 +260,7 @@ def _seen_along(sun_deg: np.ndarray, azimuth_deg: np.ndarray, scattering: LastSc
     u = np.sin(elevation + angle)
     from_sun = np.cos(sun) * np.sin(elevation) + np.sin(sun) * np.cos(elevation) * azimuth
     s = single(np.clip((from_sun - cosine * u) / sine, -1.0, 1.0))
-    around = np.stack(waves(single(u + np.zeros_like(azimuth)), s), axis=-1)
+    around = np.stack(waves(single(u + np.zeros_like(azimuth)), s)[:WAVES], axis=-1)
     place = (np.arange(len(light))[:, None, None] * layer.size + layer) * ANGLES + below
     flat = light.reshape(-1, light[0, 0, 0].size)
     before, after = (np.take(flat, (place + n).ravel(), axis=0, mode="clip") for n in (0, 1))
@@ -310,7 +311,7 @@ def _by_waves(diffuse: np.ndarray, weights: np.ndarray, up: np.ndarray) -> np.nd
     weights, functions = weights.transpose(0, 2, 3, 1), legendre_functions(up)
     weights[2] += weights[-1]
     up, by_air = up.T[:, None], -3.0 * weights[-1]
-    out = np.empty((up.shape[2], len(diffuse), ANGLES, DEGREE + 2, diffuse.shape[1]), np.result_type(diffuse, weights))
+    out = np.empty((up.shape[2], len(diffuse), ANGLES, WAVES + 1, diffuse.shape[1]), np.result_type(diffuse, weights))
 
     def take(row: int, terms: list[tuple[int, np.ndarray]]) -> None:
         some, factors = zip(*terms, strict=True)
@@ -322,7 +323,7 @@ def _by_waves(diffuse: np.ndarray, weights: np.ndarray, up: np.ndarray) -> np.nd
         2: [(-3, 0.5 * by_air), (-1, by_air)],
     }
     take(0, [(0, weights[0])])
-    for m in range(DEGREE + 1):
+    for m in range(WAVES):
         degrees = range(max(m, 1), DEGREE + 1)
         of_degrees = [(n * (n + 1) // 2 + m, functions[n, m].T[:, None] * weights[n]) for n in degrees]
         take(m + 1, of_degrees + polarised.get(m, []))

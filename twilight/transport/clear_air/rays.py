@@ -91,6 +91,8 @@ SUNLIT = Grid(7, tuple(SUNLIT_KM.tolist()), directed=False, at_once=2)
 """Of light of the sunbeam."""
 DIFFUSE = Grid(4, tuple(BOUNDARY_KM.tolist()), directed=True, at_once=4)
 """Of light scattered before, which is smoother."""
+WAVES = SUNLIT.azimuths
+"""Orders of waves around the zenith that these azimuths tell apart."""
 
 
 class Rays(NamedTuple):
