@@ -118,22 +118,24 @@ class Rays(NamedTuple):
     row: np.ndarray
     moments: np.ndarray
 
-    def weights(self, parts: np.ndarray) -> np.ndarray:
-        """Parts (N, p) that segments send to the start of their rays, in the columns of these, (N, p Z)."""
+    def weights(self, parts: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Parts (N, p) that segments send to the start of their rays, by Z rays in the rows of these, (p Z, n), with
+        their `row` (n,)."""
         out = np.zeros((*parts.shape, self.at_once), parts.dtype)
         out[np.arange(self.ray.size), :, self.ray % self.at_once] = parts
-        return out.reshape(self.ray.size, -1)
+        out, first = out.reshape(self.ray.size, -1), self.first[:: self.at_once].tolist()
+        return [(out[a:b].T, self.row[a:b]) for a, b in pairwise(first)]
 
-    def arriving(self, source: np.ndarray, weights: np.ndarray, sent: np.ndarray) -> np.ndarray:
-        """What segments send, by `place`, times `weights` of p parts, summed over each ray, (p, R / Z, Z,
-        C A); sent (U, C A) is overwritten."""
+    def arriving(
+        self, source: np.ndarray, weights: list[tuple[np.ndarray, np.ndarray]], sent: np.ndarray
+    ) -> np.ndarray:
+        """What segments send, by `place`, times `weights` of p parts, summed over each ray, (p, R / Z, Z, C A); sent
+        (U, C A) is overwritten."""
         source.take(self.place, out=sent, mode="clip")
-        first = self.first[:: self.at_once].tolist()
-        out = np.empty((len(first) - 1, weights.shape[1], sent.shape[1]), sent.dtype)
-        segments = np.empty((max(b - a for a, b in pairwise(first)), sent.shape[1]), sent.dtype)
-        for (a, b), one in zip(pairwise(first), out, strict=True):
-            some = sent.take(self.row[a:b], axis=0, out=segments[: b - a], mode="clip")
-            np.matmul(weights[a:b].T, some, out=one)
+        out = np.empty((len(weights), len(weights[0][0]), sent.shape[1]), sent.dtype)
+        segments = np.empty((max(row.size for _, row in weights), sent.shape[1]), sent.dtype)
+        for (part, row), one in zip(weights, out, strict=True):
+            np.matmul(part, sent.take(row, axis=0, out=segments[: row.size], mode="clip"), out=one)
         return np.moveaxis(out.reshape(len(out), -1, self.at_once, sent.shape[1]), 1, 0)
 
     def mean(self, radiance: np.ndarray) -> np.ndarray:
@@ -162,8 +164,8 @@ def gauss(count: int, power: int = 1) -> tuple[np.ndarray, np.ndarray]:
 
 def segments(grid: Grid) -> np.ndarray:
     """Segments of rays, each in one layer, (N, 6): number of the ray (RAYS from each layer, the ground last), layer of
-    the grid, length [km], angle at the Earth's centre from start to middle [rad], cosine of the ray's
-    zenith angle, weight."""
+    the grid, length [km], angle at the Earth's centre from start to middle [rad], cosine of the ray's zenith angle,
+    weight."""
     boundary = np.array(grid.boundary_km)
     altitude = np.unique(np.append(sublayers(boundary), START_KM).round(9))
     parts = Parts.of(altitude, _refractive_index(altitude), EARTH_RADIUS_KM)
@@ -267,8 +269,7 @@ def _moments(grid: Grid) -> np.ndarray:
 
 @functools.cache
 def sun_legendre(grid: Grid) -> np.ndarray:
-    """Legendre polynomials of the cosine between the sun and the r rays of each layer, (CUT, R / Z, Z, C
-    A)."""
+    """Legendre polynomials of the cosine between the sun and the r rays of each layer, (CUT, R / Z, Z, C A)."""
     mu, chi = directions()[0].reshape(-1, grid.at_once)[:, :, None, None], np.radians(ZENITH_DEG)[:, None]
     towards = mu * np.cos(chi) + np.sqrt(1.0 - mu * mu) * np.cos(grid.azimuth_rad) * np.sin(chi)
     towards = single(towards.reshape(*mu.shape[:2], -1))
