@@ -17,11 +17,9 @@ from twilight.numerics.spectrum import hermite_matrix
 from twilight.transport.clear_air.shells import (
     ALTITUDE_KM,
     DARK_LOG,
-    SUBLAYERS,
     Line,
     Shells,
     _parts,
-    _through_layers,
     lit_fraction,
     log_mean,
     sublayers,
@@ -65,7 +63,8 @@ class ShellsBelow(Shells):
     @property
     def _boundary_x(self) -> np.ndarray:
         """n r at the boundaries of layers [km]."""
-        return _parts(*self._geometry)[1][::SUBLAYERS]
+        parts = _parts(*self._geometry)
+        return parts.x[:: parts.per_layer]
 
     @property
     def middles_km(self) -> np.ndarray:
@@ -89,8 +88,8 @@ class ShellsBelow(Shells):
     ) -> np.ndarray:
         """`scattered_once` of lines that go down, (S, E, A, W), by their invariants (E,) and angles at the Earth's
         centre before they enter the layers (E,)."""
-        (_, x, slope, index), edges, first = _parts(*self._geometry), self._boundary_x, self.first
-        path, angle = _through_layers(x, slope, index, invariant_km)
+        edges, first = self._boundary_x, self.first
+        path, angle = _parts(*self._geometry).through(invariant_km)
         # layers in the order of the line: down to the ground or the lowest point, and up again through all of them
         order = np.concatenate([np.arange(first)[::-1], np.arange(edges.size - 1)])
         falling = np.arange(order.size) < first

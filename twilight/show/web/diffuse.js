@@ -69,17 +69,20 @@ const logReference = (zenith) => { const d = Math.max(zenith - DECAY_DEG, 0); re
 // sqrt((2 or 1) (n - m)! / (n + m)!)
 const SCALE = range(DEGREE + 1, (n) => range(n + 1, (m) => Math.sqrt((m ? 2 : 1) / range(2 * m, (i) => n - m + 1 + i).reduce((a, b) => a * b, 1))));
 
-// Harmonics of a direction by its parts upwards and towards the sun, degree by degree, into out.
-function harmonics(up, aside, out) {
-  const y = Math.sqrt(Math.max(1 - up * up - aside * aside, 0));
-  let cosine = 1, sine = 0, odd = 1;   // sin^m cos(m azimuth), sin^m sin(m azimuth), (2 m - 1)!!
-  for (let m = 0; m <= DEGREE; m++) {
-    for (let n = m, before = 0, now = odd; n <= DEGREE; n++) {
-      out[n * (n + 1) / 2 + m] = SCALE[n][m] * now * cosine;
-      [before, now] = [now, ((2 * n + 1) * up * now - (n + m) * before) / (n - m + 1)];
-    }
-    [cosine, sine] = [cosine * aside - sine * y, sine * aside + cosine * y];
-    odd *= 2 * m + 1;
+// What harmonics of a degree and order are over the waves of this order, degree by degree, into out.
+function legendreFunctions(up, out) {
+  for (let m = 0, odd = 1; m <= DEGREE; odd *= 2 * m + 1, m++) for (let n = m, before = 0, now = odd; n <= DEGREE; n++) {   // odd: (2 m - 1)!!
+    out[n * (n + 1) / 2 + m] = SCALE[n][m] * now;
+    [before, now] = [now, ((2 * n + 1) * up * now - (n + m) * before) / (n - m + 1)];
+  }
+}
+
+// sin^m(zenith angle) cos(m azimuth) of a direction by its parts upwards and towards the sun, into out.
+function waves(up, aside, out) {
+  const across = Math.sqrt(Math.max(1 - up * up - aside * aside, 0));
+  for (let m = 0, cosine = 1, sine = 0; m <= DEGREE; m++) {
+    out[m] = cosine;
+    [cosine, sine] = [cosine * aside - sine * across, sine * aside + cosine * across];
   }
 }
 
@@ -97,14 +100,14 @@ function directions(layer) {
 // layer, elevation and fine zenith angle; turned, means: see `turning`.
 function rays(grid) {
   if (grid.made) return grid.made;
-  const { boundary, azimuths } = grid, known = sublayers(boundary), segment = { ray: [], layer: [], length: [], angle: [], leaving: [] }, cosine = [], weight = [], first = [];
+  const { boundary, azimuths } = grid, known = sublayers(boundary), heights = [...known, ...MIDDLE_KM.filter((z) => !known.some((other) => Math.abs(z - other) <= NEAR_KM))].sort((a, b) => a - b), segment = { ray: [], layer: [], length: [], angle: [], leaving: [] }, cosine = [], weight = [], first = [];
+  const parts = partsOf(heights.map((z) => EARTH_RADIUS_KM + z), heights.map((z) => 1 + REFRACTIVITY * Math.exp(-z / SCALE_HEIGHT_KM)));
+  const own = range(heights.length - 1, (i) => searchsorted(boundary, 0.5 * (heights[i] + heights[i + 1])) - 1);
   for (let k = 0; k < LAYERS; k++) {
-    const from = k < LAYERS - 1 ? k : null, start = from === null ? 0 : MIDDLE_KM[k], heights = known.some((z) => Math.abs(z - start) <= NEAR_KM) ? known : [...known, start].sort((a, b) => a - b);
-    const parts = partsOf(heights.map((z) => EARTH_RADIUS_KM + z), heights.map((z) => 1 + REFRACTIVITY * Math.exp(-z / SCALE_HEIGHT_KM)));
-    const own = range(heights.length - 1, (i) => searchsorted(boundary, 0.5 * (heights[i] + heights[i + 1])) - 1), [cosines, weights] = directions(from);
+    const from = k < LAYERS - 1 ? k : null, start = nearest(heights, from === null ? 0 : MIDDLE_KM[k]), [cosines, weights] = directions(from);
     cosines.forEach((c, i) => {
       first.push(segment.ray.length);
-      for (const [layer, length, angle] of segmentsOf(parts, own, nearest(heights, start), c)) {
+      for (const [layer, length, angle] of segmentsOf(parts, own, start, c)) {
         const near = nearest(LEAVING_DEG, (Math.asin(c) + angle) / RAD), values = { ray: RAYS * k + i, layer, length, angle, leaving: ((LEAVING - 1) * layer + near) * FINE };
         for (const key in values) segment[key].push(values[key]);
       }
@@ -135,12 +138,13 @@ function placesOf({ layer, angle }, { azimuths, azimuth }) {
 // turned: [layer][wave][leaving][ray][CUT], weights of waves of rays in those of light that leaves, times Legendre
 // polynomials of the angles between them; means: [layer][harmonic][ray], weights of waves of rays in the harmonics.
 function turning(cosine, weight) {
-  const count = DIFFUSE.azimuths, turned = new Float32Array((LAYERS - 1) * count * LEAVING * RAYS * CUT), means = new Float64Array(LAYERS * HARMONICS * RAYS), out = new Float64Array(HARMONICS);
+  const count = DIFFUSE.azimuths, turned = new Float32Array((LAYERS - 1) * count * LEAVING * RAYS * CUT), means = new Float64Array(LAYERS * HARMONICS * RAYS), out = new Float64Array(HARMONICS), around = new Float64Array(DEGREE + 1);
   const apart = range(2 * CUT, (j) => (j + 0.5) * Math.PI / (2 * CUT)), by = range(count, (m) => apart.map((angle) => (m ? 2 : 1) * Math.cos(m * angle) / apart.length));
   for (let r = 0; r < LAYERS * RAYS; r++) {
     const k = Math.floor(r / RAYS), i = r % RAYS, aside = Math.sqrt(1 - cosine[r] ** 2);
-    harmonics(cosine[r], aside, out);
-    for (let m = 0; m < HARMONICS; m++) means[(k * HARMONICS + m) * RAYS + i] = weight[r] * out[m];
+    legendreFunctions(cosine[r], out);
+    waves(cosine[r], aside, around);
+    for (let m = 0; m < HARMONICS; m++) means[(k * HARMONICS + m) * RAYS + i] = weight[r] * out[m] * around[WAVE_OF[m]];
     for (let o = 0; o < LEAVING && k < LAYERS - 1; o++) apart.forEach((angle, j) => {
       const e = LEAVING_DEG[o] * RAD, p = legendre(within(Math.sin(e) * cosine[r] + Math.cos(e) * aside * Math.cos(angle), -1, 1), CUT - 1);
       for (let m = 0; m < count; m++) for (let l = 0, at = (((k * count + m) * LEAVING + o) * RAYS + i) * CUT; l < CUT; l++) turned[at + l] += weight[r] * by[m][j] * p[l];
@@ -335,36 +339,69 @@ function addMoments(r, radiance, many, out, apart) {
 // The sum of the first term of a series, at least 0, and further ones; never negative, without a kink.
 const positive = (first, further) => { const whole = 1 + further / Math.max(first, 1e-35); return first * (whole > LEAST_PART ? whole : LEAST_PART * Math.exp(whole / LEAST_PART - 1)); };
 
-// M_0 under suns in directions along lines of sight, [w][(sun * elevations + elevation) * azimuths + azimuth].
-function seenAlong(skies, suns, elevations, azimuths, line) {
-  const shared = betweenMiddles(skies.geometry), { layers } = shared, angles = line.map(({ path, angle }) => {
+// What of diffuse light is scattered along lines of sight towards the observer: of each line the angles at the Earth's centre to
+// the layers' mean points; seen: [w][line], by layer and zenith angle, its mean light and further moments by waves around the
+// zenith, the change of ln(mean light) a degree, and by layer how much nearer the light is [rad].
+function scatteringAlong(skies, elevations) {
+  const lines = skies.geometry.line(elevations), shared = betweenMiddles(skies.geometry), { layers } = shared, angles = lines.map(({ path, angle }) => {
     const [top, bottom] = [new Float64Array(layers.length), new Float64Array(layers.length)];
     shared.each((g, k, part, z) => { const share = part * path[k] * Math.exp(-z / SCALE_HEIGHT_KM); top[g] += share * 0.5 * (angle[k] + angle[k + 1]); bottom[g] += share; });
     return top.map((v, g) => v / bottom[g]);
   });
-  const seen = skies.at.map((one) => line.map((way, j) => lastScattering(one, skies.geometry, way, shared, angles[j])));
-  const out = skies.at.map(() => new Float64Array(suns.length * elevations.length * azimuths.length)), functions = new Float64Array(HARMONICS), of = new Float64Array(MOMENTS);
+  const seen = skies.at.map((one) => {
+    const byDegree = scatteringByDegree(one.air), log = (g, c) => Math.log(Math.max(one.diffuse[(layers[g] * ANGLES + c) * MOMENTS], DARK));
+    const slope = Float64Array.from({ length: layers.length * ANGLES }, (_, i) => { const g = Math.floor(i / ANGLES), c = i % ANGLES; return c < ANGLES - 1 ? (log(g, c + 1) - log(g, c)) / (ZENITH_DEG[c + 1] - ZENITH_DEG[c]) : 0; });
+    return lines.map((way, j) => {
+      const { by, nearer } = lastScattering(byDegree, one.extinction, skies.geometry, way, shared, angles[j]);
+      return { slope, nearer, light: byWaves(one.diffuse, layers, by, angles[j].map((angle) => Math.sin(elevations[j] * RAD + angle))) };
+    });
+  });
+  return { elevations, angles, seen };
+}
+
+// Of a line of sight, [layer][zenith angle][SEEN]: mean light and, times waves that SUNLIT tells apart, that of its further moments; by:
+// of `lastScattering`; up: sines of the elevations at the layers.
+const SEEN = SUNLIT.azimuths + 1;
+function byWaves(diffuse, layers, by, up) {
+  const out = new Float64Array(layers.length * ANGLES * SEEN), functions = new Float64Array(HARMONICS);
+  layers.forEach((layer, g) => {
+    const o = g * (DEGREE + 2), u = up[g], byAir = -3 * by[o + DEGREE + 1];
+    legendreFunctions(u, functions);
+    for (let n = 1, m = 1; n <= DEGREE; n++) for (const end = m + n, of = by[o + n] + (n === 2 ? by[o + DEGREE + 1] : 0); m <= end; m++) functions[m] *= of;
+    for (let c = 0, p = layer * ANGLES * MOMENTS, q = g * ANGLES * SEEN; c < ANGLES; c++, p += MOMENTS, q += SEEN) {
+      const uu = byAir * diffuse[p + HARMONICS], us = byAir * diffuse[p + HARMONICS + 1], ss = byAir * diffuse[p + HARMONICS + 2];
+      out[q] = by[o] * diffuse[p];
+      for (let m = 0; m < SEEN - 1; m++) {
+        let wave = 0;
+        for (let n = Math.max(m, 1), h = n * (n + 1) / 2 + m; n <= DEGREE; n++, h += n) wave += functions[h] * diffuse[p + h];
+        out[q + 1 + m] = wave;
+      }
+      out[q + 1] += (1.5 * u * u - 0.5) * uu;
+      out[q + 2] += 2 * u * us;
+      out[q + 3] += 0.5 * uu + ss;
+    }
+  });
+  return out;
+}
+
+// M_0 under suns along lines of sight of `scatteringAlong`, [w][(sun * elevations + elevation) * azimuths + azimuth].
+function seenAlong(suns, azimuths, { elevations, angles, seen }) {
+  const out = seen.map(() => new Float64Array(suns.length * elevations.length * azimuths.length)), around = new Float64Array(DEGREE + 1);
   suns.forEach((sun, i) => elevations.forEach((elevation, j) => azimuths.forEach((azimuth, k) => {
     const here = (i * elevations.length + j) * azimuths.length + k, [e, up] = [elevation * RAD, (90 - sun) * RAD], side = Math.cos(azimuth * RAD);
     const fromSun = Math.cos(up) * Math.sin(e) + Math.sin(up) * Math.cos(e) * side;
     angles[j].forEach((angle, g) => {
       const zenith = zenithAt(sun, angle, azimuth), sine = Math.max(Math.sin(zenith), 1e-3), [below, f] = betweenZeniths(zenith / RAD), reference = logReference(zenith / RAD), u = Math.sin(e + angle);
-      const s = within((fromSun - Math.cos(zenith) * u) / sine, -1, 1), beside = Math.max(1 - u * u - s * s, 0), start = (layers[g] * ANGLES + below) * MOMENTS;
       // an angle at the Earth's centre towards the sun takes as much from that between the sun and the zenith
-      const towards = (Math.cos(angle) * side * Math.sin(up) - Math.sin(angle) * Math.cos(up)) / sine / RAD, slope = referenceSlope(zenith / RAD);
-      harmonics(u, s, functions);
-      skies.at.forEach(({ diffuse }, w) => {
-        const { by, nearer } = seen[w][j], o = g * (DEGREE + 2), [first, last] = [start, start + MOMENTS].map((m) => Math.log(Math.max(diffuse[m], DARK)));
-        for (let m = 0; m < MOMENTS; m++) of[m] = diffuse[start + m] * (1 - f) + diffuse[start + MOMENTS + m] * f;
-        const uu = of[HARMONICS], us = of[HARMONICS + 1], ss = of[HARMONICS + 2], change = (slope + (last - first) / (ZENITH_DEG[below + 1] - ZENITH_DEG[below])) * towards * nearer[g];
-        let further = -3 * by[o + DEGREE + 1] * (u * u * uu + 2 * u * s * us + s * s * ss - beside * (uu + ss));
-        for (let n = 1, m = 1; n <= DEGREE; n++) {
-          let degree = 0;
-          for (const end = m + n; m <= end; m++) degree += functions[m] * of[m];
-          further += (n === 2 ? by[o + 2] + by[o + DEGREE + 1] : by[o + n]) * degree;
-        }
-        out[w][here] += positive(by[o] * of[0], further) * Math.exp(reference + within(change, -MOST_CHANGE, MOST_CHANGE));
-      });
+      const towards = (Math.cos(angle) * side * Math.sin(up) - Math.sin(angle) * Math.cos(up)) / sine / RAD, slope = referenceSlope(zenith / RAD), cell = g * ANGLES + below;
+      waves(u, within((fromSun - Math.cos(zenith) * u) / sine, -1, 1), around);
+      for (let w = 0; w < seen.length; w++) {
+        const { light, slope: slopes, nearer } = seen[w][j], p = cell * SEEN, q = p + SEEN;
+        let first = 0, last = 0;
+        for (let m = 0; m < SEEN - 1; m++) { first += around[m] * light[p + 1 + m]; last += around[m] * light[q + 1 + m]; }
+        const change = within((slope + slopes[cell]) * towards * nearer[g], -MOST_CHANGE, MOST_CHANGE);
+        out[w][here] += positive(light[p] * (1 - f) + light[q] * f, first * (1 - f) + last * f) * Math.exp(reference + change);
+      }
     });
   })));
   return out.map((values) => values.map((v) => Math.max(v, DARK)));
@@ -378,27 +415,35 @@ function betweenMiddles({ middle, first }) {
     return [[i, 1 - part, z], [i + 1, part, z]].filter(([, share]) => share > 0);
   });
   const layers = [...new Set(shares.flat().map(([layer]) => layer))].sort((a, b) => a - b);
-  return { layers, each: (f) => shares.forEach((row, k) => row.forEach(([layer, share, z]) => f(layers.indexOf(layer), k, share, z))) };
+  const placed = shares.map((row) => row.map(([layer, share, z]) => [layers.indexOf(layer), share, z]));
+  return { layers, each: (f) => placed.forEach((row, k) => row.forEach(([g, share, z]) => f(g, k, share, z))) };
 }
 
-// Of a line of sight: what the last scattering of the moments of degree 0 to DEGREE by all, and of the second by air alone,
-// adds, by layer; and how much nearer than an angle [rad] the light is seen.
-function lastScattering({ air, extinction }, { layer, first }, { path, angle }, shared, angles) {
-  const { depth, aerosolDepth, moments } = air, cut = moments.map((m) => peak(air.degree, m)), size = DEGREE + 2;
-  let before = 0;
-  const weights = Array.from(path, (way, k) => {
-    const l = layer[first + k], height = ALTITUDE_KM[l + 1] - ALTITUDE_KM[l], inside = way * extinction[first + k];
-    const seen = Math.exp(-before) * (inside < 1e-6 ? way : -Math.expm1(-inside) / extinction[first + k]) / height;
-    const by = range(DEGREE + 1, (n) => (2 * n + 1) * sum(moments.map((m, i) => aerosolDepth[i][l] * (m[n] - cut[i]))));
-    by[0] += depth[AIR][l];
-    before += inside;
-    return { by: [...by, depth[AIR][l] * (1 - air.depolarisation) / (2 + air.depolarisation)].map((v) => v * seen), near: inside < 1e-3 ? 0.5 - inside / 12 : 1 / inside - 1 / Math.expm1(inside) };
+// Scattering of the moments of degree 0 to DEGREE by all, and of the second by air alone, by layer of ALTITUDE_KM [km^-1].
+function scatteringByDegree({ depth, aerosolDepth, moments, degree, depolarisation }) {
+  const cut = moments.map((m) => peak(degree, m));
+  return Array.from(depth[AIR], (air, l) => {
+    const by = range(DEGREE + 1, (n) => (2 * n + 1) * sum(moments.map((m, i) => aerosolDepth[i][l] * (m[n] - cut[i]))) + (n ? 0 : air));
+    return Float64Array.from([...by, air * (1 - depolarisation) / (2 + depolarisation)], (v) => v / (ALTITUDE_KM[l + 1] - ALTITUDE_KM[l]));
   });
-  const by = new Float64Array(shared.layers.length * size), top = new Float64Array(shared.layers.length), bottom = new Float64Array(shared.layers.length);
+}
+
+// Of a line of sight: what the last scattering `byDegree` adds, by layer; and how much nearer than an angle [rad] the light is
+// seen.
+function lastScattering(byDegree, extinction, { layer, first }, { path, angle }, shared, angles) {
+  const size = DEGREE + 2, count = shared.layers.length, by = new Float64Array(count * size), top = new Float64Array(count), bottom = new Float64Array(count);
+  const seen = new Float64Array(path.length), near = new Float64Array(path.length);
+  for (let k = 0, before = 0; k < path.length; k++) {
+    const inside = path[k] * extinction[first + k];
+    seen[k] = Math.exp(-before) * (inside < 1e-6 ? path[k] : -Math.expm1(-inside) / extinction[first + k]);
+    near[k] = angle[k] + (angle[k + 1] - angle[k]) * (inside < 1e-3 ? 0.5 - inside / 12 : 1 / inside - 1 / Math.expm1(inside));
+    before += inside;
+  }
   shared.each((g, k, part) => {
-    weights[k].by.forEach((v, n) => { by[g * size + n] += part * v; });
-    const share = part * (weights[k].by[0] + 1e-20 * path[k]);
-    top[g] += share * (angle[k] + weights[k].near * (angle[k + 1] - angle[k]));
+    const of = byDegree[layer[first + k]], some = part * seen[k];
+    for (let n = 0; n < size; n++) by[g * size + n] += some * of[n];
+    const share = some * of[0] + 1e-20 * part * path[k];
+    top[g] += share * near[k];
     bottom[g] += share;
   });
   return { by, nearer: top.map((v, g) => angles[g] - v / bottom[g]) };

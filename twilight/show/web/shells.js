@@ -56,7 +56,7 @@ async function readNpz(bytes) {
 const EARTH_RADIUS_KM = 6371;
 const ALTITUDE_KM = [0, 0.02, 0.06, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 1.7, ...steps(2, 6, 0.5), ...steps(6, 16, 1), 16, 17.5, 19, 20.5, 22, 24, 26, 28, 30, 33, ...steps(36, 81, 3), 82, 86, 90, 95, 100];
 const SHELLS_KM = [30, 30].reduce((boundary, highest) => boundary.flatMap((z, i) => i && z <= highest ? [0.5 * (boundary[i - 1] + z), z] : [z]), ALTITUDE_KM);   // layers up to there are halved
-const SUBLAYERS = 4, STEEPEST_DEG = 0.03, RAYS_FROM_ABOVE = 90, RAYS_FROM_BELOW = 100, LEAST_SPREAD = 0.05, MOST_DEGREE = 16;
+const SUBLAYERS = 4, PARTS = 2, STEEPEST_DEG = 0.03, RAYS_FROM_ABOVE = 90, RAYS_FROM_BELOW = 100, LEAST_SPREAD = 0.05, MOST_DEGREE = 16;
 const AIR = 0, ABSORPTION = 1, EXTINCTION = 2, LOW = 3, HIGH = 4, DARK_LOG = -700, DARK = 1e-35;
 
 // `Air` of an .npz of its fields: at[w] is one wavelength.
@@ -77,7 +77,7 @@ function peak(degree, moments) {
   return within((1 - rest) * moments[whole + 1] + rest * moments[Math.min(whole + 2, MOST_DEGREE + 1)], 0, 0.999);
 }
 
-const sublayers = (boundary) => [...boundary.slice(0, -1).flatMap((z, i) => range(SUBLAYERS, (p) => z + p / SUBLAYERS * (boundary[i + 1] - z))), boundary.at(-1)];
+const sublayers = (boundary, count = SUBLAYERS) => [...boundary.slice(0, -1).flatMap((z, i) => range(count, (p) => z + p / count * (boundary[i + 1] - z))), boundary.at(-1)];
 
 // n r and n at the boundaries of parts of layers, d(n r)/d r and mean n of the parts.
 function partsOf(radius, n) {
@@ -111,7 +111,7 @@ class Geometry {
     const own = SHELLS_KM.some((z) => Math.abs(z - observerKm) <= 1e-4);
     this.boundary = own ? SHELLS_KM : [...SHELLS_KM, observerKm].sort((a, b) => a - b);
     this.first = nearest(this.boundary, observerKm);
-    const logs = Array.from(refractivity, (v) => Math.log(Math.max(v, 1e-30))), places = sublayers(this.boundary), known = sublayers(ALTITUDE_KM);
+    const logs = Array.from(refractivity, (v) => Math.log(Math.max(v, 1e-30))), places = sublayers(this.boundary, PARTS), known = sublayers(ALTITUDE_KM);
     this.parts = partsOf(places.map((z) => radiusKm + z), places.map((z) => 1 + Math.exp(interp(z, known, logs))));
     // of each layer its middle and the one of ALTITUDE_KM that it is in
     this.middle = range(this.boundary.length - 1, (i) => 0.5 * (this.boundary[i] + this.boundary[i + 1]));
@@ -121,7 +121,7 @@ class Geometry {
 
   // Rays from the sun to each boundary, those to boundary k from start[k] on.
   _beams() {
-    const layers = this.middle.length, right = Math.PI / 2, m = RAYS_FROM_BELOW / 4, { n, x } = this.parts, edge = x.filter((_, i) => i % SUBLAYERS === 0);
+    const layers = this.middle.length, right = Math.PI / 2, m = RAYS_FROM_BELOW / 4, { n, x } = this.parts, edge = x.filter((_, i) => i % PARTS === 0);
     const above = [...geomspace(STEEPEST_DEG, 90, RAYS_FROM_ABOVE).reverse().map((e) => right - e * RAD), right];
     const beside = [...new Set([...linspace(0, 1, 3 * m + 1).slice(1), ...geomspace(1e-4, 0.5, m).map((v) => 1 - v)])].sort((a, b) => a - b);
     const zenith = [], seen = [], factors = [], rows = [];
@@ -131,9 +131,9 @@ class Geometry {
       const angles = apparent.map((a, i) => {
         const b = edge[k] * Math.sin(a), path = new Float64Array(layers), down = i < above.length;
         let angle = Math.asin(Math.min(b / edge.at(-1), 1));
-        throughParts(this.parts, down ? SUBLAYERS * k : 0, b, (part, s, phi) => {
-          const twice = part < SUBLAYERS * k ? 2 : 1;   // layers below the point, down and up again
-          path[Math.floor(part / SUBLAYERS)] += twice * s;
+        throughParts(this.parts, down ? PARTS * k : 0, b, (part, s, phi) => {
+          const twice = part < PARTS * k ? 2 : 1;   // layers below the point, down and up again
+          path[Math.floor(part / PARTS)] += twice * s;
           angle += twice * phi;
         });
         rows.push(path);
@@ -141,7 +141,7 @@ class Geometry {
       });
       gradient(angles, apparent).forEach((spread, i) => {
         const sine = Math.sin(apparent[i]);
-        factors.push(sine < 1e-6 ? 0 : Math.log(n[SUBLAYERS * k] ** 2 * sine / Math.max(Math.sin(angles[i]), 1e-9) / Math.max(spread, LEAST_SPREAD)));
+        factors.push(sine < 1e-6 ? 0 : Math.log(n[PARTS * k] ** 2 * sine / Math.max(Math.sin(angles[i]), 1e-9) / Math.max(spread, LEAST_SPREAD)));
       });
       zenith.push(...angles);
       seen.push(...apparent);
@@ -164,12 +164,12 @@ class Geometry {
 
   // Lines of sight through the layers above the observer: way [km] in each, angle at the Earth's centre at each boundary.
   line(elevations) {
-    const j = SUBLAYERS * this.first;
+    const j = PARTS * this.first;
     return elevations.map((e) => {
       const path = new Float64Array(this.middle.length - this.first), angle = new Float64Array(path.length);
       throughParts(this.parts, j, this.parts.x[j] * Math.cos(e * RAD), (part, s, phi) => {
-        path[Math.floor((part - j) / SUBLAYERS)] += s;
-        angle[Math.floor((part - j) / SUBLAYERS)] += phi;
+        path[Math.floor((part - j) / PARTS)] += s;
+        angle[Math.floor((part - j) / PARTS)] += phi;
       });
       return { path, angle: cumulative(angle) };
     });

@@ -26,19 +26,23 @@ from .rays import (
     DEGREE,
     DIFFUSE,
     LAYERS,
+    RAYS,
     REFRACTIVITY_SCALE_KM,
     SUNLIT,
+    WAVES,
     ZENITH_DEG,
     Rays,
     at_fine_zeniths,
     between,
     by_azimuth,
-    harmonics,
+    into_azimuths,
+    legendre_functions,
     log_reference,
     rays,
     reference_slope,
     sun_legendre,
     turned,
+    waves,
 )
 from .shells import (
     AIR,
@@ -48,7 +52,6 @@ from .shells import (
     Air,
     Line,
     Shells,
-    in_rows,
     lit_fraction,
     log_means,
     single,
@@ -65,6 +68,8 @@ LEAST_PART = 0.1
 """What further moments leave of the mean light at least, before they count less."""
 MOST_CHANGE = 1.0
 """By how much ln(light of a layer) changes at most because it is seen nearer or farther than on the average."""
+DIRECTIONS_AT_ONCE = 100
+"""About how many suns and directions are seen at once: what they take stays in the processor's cache."""
 OPAQUE = 60.0
 """Optical depth of the ground."""
 
@@ -78,7 +83,7 @@ def _positive(first: np.ndarray, further: np.ndarray) -> np.ndarray:
 
 def diffuse_light(air: Air, shells: Shells) -> np.ndarray:
     """The moments of light scattered at least once, over F0, in layers between BOUNDARY_KM at ZENITH_DEG, the
-    reference taken off, (L C, m + 3, W)."""
+    reference taken off, (L, W, m + 3, C)."""
     once, again = rays(SUNLIT), rays(DIFFUSE)
     light = single(_sunlit(air, shells))
     kinds = _kinds(air, np.array(SUNLIT.boundary_km))
@@ -89,17 +94,15 @@ def diffuse_light(air: Air, shells: Shells) -> np.ndarray:
     parts, reaching = (np.ascontiguousarray(single(x).T) for x in (parts, _reaching(again, kinds)))
     depolarised = single((1.0 - air.depolarisation) / (2.0 + air.depolarisation))
     ground_albedo, albedo, series = single(air.ground_albedo), single(kinds.albedo), single(kinds.series)
-    of_wavelengths = []
+    of_wavelengths, dtype = [], np.result_type(light, parts)
+    sent = np.empty(once.place.shape, dtype), np.empty(again.place.shape, dtype)
     for w in range(depolarised.size):
-        scattering = (albedo[..., w], series[..., w], depolarised[w])
-        radiance, by_air = _scattered_once(once, light[..., w], parts[w], *scattering)
-        further = _scattered_again(again, radiance, reaching[w, :, None], *scattering, ground_albedo[w])
-        polarised = once.mean(slice(-3, None), by_air) * (np.float32(0.75) * depolarised[w])
-        moments = once.mean(slice(0, -3), radiance) + again.mean(slice(0, -3), further)
-        of_wavelengths.append(np.concatenate([moments, polarised], axis=2)[:-1])
-    moments = np.stack(of_wavelengths, axis=-1)
-    moments *= np.exp(-log_reference(ZENITH_DEG)).astype(np.float32)[:, None, None]
-    return moments.reshape(-1, *moments.shape[2:])
+        radiance, by_air = _scattered_once(once, light[..., w], parts[w], series[..., w], depolarised[w], sent[0])
+        into = _into(albedo[..., w], series[..., w], depolarised[w])
+        further = _scattered_again(again, radiance, reaching[w, :, None], into, ground_albedo[w], sent[1])
+        polarised = once.polarised(by_air) * (np.float32(0.75) * depolarised[w])
+        of_wavelengths.append(np.concatenate([once.mean(radiance) + again.mean(further), polarised], axis=2)[:-1])
+    return np.stack(of_wavelengths, axis=1).swapaxes(2, 3) * np.exp(-log_reference(ZENITH_DEG)).astype(np.float32)
 
 
 def _reaching(r: Rays, kinds: _Kinds) -> np.ndarray:
@@ -126,52 +129,66 @@ def _sunlit(air: Air, shells: Shells) -> np.ndarray:
 
 
 def _scattered_once(
-    r: Rays, light: np.ndarray, parts: np.ndarray, albedo: np.ndarray, series: np.ndarray, depolarised: np.floating
+    r: Rays, light: np.ndarray, parts: np.ndarray, series: np.ndarray, depolarised: np.floating, sent: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Radiance along the rays of light scattered once, at one wavelength, and that by air alone, (L + 1, C, A r).
 
     light (G, C): what the sunbeam lights in layers and on the ground; parts (N, K + 2): part of it that each segment
     sends to the start of its ray, scattered by air, by each aerosol and by the ground; series (K, CUT): of the phase
-    functions of aerosols
+    functions of aerosols; sent: as of `Rays.arriving`
     """
-    by_air, *by_aerosols, last = np.moveaxis(r.arriving(light @ at_fine_zeniths().T, parts), 2, 0)
+    by_air, *by_aerosols, last = r.arriving(light @ at_fine_zeniths().T, r.weights(parts), sent)
     legendre = sun_legendre(SUNLIT)
-    last = last + by_air * (1.0 + depolarised * legendre[..., 2])
-    phases = legendre @ series.T
-    for n, scattered in enumerate(by_aerosols):
-        last += scattered * np.maximum(phases[..., n], LEAST_PHASE)
+    phases = (series @ legendre.reshape(CUT, -1)).reshape(-1, *last.shape)
+    last = last + by_air * (1.0 + depolarised * legendre[2])
+    for scattered, phase in zip(by_aerosols, phases, strict=True):
+        last += scattered * np.maximum(phase, LEAST_PHASE)
     return by_azimuth(last), by_azimuth(by_air)
+
+
+def _into(albedo: np.ndarray, series: np.ndarray, depolarised: np.floating) -> list[np.ndarray]:
+    """What layers scatter into azimuths of DIFFUSE and LEAVING_DEG of radiance along the rays of SUNLIT and of DIFFUSE,
+    at one wavelength, (L, A' O, A r) each.
+
+    albedo (1 + K, L + 1) of `_Kinds`; series (K, CUT)
+    """
+    by_degree = albedo[1:, :-1].T @ series
+    by_degree[:, 0] += albedo[0, :-1]
+    by_degree[:, 2] += albedo[0, :-1] * depolarised
+    waves = (turned().reshape(LAYERS - 1, -1, CUT) @ by_degree[..., None]).reshape(LAYERS - 1, DIFFUSE.azimuths, -1)
+    out = []
+    for grid in (SUNLIT, DIFFUSE):
+        both = into_azimuths(grid)
+        each = (both.reshape(-1, DIFFUSE.azimuths) @ waves).reshape(LAYERS - 1, *both.shape[:2], -1, RAYS)
+        out.append(each.transpose(0, 1, 3, 2, 4).reshape(LAYERS - 1, -1, grid.azimuths * RAYS))
+    return out
 
 
 def _scattered_again(
     r: Rays,
     last: np.ndarray,
     reaching: np.ndarray,
-    albedo: np.ndarray,
-    series: np.ndarray,
-    depolarised: np.floating,
+    into: list[np.ndarray],
     ground_albedo: np.floating,
+    sent: np.ndarray,
 ) -> np.ndarray:
     """Radiance along the rays (L + 1, C, A r) of light scattered more than once, from that of light scattered once, at
     one wavelength.
 
-    reaching (N, 1): what comes from each segment to the start of its ray if nothing is absorbed; albedo (1 + K, L + 1)
-    of `_Kinds`; series (K, CUT)
+    reaching (N, 1): what comes from each segment to the start of its ray if nothing is absorbed; into: of `_into`;
+    sent: as of `Rays.arriving`
     """
-    by_degree = albedo[1:, :-1].T @ series
-    by_degree[:, 0] += albedo[0, :-1]
-    by_degree[:, 2] += albedo[0, :-1] * depolarised
-    into = [(turned(grid, DIFFUSE) @ by_degree[:, None, :, None])[..., 0] for grid in (SUNLIT, DIFFUSE)]
-    total, mean = np.zeros(1, np.float32), [rays(grid).moments[-1, :, 0] for grid in (SUNLIT, DIFFUSE)]
+    total, mean = np.zeros(1, np.float32), [rays(grid).moments[-1, 0] for grid in (SUNLIT, DIFFUSE)]
+    weights = r.weights(reaching)
     for n in range(FOLLOWED - 1):
         before, first = last, min(n, 1)
-        sent = np.empty((LAYERS, into[first].shape[1], ANGLES), np.result_type(by_degree, last))
-        np.matmul(into[first], np.swapaxes(last, 1, 2)[:-1], out=sent[:-1])
-        sent[-1] = ground_albedo * np.einsum("cr,cr->c", mean[first], last[-1])
-        source = np.where(sent.real > 0.0, sent, 0.0) @ at_fine_zeniths().T
-        last = by_azimuth(r.arriving(source, reaching)[:, :, 0])
+        leaving = np.empty((LAYERS, into[first].shape[1], ANGLES), last.dtype)
+        np.matmul(into[first], np.swapaxes(last, 1, 2)[:-1], out=leaving[:-1])
+        leaving[-1] = ground_albedo * (last[-1] @ mean[first])
+        source = np.where(leaving.real > 0.0, leaving, 0.0).reshape(-1, ANGLES) @ at_fine_zeniths().T
+        last = by_azimuth(r.arriving(source, weights, sent)[0])
         total = total + last
-    now, before = (np.einsum("lcr,lcr->lc", r.moments[:, :, 0], order) for order in (last, before))
+    now, before = ((order @ r.moments[:, 0, :, None])[..., 0] for order in (last, before))
     ratio = np.clip(now / np.maximum(before, 1e-30), 0.0, MOST_RATIO)
     # where the sun is low it falls later towards that of a high one
     ratio = 0.5 * (ratio + np.where(ratio.real < ratio[:, :1].real, ratio, ratio[:, :1]))
@@ -202,82 +219,63 @@ def _kinds(air: Air, boundary_km: np.ndarray) -> _Kinds:
 
 
 class LastScattering(NamedTuple):
-    """Of lines of sight (E,) in K layers of diffuse light, `layer` (K,): weights (DEGREE + 2, E, K, W), what scattering
-    of J, of the moments of each further degree by aerosols and of the second by air alone adds; angle (E, K) [rad] at
-    the Earth's centre from the observer to the mean point, and by how much nearer the light is that he sees, (E, K,
-    W)."""
+    """Of lines of sight (E,) in K layers of diffuse light at zenith angles C of the sun: light (E, K, C, WAVES + 1,
+    W), what is seen of its mean and its further moments, by waves around the zenith, the reference taken off; slope (W,
+    K (C - 1)), change of ln(mean light) a degree; elevation [deg]; angle (E, K) [rad] at the Earth's centre from the
+    observer to the mean point, and by how much nearer the light is that he sees, (W, E, K)."""
 
-    weights: np.ndarray
+    light: np.ndarray
+    slope: np.ndarray
+    elevation_deg: np.ndarray
     angle: np.ndarray
     nearer: np.ndarray
-    layer: np.ndarray
 
 
-def seen_along(
-    light: np.ndarray,
-    sun_deg: np.ndarray,
-    elevation_deg: np.ndarray,
-    azimuth_deg: np.ndarray,
-    scattering: LastScattering,
-) -> np.ndarray:
-    """M_0 under suns (S,) in directions, (S, E, A, W), from `diffuse_light`: what it scatters along lines of sight."""
-    weights, angle, nearer, layer = scattering
-    rows = [(elevation_deg[r], azimuth_deg, weights[:, r], angle[r], nearer[r]) for r in in_rows(elevation_deg.size)]
-    return np.stack([np.concatenate([_seen_under(light, sun, *row, layer) for row in rows]) for sun in sun_deg])
+def seen_along(sun_deg: np.ndarray, azimuth_deg: np.ndarray, scattering: LastScattering) -> np.ndarray:
+    """M_0 under suns (S,) along lines of sight in azimuths (A,), (S, E, A, W)."""
+    at_once = max(1, DIRECTIONS_AT_ONCE // (sun_deg.size * azimuth_deg.size))
+    rows = [slice(first, first + at_once) for first in range(0, scattering.elevation_deg.size, at_once)]
+    return np.concatenate([_seen_along(sun_deg, azimuth_deg, scattering, row) for row in rows], axis=1)
 
 
-def _seen_under(
-    light: np.ndarray,
-    sun_deg: float,
-    elevation_deg: np.ndarray,
-    azimuth_deg: np.ndarray,
-    weights: np.ndarray,
-    angle: np.ndarray,
-    nearer: np.ndarray,
-    layer: np.ndarray,
-) -> np.ndarray:
-    """`seen_along` under one sun, (E, A, W)."""
-    sun, azimuth = np.radians(90.0 - sun_deg), np.cos(np.radians(azimuth_deg))[:, None]
-    cosine = np.cos(angle)[:, None] * np.cos(sun) + np.sin(angle)[:, None] * azimuth * np.sin(sun)
-    zenith = np.arccos(np.clip(cosine, -1.0, 1.0))  # E A K
-    degrees = np.degrees(zenith)
+def _seen_along(sun_deg: np.ndarray, azimuth_deg: np.ndarray, scattering: LastScattering, rows: slice) -> np.ndarray:
+    """`seen_along` of some elevations."""
+    light, elevation, angle = scattering.light[rows], scattering.elevation_deg[rows], scattering.angle[rows]
+    sun, azimuth = np.radians(90.0 - sun_deg)[:, None, None, None], np.cos(np.radians(azimuth_deg))[:, None]
+    elevation, angle = np.radians(elevation)[:, None, None], angle[:, None]
+    along, across = np.cos(angle) * np.cos(sun), np.sin(angle) * azimuth * np.sin(sun)
+    cosine = np.clip(along + across, -1.0, 1.0)  # S E A K
+    degrees, sine = np.degrees(np.arccos(cosine)), np.maximum(np.sqrt(1.0 - cosine * cosine), 1e-3)
     below, f = between(degrees)
-    place, rows = (layer * ANGLES + below).ravel(), light.reshape(len(light), -1)
-    moments, after = (np.take(rows, at, axis=0) for at in (place, place + 1))
-    shape = (*degrees.shape, -1, light.shape[-1])
-    first, last = (np.log(np.maximum(part.reshape(shape)[..., 0, :], DARK)) for part in (moments, after))
-    after -= moments
-    after *= f.astype(np.float32).reshape(-1, 1)
-    moments += after
-    moments = moments.reshape(shape)
     # an angle at the Earth's centre towards the sun takes as much from that between the sun and the zenith
-    towards = np.cos(angle)[:, None] * azimuth * np.sin(sun) - np.sin(angle)[:, None] * np.cos(sun)
-    towards = np.degrees(towards) / np.maximum(np.sin(zenith), 1e-3)
-    slope = (last - first) / np.diff(ZENITH_DEG)[below][..., None] + reference_slope(degrees)[..., None]
-    change = slope * towards[..., None] * nearer[:, None]
+    towards = (np.cos(angle) * azimuth * np.sin(sun) - np.sin(angle) * np.cos(sun)) / sine
+    layer = np.arange(angle.shape[2])
+    slope = scattering.slope.take(layer * (ANGLES - 1) + below, axis=1, mode="clip")  # W S E A K
+    slope += single(reference_slope(degrees))
+    change = slope * (single(np.degrees(towards)) * scattering.nearer[:, None, rows, None])
     change = np.where(
         change.real < -MOST_CHANGE, -MOST_CHANGE, np.where(change.real > MOST_CHANGE, MOST_CHANGE, change)
     )
-    elevation = np.radians(elevation_deg)[:, None]
-    u = np.sin(elevation + angle)[:, None] + np.zeros_like(azimuth)
-    from_sun = np.cos(sun) * np.sin(elevation)[:, None] + np.sin(sun) * np.cos(elevation)[:, None] * azimuth
-    s = np.clip((from_sun - np.cos(zenith) * u) / np.maximum(np.sin(zenith), 1e-3), -1.0, 1.0)
-    u, s = u.astype(np.float32), s.astype(np.float32)
-    beside = np.maximum(1.0 - u * u - s * s, 0.0)
-    functions = np.stack([*harmonics(u, s), u * u - beside, 2.0 * u * s, s * s - beside], axis=-1)[..., None, :]
-    weights = weights[:, :, None]
-    further = (functions[..., -3:] @ moments[..., -3:, :])[..., 0, :] * (-3.0 * weights[-1])
-    for n in range(1, DEGREE + 1):
-        some = slice(n * (n + 1) // 2, (n + 1) * (n + 2) // 2)
-        of_degree = (functions[..., some] @ moments[..., some, :])[..., 0, :]
-        further = further + (weights[n] + weights[-1] if n == 2 else weights[n]) * of_degree
-    reference = single(np.exp(log_reference(degrees)[..., None] + change))
-    source = _positive(weights[0] * moments[..., 0, :], further) * reference
-    return np.maximum(source.sum(axis=2), DARK)
+    reference = np.moveaxis(np.exp(change) * single(np.exp(log_reference(degrees))), 0, -1)
+    u = np.sin(elevation + angle)
+    from_sun = np.cos(sun) * np.sin(elevation) + np.sin(sun) * np.cos(elevation) * azimuth
+    s = single(np.clip((from_sun - cosine * u) / sine, -1.0, 1.0))
+    around = np.stack(waves(single(u + np.zeros_like(azimuth)), s)[:WAVES], axis=-1)
+    place = (np.arange(len(light))[:, None, None] * layer.size + layer) * ANGLES + below
+    flat = light.reshape(-1, light[0, 0, 0].size)
+    before, after = (np.take(flat, (place + n).ravel(), axis=0, mode="clip") for n in (0, 1))
+    after -= before
+    after *= f.astype(np.float32).reshape(-1, 1)
+    before += after
+    first, further = np.split(before.reshape(*place.shape, *light.shape[3:]), [1], axis=-2)
+    source = _positive(first[..., 0, :], (around[..., None, :] @ further)[..., 0, :]) * reference
+    return np.maximum(source.sum(axis=3), DARK)
 
 
-def last_scattering(air: Air, shells: Shells, line: Line) -> LastScattering:
-    """Where along lines of sight above the observer how much of diffuse light is scattered towards him."""
+def last_scattering(
+    diffuse: np.ndarray, air: Air, shells: Shells, line: Line, elevation_deg: np.ndarray
+) -> LastScattering:
+    """What of diffuse light (`diffuse_light`) is scattered along lines of sight towards the observer."""
     middle = 0.5 * (shells.boundary_km[1:] + shells.boundary_km[:-1])[shells.first :]
     own = np.searchsorted(ALTITUDE_KM, middle) - 1
     of_air, followed = air.depth[AIR], air.moments[..., : DEGREE + 1] - air.peaks(air.moments)[..., None]
@@ -298,7 +296,38 @@ def last_scattering(air: Air, shells: Shells, line: Line) -> LastScattering:
     near = np.where(np.abs(inside) < 1e-3, 0.5 - inside / 12.0, 1.0 / near - 1.0 / np.expm1(near))
     seen_share = weights[0] + 1e-20 * path
     seen_angle = (shares.T @ ((low[..., None] + whole[..., None] * near) * seen_share)) / (shares.T @ seen_share)
-    return LastScattering(single(shares.T @ weights), mean_angle, mean_angle[..., None] - seen_angle, layer)
+    up = np.sin(np.radians(elevation_deg)[:, None] + mean_angle)
+    light = _by_waves(diffuse[layer], single(shares.T @ weights), single(up))
+    log = np.log(np.maximum(diffuse[layer, :, 0], DARK))
+    slope = np.swapaxes(np.diff(log) / single(np.diff(ZENITH_DEG)), 0, 1).reshape(log.shape[1], -1)
+    nearer = np.ascontiguousarray(np.moveaxis(single(mean_angle[..., None] - seen_angle), -1, 0))
+    return LastScattering(light, slope, elevation_deg, mean_angle, nearer)
+
+
+def _by_waves(diffuse: np.ndarray, weights: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """`LastScattering.light` from moments (K, W, m + 3, C) and what scattering of the mean light, of the moments of
+    each further degree by aerosols and of the second by air alone adds, (DEGREE + 2, E, K, W); up (E, K): sines of the
+    elevations."""
+    weights, functions = weights.transpose(0, 2, 3, 1), legendre_functions(up)
+    weights[2] += weights[-1]
+    up, by_air = up.T[:, None], -3.0 * weights[-1]
+    out = np.empty((up.shape[2], len(diffuse), ANGLES, WAVES + 1, diffuse.shape[1]), np.result_type(diffuse, weights))
+
+    def take(row: int, terms: list[tuple[int, np.ndarray]]) -> None:
+        some, factors = zip(*terms, strict=True)
+        out[..., row, :] = (np.stack(factors, axis=-1) @ diffuse[:, :, some]).transpose(2, 0, 3, 1)
+
+    polarised = {
+        0: [(-3, by_air * (1.5 * up * up - 0.5))],
+        1: [(-2, by_air * 2.0 * up)],
+        2: [(-3, 0.5 * by_air), (-1, by_air)],
+    }
+    take(0, [(0, weights[0])])
+    for m in range(WAVES):
+        degrees = range(max(m, 1), DEGREE + 1)
+        of_degrees = [(n * (n + 1) // 2 + m, functions[n, m].T[:, None] * weights[n]) for n in degrees]
+        take(m + 1, of_degrees + polarised.get(m, []))
+    return out
 
 
 def _between_middles(altitude_km: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from dataclasses import dataclass
 from itertools import pairwise
@@ -135,18 +136,26 @@ def outputs(layers: tuple, hidden: np.ndarray) -> np.ndarray:
 
 def splines(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
     """The cubic spline (not-a-knot) through values at the nodes (N,), as a matrix (X, N) that gives its values at x."""
-    n, h = nodes.size, np.diff(nodes)
+    h = np.diff(nodes)
+    j = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, nodes.size - 2)
+    b = (x - nodes[j]) / h[j]
+    second, a = _second_derivatives(nodes.tobytes()), 1.0 - b
+    bent = [((p**3 - p) * h[j] ** 2 / 6.0)[:, None] for p in (a, b)]
+    out = bent[0] * second[j] + bent[1] * second[j + 1]
+    out[np.arange(x.size), j] += a
+    out[np.arange(x.size), j + 1] += b
+    return out
+
+
+@functools.lru_cache(maxsize=32)
+def _second_derivatives(nodes: bytes) -> np.ndarray:
+    """Those of `splines` at the nodes (N,), as a matrix (N, N) that gives them from the values."""
+    h = np.diff(np.frombuffer(nodes))
+    n = h.size + 1
     left, right = np.zeros((n, n)), np.zeros((n, n))  # left @ (second derivatives) = right @ (values)
     for i in range(1, n - 1):
         left[i, i - 1 : i + 2] = h[i - 1], 2.0 * (h[i - 1] + h[i]), h[i]
         right[i, i - 1 : i + 2] = 6.0 / h[i - 1], -6.0 / h[i - 1] - 6.0 / h[i], 6.0 / h[i]
     left[0, :3] = h[1], -(h[0] + h[1]), h[0]  # one cubic across the second and the last but one node
     left[-1, -3:] = h[-1], -(h[-2] + h[-1]), h[-2]
-    j = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, n - 2)
-    b = (x - nodes[j]) / h[j]
-    second, a = np.linalg.solve(left, right), 1.0 - b
-    bent = [((p**3 - p) * h[j] ** 2 / 6.0)[:, None] for p in (a, b)]
-    out = bent[0] * second[j] + bent[1] * second[j + 1]
-    out[np.arange(x.size), j] += a
-    out[np.arange(x.size), j + 1] += b
-    return out
+    return np.linalg.solve(left, right)

@@ -19,7 +19,7 @@ ALTITUDE_KM = np.concatenate(
 )
 """Boundaries of the L layers above the ground [km]."""
 SUBLAYERS = 4
-"""Parts of each layer in which n r is linear; with 6 the sunbeam differs by less than 0.1 %."""
+"""Parts of layers between ALTITUDE_KM at which air has its refractivity."""
 STEEPEST_DEG = 0.03
 """Of the sunbeams to an altitude, elevation of the lowest one from above, beside the horizontal one [deg]."""
 RAYS_FROM_ABOVE = 90
@@ -116,63 +116,95 @@ class Beams(NamedTuple):
     path_km: np.ndarray
 
 
-def sublayers(boundary_km: np.ndarray) -> np.ndarray:
-    """Boundaries of the equal parts of layers (L + 1,), (SUBLAYERS L + 1,)."""
-    part = np.arange(SUBLAYERS) / SUBLAYERS
+def sublayers(boundary_km: np.ndarray, count: int = SUBLAYERS) -> np.ndarray:
+    """Boundaries of the equal parts of layers (L + 1,), (count L + 1,)."""
+    part = np.arange(count) / count
     low, high = boundary_km[:-1, None], boundary_km[1:, None]
     return np.append((low + part * (high - low)).ravel(), boundary_km[-1])
 
 
-def _through_layers(
-    x: np.ndarray, slope: np.ndarray, index: np.ndarray, b: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Path [km] and angle at the Earth's centre [rad] of rays in each layer, (B, L), on one side of their lowest point:
-    s = sqrt(x^2 - b^2) / (dx/dr), phi = n arccos(b / x) / (dx/dr), b (B,) = n r sin(zenith angle) being Bouguer's
-    invariant [km] and x = n r, linear in r."""
-    b = b[:, None]
-    beyond = np.maximum(x[None], b)
-    path = np.diff(np.sqrt(np.maximum(beyond * beyond - b * b, 0.0)), axis=1) / slope
-    angle = np.diff(np.arccos(np.minimum(b / beyond, 1.0)), axis=1) * (index / slope)
-    shape = (len(b), -1, SUBLAYERS)
-    return path.reshape(shape).sum(axis=2), angle.reshape(shape).sum(axis=2)
+class Parts(NamedTuple):
+    """Parts of layers, `per_layer` in each, in which n r is linear: altitude [km], n and x = n r [km] at their
+    boundaries (P + 1,), d(n r) / dr and mean n of each (P,)."""
+
+    per_layer: int
+    altitude_km: np.ndarray
+    n: np.ndarray
+    x: np.ndarray
+    slope: np.ndarray
+    mean_n: np.ndarray
+
+    @staticmethod
+    def of(altitude_km: np.ndarray, n: np.ndarray, radius_km: float, per_layer: int = 1) -> Parts:
+        """From n at the boundaries of parts."""
+        radius = radius_km + altitude_km
+        x = n * radius
+        return Parts(per_layer, altitude_km, n, x, np.diff(x) / np.diff(radius), 0.5 * (n[1:] + n[:-1]))
+
+    def through(self, b: np.ndarray, first: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Path [km] and angle at the Earth's centre [rad] of rays in each layer from one on, (B, L), on one side of
+        their lowest point: s = sqrt(x^2 - b^2) / (dx/dr), phi = n arccos(b / x) / (dx/dr), b (B,) = n r sin(zenith
+        angle) being Bouguer's invariant [km]."""
+        j, b = self.per_layer * first, b[:, None]
+        beyond = np.maximum(self.x[j:], b)
+        arc = b / beyond
+        np.arccos(arc, out=arc)
+        beyond *= beyond
+        beyond -= b * b
+        np.sqrt(beyond, out=beyond)
+        path, angle = beyond[:, 1:] - beyond[:, :-1], arc[:, 1:] - arc[:, :-1]
+        path /= self.slope[j:]
+        angle *= self.mean_n[j:] / self.slope[j:]
+        if self.per_layer == 1:
+            return path, angle
+        parts = range(self.per_layer)
+        return sum(path[:, p :: self.per_layer] for p in parts), sum(angle[:, p :: self.per_layer] for p in parts)
 
 
 @functools.lru_cache(maxsize=8)
-def _parts(boundary: bytes, refractivity: bytes, radius_km: float) -> tuple[np.ndarray, ...]:
-    """n, n r [km] at the boundaries of parts of layers, d(n r)/d r and mean n of the parts."""
-    n, radius = 1.0 + np.frombuffer(refractivity), radius_km + sublayers(np.frombuffer(boundary))
-    return n, n * radius, np.diff(n * radius) / np.diff(radius), 0.5 * (n[1:] + n[:-1])
+def _parts(boundary: bytes, refractivity: bytes, radius_km: float) -> Parts:
+    altitude, n = np.frombuffer(boundary), 1.0 + np.frombuffer(refractivity)
+    count = (n.size - 1) // (altitude.size - 1)
+    return Parts.of(sublayers(altitude, count), n, radius_km, count)
 
 
-@functools.lru_cache(maxsize=512)
-def _rays_to(k: int, boundary: bytes, refractivity: bytes, radius_km: float) -> tuple[np.ndarray, ...]:
+FROM_ABOVE_RAD = np.append(np.radians(90.0 - np.geomspace(90.0, STEEPEST_DEG, RAYS_FROM_ABOVE)), 0.5 * np.pi)
+"""Apparent zenith angles of sunbeams from above."""
+FROM_BELOW = np.unique(
+    np.concatenate(
+        [
+            np.linspace(0.0, 1.0, 3 * (RAYS_FROM_BELOW // 4) + 1)[1:],
+            1.0 - np.geomspace(1e-4, 0.5, RAYS_FROM_BELOW // 4),
+        ]
+    )
+)
+"""Of sunbeams from below the horizontal, parts of the way to the ground's horizon."""
+
+
+def _rays_to(k: int, parts: Parts) -> tuple[np.ndarray, ...]:
     """Rays from the sun to boundary k: true and apparent zenith angles, ln of the spreading, ways in layers (R, L)."""
-    n, x, slope, index = _parts(boundary, refractivity, radius_km)
-    edge, right, m, j = x[::SUBLAYERS], 0.5 * np.pi, RAYS_FROM_BELOW // 4, SUBLAYERS * k
-    apparent = np.append(right - np.radians(np.geomspace(STEEPEST_DEG, 90.0, RAYS_FROM_ABOVE)[::-1]), right)
-    down = apparent.size
+    edge, apparent, down = parts.x[:: parts.per_layer], FROM_ABOVE_RAD, FROM_ABOVE_RAD.size
     if k:
-        even, grazing = np.linspace(0.0, 1.0, 3 * m + 1)[1:], 1.0 - np.geomspace(1e-4, 0.5, m)
-        below = right + np.arccos(edge[0] / edge[k]) * np.unique(np.concatenate([even, grazing]))
-        apparent = np.concatenate([apparent, below])
+        apparent = np.concatenate([apparent, 0.5 * np.pi + np.arccos(edge[0] / edge[k]) * FROM_BELOW])
     b = edge[k] * np.sin(apparent)
     path, angle = np.zeros((2, apparent.size, edge.size - 1))
-    if j < slope.size:
-        path[:down, k:], angle[:down, k:] = _through_layers(x[j:], slope[j:], index[j:], b[:down])
+    if k < edge.size - 1:
+        path[:down, k:], angle[:down, k:] = parts.through(b[:down], k)
     if k:
-        path[down:], angle[down:] = _through_layers(x, slope, index, b[down:])
+        path[down:], angle[down:] = parts.through(b[down:])
         path[down:, :k] *= 2.0  # layers below the point twice, down and up again
         angle[down:, :k] *= 2.0
     true = angle.sum(axis=1) + np.arcsin(np.minimum(b / edge[-1], 1.0))
     spread, sine = np.maximum(np.gradient(true, apparent), LEAST_SPREAD), np.sin(apparent)
-    factor = n[j] ** 2 * sine / np.maximum(np.sin(true), 1e-9) / spread
+    factor = parts.n[parts.per_layer * k] ** 2 * sine / np.maximum(np.sin(true), 1e-9) / spread
     factor[sine < 1e-6] = 1.0
-    return true, apparent, np.log(factor), path
+    return true, apparent, single(np.log(factor)), single(path)
 
 
 @functools.lru_cache(maxsize=8)
-def _beams(boundary: bytes, refractivity: bytes, radius_km: float) -> Beams:
-    rows = [_rays_to(k, boundary, refractivity, radius_km) for k in range(np.frombuffer(boundary).size)]
+def _beams(geometry: tuple[bytes, bytes, float]) -> Beams:
+    parts = _parts(*geometry)
+    rows = [_rays_to(k, parts) for k in range(parts.slope.size // parts.per_layer + 1)]
     start = np.cumsum([0, *(row[0].size for row in rows)])
     return Beams(start, *(np.concatenate(part) for part in zip(*rows, strict=True)))
 
@@ -202,7 +234,8 @@ class Shells:
 
     boundary_km (L + 1,): altitudes above the ground, the observer's among them; extinction, peak (L, W), scattering
     (S, L, W) [km^-1]: without scattering in forward peaks, that in peaks, and of each of S kinds; refractivity
-    (SUBLAYERS L + 1,); screen: what dims the sunbeam beyond the horizon, and the powers (W,) of its T
+    (P L + 1,): n - 1 at the boundaries of P equal parts of each layer; screen: what dims the sunbeam beyond the
+    horizon, and the powers (W,) of its T
     """
 
     def __init__(
@@ -219,63 +252,84 @@ class Shells:
         self.boundary_km, self.extinction, self.scattering, self.peak = boundary_km, extinction, scattering, peak
         self.screen = screen
         self.first = int(np.argmin(np.abs(boundary_km - observer_km)))
-        parts = (np.asarray(boundary_km, float).tobytes(), np.asarray(refractivity, float).tobytes())
-        self._geometry = (*parts, float(radius_km))
+        arrays = np.asarray(boundary_km, float).tobytes(), np.asarray(refractivity, float).tobytes()
+        self._geometry = (*arrays, float(radius_km))
 
     @functools.cached_property
     def beams(self) -> Beams:
         """All sunbeams, computed when they are first asked for."""
-        return _beams(*self._geometry)
+        return _beams(self._geometry)
 
     @functools.cached_property
-    def _tables(self) -> tuple[np.ndarray, np.ndarray]:
-        """Zenith angles that go on rising from boundary to boundary, (R,), and -ln of the sunbeams, (R, W)."""
+    def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Zenith angles that go on rising from boundary to boundary, (R,), and of the sunbeams ln and the depth of
+        scattering in peaks, (W, R)."""
         b = self.beams
         key = b.zenith_rad + 4.0 * np.repeat(np.arange(self.boundary_km.size), np.diff(b.start))
-        depth = b.path_km @ self.extinction - b.log_factor[:, None]
+        each = single(np.concatenate([self.extinction, self.peak], axis=1).T)
+        depth, peak = np.split(each @ b.path_km.T, 2)
+        log = b.log_factor - depth
         if self.screen is not None:
             screen, powers = self.screen
-            depth -= np.log(np.maximum(screen.at(self._least_km(screen)), DARKEST_PASSED))[:, None] * powers
-        return key, single(depth)
+            passed = np.log(np.maximum(screen.at(self._least_km(screen)), DARKEST_PASSED))
+            log += single(powers[:, None] * passed)
+        return key, log, peak
 
     def _least_km(self, screen: Screen) -> np.ndarray:
         """Least altitudes (R,) of the sunbeams on the part of their way that counts for a screen [km]."""
-        b, x = self.beams, _parts(*self._geometry)[1]
-        at_end = np.repeat(x[::SUBLAYERS], np.diff(b.start))
+        b, parts = self.beams, _parts(*self._geometry)
+        at_end = np.repeat(parts.x[:: parts.per_layer], np.diff(b.start))
         near, far = (at_end * np.cos(b.apparent_rad) + s for s in (screen.from_km, screen.to_km))
         along = np.where(near > 0.0, near, np.where(far < 0.0, far, 0.0))
-        highest = np.maximum.accumulate(x)
-        return np.interp(np.hypot(at_end * np.sin(b.apparent_rad), along), highest, sublayers(self.boundary_km))
+        highest = np.maximum.accumulate(parts.x)
+        return np.interp(np.hypot(at_end * np.sin(b.apparent_rad), along), highest, parts.altitude_km)
 
     def _place(self, k: Any, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The ray before each zenith angle at boundaries k, and the part of the way to the next, 0 to 1."""
         b = self.beams
         i = np.searchsorted(self._tables[0], zenith_rad + 4.0 * k) - 1
         i = np.minimum(np.maximum(i, b.start[k]), b.start[np.asarray(k) + 1] - 2)
-        f = (zenith_rad - b.zenith_rad[i]) / (b.zenith_rad[i + 1] - b.zenith_rad[i])
-        return i, np.minimum(np.maximum(f, 0.0), 1.0)
+        here, after = (b.zenith_rad.take(at, mode="clip") for at in (i, i + 1))
+        return i, np.minimum(np.maximum((zenith_rad - here) / (after - here), 0.0), 1.0)
 
     def log_sunbeam(self, k: Any, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ln of the sunbeam over F0 at boundaries k for true solar zenith angles (...,), (..., W), and how far these
         are from the shadow of the ground [rad]: negative within it, where the logarithm is that at its edge."""
-        i, f = self._place(k, zenith_rad)
-        depth = self._tables[1]
-        here = depth[i]
-        out = (here - depth[i + 1]) * f[..., None] - here
-        return np.maximum(out, DARK_LOG), self.beams.zenith_rad[self.beams.start[np.asarray(k) + 1] - 1] - zenith_rad
+        out = self._between(self._tables[1], *self._place(k, zenith_rad))
+        return np.maximum(out, DARK_LOG, out=out), self.beams.zenith_rad[
+            self.beams.start[np.asarray(k) + 1] - 1
+        ] - zenith_rad
+
+    def peak_depth(self, k: Any, zenith_rad: np.ndarray) -> np.ndarray:
+        """Depth of scattering in peaks on the way of the sunbeam to boundaries k, (..., W)."""
+        return self._between(self._tables[2], *self._place(k, zenith_rad))
+
+    def _between(self, table: np.ndarray, i: np.ndarray, f: np.ndarray) -> np.ndarray:
+        """What a table (W, R) has at a `_place`, (..., W); in memory wavelengths come first."""
+        here, after = (table.take(at, axis=1, mode="clip") for at in (i, i + 1))
+        after -= here
+        after *= single(f)
+        after += here
+        return np.moveaxis(after, 0, -1)
+
+    @functools.cached_property
+    def _own_rays(self) -> tuple[np.ndarray, ...]:
+        """True and apparent zenith angles of the sunbeams to the observer."""
+        return _rays_to(self.first, _parts(*self._geometry))[:2]
 
     def apparent_elevation_deg(self, sun_elevation_deg: float) -> float:
         """Apparent elevation [deg] of a sun of true elevation; of one in the shadow as far above it as at its edge."""
-        true, apparent = _rays_to(self.first, *self._geometry)[:2]
+        true, apparent = self._own_rays
         lifted = np.interp(np.radians(90.0 - sun_elevation_deg), true, true - apparent)
         return sun_elevation_deg + float(np.degrees(lifted))
 
     def line(self, elevation_deg: np.ndarray) -> Line:
         """Lines of sight (E,), by their apparent elevations [deg]."""
-        j, (_, x, slope, index) = SUBLAYERS * self.first, _parts(*self._geometry)
-        invariant = x[j] * np.cos(np.radians(elevation_deg))
-        path, angle = _through_layers(x[j:], slope[j:], index[j:], invariant)
-        depth = summed(path[:, :, None] * self.extinction[self.first :])
+        parts = _parts(*self._geometry)
+        path, angle = parts.through(
+            parts.x[parts.per_layer * self.first] * np.cos(np.radians(elevation_deg)), self.first
+        )
+        depth = summed((path[:, None] * self.extinction[self.first :].T)[..., None])[..., 0].swapaxes(1, 2)
         return Line(path, np.concatenate([np.zeros((len(path), 1)), np.cumsum(angle, axis=1)], axis=1), depth)
 
     def sunlit(self, zenith: np.ndarray, depth: np.ndarray, first: int | None = None) -> np.ndarray:
@@ -283,8 +337,11 @@ class Shells:
         boundaries from one on: the observer's where it is not given."""
         first = self.first if first is None else first
         logs, edge = self.log_sunbeam(np.arange(first, self.boundary_km.size), zenith)
-        logs = np.maximum(logs - single(depth)[:, None], DARK_LOG)
-        return log_means(logs, 2) * lit_fraction(edge[:, :, :-1], edge[:, :, 1:])[..., None]
+        logs -= single(depth)[:, None]
+        return (
+            log_means(np.maximum(logs, DARK_LOG, out=logs), 2)
+            * lit_fraction(edge[:, :, :-1], edge[:, :, 1:])[..., None]
+        )
 
     def scattered_once(self, sun_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Integrals of scattering coefficient x transmittance x sunbeam along lines of sight, (S, E, A, W); times phase

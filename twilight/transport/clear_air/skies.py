@@ -37,6 +37,8 @@ def _halved(nodes: np.ndarray, highest: float) -> np.ndarray:
 
 SHELLS_KM = functools.reduce(_halved, HALVED_KM, ALTITUDE_KM)
 """Boundaries of shells."""
+PARTS = 2
+"""Parts of shells in which n r is linear; with 16 the light of twilight differs by 0.15 % at most."""
 LEAST_REFRACTIVITY = 1e-30
 """Least n - 1, so that it has a logarithm."""
 SCREEN_ERROR = 0.1
@@ -72,17 +74,15 @@ class Skies:
         self.peak_fraction = air.peaks(air.moments)
         peak = np.einsum("kw,klw->lw", self.peak_fraction, of_aerosols)
         ln = np.log(np.maximum(air.refractivity, LEAST_REFRACTIVITY))
-        ln = np.interp(sublayers(boundary), sublayers(ALTITUDE_KM), ln)
         self.shells = Shells(
             boundary,
             ((d[AIR] + d[ABSORPTION] + d[EXTINCTION] - peak) * per_km)[layer],
             (np.concatenate([d[AIR][None], of_aerosols]) * per_km)[:, layer],
             (peak * per_km)[layer],
-            np.exp(ln),
+            np.exp(np.interp(sublayers(boundary, PARTS), sublayers(ALTITUDE_KM), ln)),
             observer_km,
             air.radius_km,
         )
-        self._peak_depth = self.shells.beams.path_km @ self.shells.peak
         self.nodes = self.shells.line(ELEVATION_DEG)
         self._taken = np.zeros(SUN_DEG.size)
         self._lines: dict[bool, Line] = {}
@@ -108,7 +108,8 @@ class Skies:
         made, made.shells = copy.copy(self), copy.copy(self.shells)
         made.shells.screen = screen, powers
         made.shells.__dict__.pop("_tables")
-        made._diffuse = diffuse_light(self.air, made.shells)
+        for key in ("_diffuse", "_last_scattering", "_in_rows"):
+            made.__dict__.pop(key, None)
         taken = (whole - made._log_base()).real.reshape(len(powers), SUN_DEG.size, -1)
         made._taken = np.percentile(taken, 95, axis=(0, 2))
         return made
@@ -133,21 +134,23 @@ class Skies:
 
     def base(self, sun_deg: np.ndarray) -> np.ndarray:
         """M_0 under suns (S,) at the nodes, (S, E, A, W)."""
-        return seen_along(self._diffuse, sun_deg, ELEVATION_DEG, AZIMUTH_DEG, self._last_scattering)
+        return seen_along(sun_deg, AZIMUTH_DEG, self._last_scattering)
 
     @functools.cached_property
     def _last_scattering(self) -> LastScattering:
-        return last_scattering(self.air, self.shells, self.nodes)
+        return self._along(ELEVATION_DEG)
+
+    def _along(self, elevation_deg: np.ndarray) -> LastScattering:
+        line = self.shells.line(elevation_deg)
+        return last_scattering(self._diffuse, self.air, self.shells, line, elevation_deg)
 
     def _log_base(self) -> np.ndarray:
-        line = self.shells.line(BASE_ELEVATION_DEG)
-        scattering = last_scattering(self.air, self.shells, line)
-        light = np.log(seen_along(self._diffuse, SUN_DEG, BASE_ELEVATION_DEG, BASE_AZIMUTH_DEG, scattering))
+        light = np.log(seen_along(SUN_DEG, BASE_AZIMUTH_DEG, self._along(BASE_ELEVATION_DEG)))
         return light.reshape(-1, light.shape[-1]).T
 
     @functools.cached_property
     def _in_rows(self) -> LastScattering:
-        return last_scattering(self.air, self.shells, self.shells.line(ROWS_DEG))
+        return self._along(ROWS_DEG)
 
     def _finer(self, shadowed: bool) -> Line:
         """Lines of sight at FINER_ELEVATION_DEG, computed when they are first asked for."""
@@ -161,7 +164,7 @@ class Skies:
         elevation, azimuth = FINER_ELEVATION_DEG[shadowed], FINER_AZIMUTH_DEG[shadowed]
         weight = splines(SUN_DEG, np.array([sun_elevation_deg]))[0]
         log_ratio, *polarised, spread = np.einsum("s,pwsea->peaw", weight, self.at_nodes)
-        base = seen_along(self._diffuse, np.array([sun_elevation_deg]), ROWS_DEG, AZIMUTH_DEG, self._in_rows)[0]
+        base = seen_along(np.array([sun_elevation_deg]), AZIMUTH_DEG, self._in_rows)[0]
         finer = np.tensordot(elevation_splines(ROWS_DEG, elevation), np.log(base), (1, 0))
         finer = finer + np.tensordot(elevation_splines(ELEVATION_DEG, elevation), log_ratio, (1, 0))
         multiple = azimuth_splines(AZIMUTH_DEG, azimuth)[0] @ finer
@@ -211,10 +214,8 @@ class Skies:
         line, first, f = self.nodes, self.shells.first, self.peak_fraction
         scattered = line.path[..., None] * f[:, None, None] * self.shells.scattering[1:, None, first:] * light
         passed = np.cumsum(line.path[..., None] * self.shells.peak[first:], axis=1)
-        i, part = self.shells._place(
-            np.arange(first, self.shells.boundary_km.size), line.zenith(sun_deg, np.zeros(1))[0, :, 0]
-        )
-        before = self._peak_depth[i] * (1.0 - part[..., None]) + self._peak_depth[i + 1] * part[..., None]
+        boundaries = np.arange(first, self.shells.boundary_km.size)
+        before = self.shells.peak_depth(boundaries, line.zenith(sun_deg, np.zeros(1))[0, :, 0])
         shifted = np.concatenate([np.zeros_like(passed[:, :1]), passed[:, :-1]], axis=1)
         mean_depth = 0.5 * (shifted + passed + before[:, :-1] + before[:, 1:])
         by_kind = scattered.sum(axis=2)
@@ -229,7 +230,8 @@ class Skies:
             small, 0.5 * none * x * mixed, (np.exp(-x * (1.0 - mixed)) - none) / np.where(small, 1.0, mixed * x) - none
         )
         series = (np.where(f > 1e-6, f, 0.0)[..., None] * moments)[:, None] * g + (1.0 - none) * followed[:, None]
-        return x[..., 0], np.swapaxes(single(series) @ _legendre_terms().T, -1, -2)
+        added = single(series).reshape(-1, series.shape[-1]) @ _legendre_terms().T
+        return x[..., 0], np.swapaxes(added.reshape(*series.shape[:-1], -1), -1, -2)
 
     @functools.cached_property
     def _peaks(self) -> tuple[np.ndarray, np.ndarray]:
