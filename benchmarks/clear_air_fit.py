@@ -29,7 +29,7 @@ from clear_air_learners import TOLERATED, Network, process
 
 from twilight import __version__
 from twilight.base.whole_files import whole_file
-from twilight.solvers.compact.field import SHIPPED
+from twilight.solvers.compact.field import SHIPPED, load_model
 from twilight.transport.clear_air.model import FORMAT, NODES, SUN_DEG, Model, outputs
 
 HELD_OUT = 10
@@ -40,7 +40,7 @@ MEMBERS = 3
 """Networks whose mean counts; their spread gives the error of a sky."""
 WIDTH = 256
 """Units of a hidden layer."""
-WIDTHS = (64, 128, 384, 512)
+WIDTHS = (64, 128, 512)
 """Others, of which `sizes` fits one network each."""
 PARTS = (0.25, 0.5, 0.75)
 """Parts of the components that it looks at."""
@@ -227,14 +227,13 @@ def finished(lesson: Lesson, members: list[tuple[tuple[np.ndarray, np.ndarray], 
     )
 
 
-def sizes(lesson: Lesson, members: list[tuple[tuple[np.ndarray, np.ndarray], ...]]) -> None:
-    """Errors and sizes of models of one, two and more of these networks, of networks of other widths, and of fewer
-    components, and write the table."""
-    held, rows = ~lesson.train, []
-    chosen = [one for one in members if one[0][0].shape[1] == WIDTH]
-    models = [replace(lesson.model, members=tuple(chosen[: n + 1])) for n in range(len(chosen))]
-    models += [replace(lesson.model, members=(one,)) for one in members if one[0][0].shape[1] != WIDTH]
-    models += [_with_fewer(models[len(chosen) - 1], part) for part in PARTS]
+def sizes(lesson: Lesson) -> None:
+    """Errors and sizes of the shipped model with fewer networks and fewer components, and of one network of other
+    widths, and write the table."""
+    held, rows, shipped = ~lesson.train, [], load_model(SHIPPED)
+    models = [replace(shipped, members=shipped.members[: n + 1]) for n in range(MEMBERS)]
+    models += [_with_fewer(shipped, part) for part in PARTS]
+    models += [replace(lesson.model, members=(member(lesson, 0, width),)) for width in WIDTHS]
     for model in models:
         with tempfile.TemporaryDirectory() as folder:
             save(model, path := Path(folder) / "model.npz")
@@ -362,9 +361,7 @@ def main(words: Sequence[str]) -> None:
             save(fit(read(Path(airs), Path(approximate))), path)
             print(f"wrote {path} ({path.stat().st_size / 1e6:.2f} MB)")
         case ["sizes", airs, approximate]:
-            lesson = prepared(read(Path(airs), Path(approximate)))
-            members = [member(lesson, seed) for seed in range(MEMBERS)]
-            sizes(lesson, members + [member(lesson, 0, width) for width in WIDTHS])
+            sizes(prepared(read(Path(airs), Path(approximate))))
         case _:
             sys.exit(__doc__)
 
