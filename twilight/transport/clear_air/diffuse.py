@@ -68,7 +68,7 @@ LEAST_PART = 0.1
 """What further moments leave of the mean light at least, before they count less."""
 MOST_CHANGE = 1.0
 """By how much ln(light of a layer) changes at most because it is seen nearer or farther than on the average."""
-DIRECTIONS_AT_ONCE = 100
+DIRECTIONS_AT_ONCE = 300
 """About how many suns and directions are seen at once: what they take stays in the processor's cache."""
 OPAQUE = 60.0
 """Optical depth of the ground."""

@@ -174,7 +174,7 @@ class Skies:
         peaks = self._peaks_of(sun_elevation_deg)
         apparent = self.shells.apparent_elevation_deg(sun_elevation_deg)
         sky = Sky(apparent, self.air, elevation, azimuth, logarithms, np.array(polarised), peaks)
-        light = sky.light(ELEVATION_DEG, AZIMUTH_DEG, widen=False).real[..., 0, :]
+        light = sky.at_nodes().real
         spread = np.abs(spread) * np.exp(finer[np.searchsorted(elevation, ELEVATION_DEG)].real) / light
         # terms of bands of gases that let no light through have no part in the sky
         brightest = light.max(axis=(0, 1))
@@ -211,36 +211,44 @@ class Skies:
             sum_l (2 l + 1)/(4 pi) P_l [f p_l g_l + (1 - exp(-x)) (chi_l - f)],
             g_l = [exp(-x (1 - m_l)) - exp(-x)] / (x m_l) - exp(-x)
         """
-        line, first, f = self.nodes, self.shells.first, self.peak_fraction
-        scattered = line.path[..., None] * f[:, None, None] * self.shells.scattering[1:, None, first:] * light
-        passed = np.cumsum(line.path[..., None] * self.shells.peak[first:], axis=1)
-        boundaries = np.arange(first, self.shells.boundary_km.size)
+        line, f = self.nodes, self.peak_fraction.T
+        boundaries = np.arange(self.shells.first, self.shells.boundary_km.size)
         before = self.shells.peak_depth(boundaries, line.zenith(sun_deg, np.zeros(1))[0, :, 0])
-        shifted = np.concatenate([np.zeros_like(passed[:, :1]), passed[:, :-1]], axis=1)
-        mean_depth = 0.5 * (shifted + passed + before[:, :-1] + before[:, 1:])
-        by_kind = scattered.sum(axis=2)
-        total = by_kind.sum(axis=0)
+        depth = self._passed_peaks + 0.5 * (before[:, :-1] + before[:, 1:])
+        both = np.stack([light, light * depth], axis=-1).swapaxes(1, 2)  # E W K 2
+        by_kind, depth = np.moveaxis((line.scattered[:, :, 1:] @ both) * f[..., None], -1, 0)  # E W kinds
+        total = by_kind.sum(axis=-1)
         safe_total = np.where(total.real > 0.0, total, 1.0)
-        x = np.einsum("sekw,ekw->ew", scattered, mean_depth) / safe_total
-        x = np.where((total.real > 0.0) & (x.real >= LEAST_PEAK_DEPTH), x, 0.0)[..., None]
-        moments, followed = self._peaks
-        mixed = np.einsum("kew,kwl->ewl", by_kind / safe_total, moments)
-        none, small = np.exp(-x), np.abs(mixed) * x.real < 1e-6
-        g = np.where(
-            small, 0.5 * none * x * mixed, (np.exp(-x * (1.0 - mixed)) - none) / np.where(small, 1.0, mixed * x) - none
-        )
-        series = (np.where(f > 1e-6, f, 0.0)[..., None] * moments)[:, None] * g + (1.0 - none) * followed[:, None]
-        added = single(series).reshape(-1, series.shape[-1]) @ _legendre_terms().T
-        return x[..., 0], np.swapaxes(added.reshape(*series.shape[:-1], -1), -1, -2)
+        x = depth.sum(axis=-1) / safe_total
+        x = np.where((total.real > 0.0) & (x.real >= LEAST_PEAK_DEPTH), x, 0.0)
+        of_peaks, moments, followed = self._peaks
+        mixed = np.swapaxes(by_kind / safe_total[..., None], 0, 1) @ moments  # W E degrees
+        power = x.T[..., None] * mixed + 1e-30  # which is never 0
+        none = np.exp(-x)
+        g = single((np.expm1(power) / power - 1.0) * none.T[..., None])
+        added = (of_peaks[:, :, None] * g[:, None]).reshape(-1, g.shape[-1]) @ _legendre_terms().T
+        added = added.reshape(*of_peaks.shape[:2], *g.shape[1:2], -1)  # W kinds E angles
+        added = added + single(1.0 - none.T)[:, None, :, None] * followed[:, :, None]
+        return x, added.transpose(1, 2, 3, 0)
 
     @functools.cached_property
-    def _peaks(self) -> tuple[np.ndarray, np.ndarray]:
-        """p_l and chi_l - f, 0 beyond what is followed, (K, W, PEAK_DEGREE + 1)."""
+    def _passed_peaks(self) -> np.ndarray:
+        """Depth of scattering in peaks from the observer to the middle of layers along lines of sight, (E, K, W)."""
+        inside = self.nodes.path[..., None] * self.shells.peak[self.shells.first :]
+        return np.cumsum(inside, axis=1) - 0.5 * inside
+
+    @functools.cached_property
+    def _peaks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """f p_l and p_l (W, K, PEAK_DEGREE + 1), and at PEAK_ANGLES angles what is added in proportion to 1 - exp(-x),
+        of chi_l - f, 0 beyond what is followed, (W, K, angles)."""
         f, chi = self.peak_fraction[..., None], self.air.moments
         beyond = np.arange(PEAK_DEGREE + 1) > np.ceil(self.air.degree.real)[:, None]
         # those of a peak of less than a hundredth are errors of quadrature where they are negative or above 1
         most, least = np.where(f.real > 0.01, 2.0, 1.0), np.where(f.real > 0.01, -2.0, 0.0)
-        return np.where(beyond, np.clip(chi / np.maximum(f, 1e-6), least, most), 1.0), np.where(beyond, 0.0, chi - f)
+        moments = np.where(beyond, np.clip(chi / np.maximum(f, 1e-6), least, most), 1.0)
+        followed = single(np.where(beyond, 0.0, chi - f)) @ _legendre_terms().T
+        of_peaks = single(np.where(f > 1e-6, f, 0.0) * moments)
+        return of_peaks.swapaxes(0, 1), moments.swapaxes(0, 1), followed.swapaxes(0, 1)
 
 
 @functools.cache
