@@ -31,7 +31,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from twilight.atmosphere.grid_medium import GridMedium
 from twilight.atmosphere.levels import layer_mean, vertical_integral
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.profiles import AirProfile
@@ -138,9 +137,9 @@ class GasBands:
         """
         which = slice(None) if terms is None else terms
         wide = medium.select(self.wavelength_index[which])
-        wide = replace(wide, absorption_per_km=wide.absorption_per_km + self.absorption_per_km[:, which])
-        without = medium.at_grid_wavelengths
-        return wide if without is None else replace(wide, grid_medium=GridMedium.of(without))
+        without = medium.grid_medium and medium.grid_medium.unbound()
+        absorption = wide.absorption_per_km + self.absorption_per_km[:, which]
+        return replace(wide, absorption_per_km=absorption, grid_medium=without)
 
     def sum_terms(self, values: np.ndarray) -> np.ndarray:
         """Weighted sums (..., W) over the terms of each wavelength, from values of the terms (..., N)."""

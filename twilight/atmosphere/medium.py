@@ -248,26 +248,24 @@ class Medium:
         pieces: new altitudes [km] for each level of the medium: those from the level below, which it leaves out, up to
         the level itself; of the lowest level that level alone
         """
-        z = self.altitude_km
-        smooth = {key: log_cubics(z, getattr(self, key)) for key in ("air_scattering_per_km", "refractivity")}
-        rows: dict[str, list[np.ndarray]] = {}
-        for i, piece in enumerate(pieces):
-            lo, hi = max(i - 1, 0), max(i, 1)
-            dz = z[hi] - z[lo]
-            f = np.zeros((1, 1))
-            if i > 0:
-                f = ((piece - z[lo]) / dz if dz > 0 else np.ones(piece.size))[:, None]
-            for key in ("absorption_per_km", "aerosol_extinction_per_km"):
-                a = getattr(self, key)
-                rows.setdefault(key, []).append(interpolate_coefficient(a[lo], a[hi], f))
-            for key, cubics in smooth.items():
-                a = getattr(self, key)
-                rows.setdefault(key, []).append(interpolate_smooth(a[lo], a[hi], cubics[:, lo], f))
-            for key in ("aerosol_single_scattering_albedo", "aerosol_phase_fraction"):
-                a = getattr(self, key)
-                rows.setdefault(key, []).append(a[..., lo : lo + 1, :] * (1 - f) + a[..., hi : hi + 1, :] * f)
-        arrays: dict[str, Any] = {key: np.concatenate(value, axis=-2) for key, value in rows.items()}
-        return replace(self, altitude_km=np.concatenate(pieces), **arrays)
+        z, new = self.altitude_km, np.concatenate(pieces)
+        piece = np.repeat(np.arange(len(pieces)), [part.size for part in pieces])
+        hi = np.maximum(piece, 1)
+        lo = hi - 1
+        dz = z[hi] - z[lo]
+        f = np.where(dz > 0, (new - z[lo]) / np.where(dz > 0, dz, 1.0), 1.0)
+        f = np.where(piece > 0, f, 0.0)[:, None]
+        arrays: dict[str, Any] = {}
+        for key in ("absorption_per_km", "aerosol_extinction_per_km"):
+            a = getattr(self, key)
+            arrays[key] = interpolate_coefficient(a[lo], a[hi], f)
+        for key in ("air_scattering_per_km", "refractivity"):
+            a = getattr(self, key)
+            arrays[key] = interpolate_smooth(a[lo], a[hi], log_cubics(z, a)[:, lo], f)
+        for key in ("aerosol_single_scattering_albedo", "aerosol_phase_fraction"):
+            a = getattr(self, key)
+            arrays[key] = a[..., lo, :] * (1 - f) + a[..., hi, :] * f
+        return replace(self, altitude_km=new, **arrays)
 
     def optical_depth(self, part: str = "total") -> np.ndarray:
         """Vertical optical depth (W,) of one part of the air.

@@ -111,7 +111,7 @@ class StratosphereSpec:
         wavelength = np.atleast_1d(np.asarray(wavelength_nm, dtype=float))
         if self.kind in LOWTRAN_KINDS:
             return self._lowtran_regions(wavelength)
-        return [_sage_region(self.kind, wavelength, self.levels)]
+        return [_sage_region(self.kind, tuple(wavelength.tolist()), self.levels)]
 
     def _lowtran_regions(self, wavelength: np.ndarray) -> list[AerosolRegion]:
         z, extinction = self._lowtran_stratosphere()
@@ -221,7 +221,10 @@ def sage_extinction_per_km(
     return out
 
 
-def _sage_region(scenario: str, wavelength: np.ndarray, levels: ExtinctionLevels | None = None) -> AerosolRegion:
+@lru_cache(maxsize=8)
+def _sage_region(
+    scenario: str, wavelength_nm: tuple[float, ...], levels: ExtinctionLevels | None = None
+) -> AerosolRegion:
     """A measured profile, the scenario's or `levels`; above it the extinction falls with the scenario's scale height.
 
     Levels of one wavelength get their spectrum from the droplets (Mie theory).
@@ -230,7 +233,7 @@ def _sage_region(scenario: str, wavelength: np.ndarray, levels: ExtinctionLevels
     Phase functions are computed at fixed radii and mixed, linearly in the logarithm of the radius: half way between
     two the asymmetry is off by 0.004 at most and the phase function by 4 % at its worst angle (400 to 800 nm).
     """
-    rows = _sage()[scenario]
+    rows, wavelength = _sage()[scenario], np.array(wavelength_nm)
     z, radius_um = rows[:, 0], rows[:, 1] * 1e-3
     channel_nm, measured = SAGE_WAVELENGTH_NM, rows[:, 2:]
     if levels is not None:

@@ -246,8 +246,8 @@ def _moment_rule(n: int, degree: int) -> tuple[np.ndarray, np.ndarray]:
     return mu, np.polynomial.legendre.legvander(mu, degree) * weight[:, None]
 
 
-_cached_moment_rule = lru_cache(maxsize=2)(_moment_rule)
-"""A medium has several phase functions, which need the same rule."""
+_cached_moment_rule = lru_cache(maxsize=4)(_moment_rule)
+"""A medium has several phase functions, which need the same rules."""
 
 
 class PhaseArrays(NamedTuple):

@@ -51,7 +51,9 @@ GROWTH = 0.03
 STEP_RAD = 1e-5
 """Difference of apparent zenith angles over which d chi/d i is taken [rad]."""
 NEWTON_STEPS = 12
-"""Newton steps for the apparent zenith angle of the sun."""
+"""Newton steps at most for the apparent zenith angle of the sun."""
+CLOSE_RAD = 1e-13
+"""Change of it that is the last [rad]."""
 HORIZONTAL = 0.5 * math.pi
 """Zenith angle of a level ray [rad]."""
 
@@ -98,7 +100,9 @@ class GroundSun:
         if not lit.any():
             return np.zeros(i.size), 0.0
         for _ in range(NEWTON_STEPS):
-            i = np.clip(i + (chi - self._chi(i)) / self._slope(i), 0.0, HORIZONTAL)
+            last, i = i, np.clip(i + (chi - self._chi(i)) / self._slope(i), 0.0, HORIZONTAL)
+            if np.abs(i - last).max() < CLOSE_RAD:
+                break
         spread = self._index**2 / self._slope(i)
         if chi > 1e-4:
             spread *= np.sin(i) / math.sin(chi)

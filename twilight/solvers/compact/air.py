@@ -54,15 +54,14 @@ LIMITED = (
 
 def air_of(medium: Medium) -> Air:
     """The air of a medium."""
-    merged, exact = two_phase_functions(medium), medium.refined()
-    fine = merged.refined()
+    merged, fine = two_phase_functions(medium), medium.refined()
     height = fine.altitude_km - fine.bottom_km
     scattering = fine.aerosol_extinction_per_km * fine.aerosol_single_scattering_albedo
     parts = [fine.air_scattering_per_km, fine.absorption_per_km, fine.aerosol_extinction_per_km]
-    parts += [scattering * fraction for fraction in fine.aerosol_phase_fraction]
+    high = np.interp(fine.altitude_km, medium.altitude_km, merged.aerosol_phase_fraction[1, :, 0])[:, None]
+    parts += [scattering * (1.0 - high), scattering * high]
     depth = np.array([_in_layers(height, part) for part in parts])
-    scattering = exact.aerosol_extinction_per_km * exact.aerosol_single_scattering_albedo
-    aerosol_depth = [_in_layers(height, scattering * fraction) for fraction in exact.aerosol_phase_fraction]
+    aerosol_depth = [_in_layers(height, scattering * fraction) for fraction in fine.aerosol_phase_fraction]
     count, (layers, n) = len(medium.phase_functions), depth.shape[1:]
     angle = table_angles_rad()
     cosine, sine = np.cos(angle), np.sin(angle)

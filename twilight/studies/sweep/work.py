@@ -20,7 +20,7 @@ from twilight.base.errors import TwilightError
 from twilight.config.scene import Config, Observer
 from twilight.engine.field import Field, Part, parts
 from twilight.engine.problem import plan
-from twilight.scene import resolve
+from twilight.scene import Scene, resolve
 from twilight.solvers.analytic.daylight import turbidity_of
 
 RADIANCE = "sun_normalised_radiance"
@@ -70,6 +70,8 @@ class TaskResult:
 
 _ONE_AT_A_TIME = threading.Lock()
 """A worker with several threads computes one field at a time, with all of them."""
+_last_scene: dict[str, tuple[Scene, float]] = {}
+"""The scene of the field of the last task, and the turbidity of its air."""
 _last_field: dict[str, Field] = {}
 """The field of the wavelengths that were solved last: several tasks may ask it for suns."""
 
@@ -96,6 +98,7 @@ def compute(payload: dict[str, Any], threads: int | None = None) -> TaskResult:
 
 def forget() -> None:
     """Let go of the field that this process holds."""
+    _last_scene.clear()
     _last_field.clear()
 
 
@@ -122,9 +125,7 @@ def _skies(payload: dict[str, Any]) -> tuple[dict[str, np.ndarray], dict[int, st
     refused: dict[int, str] = {}
     turbidity = math.nan
     try:
-        scene = resolve(Config.model_validate(payload["config"]), wavelength_nm=nm)
-        with suppress(TwilightError):  # no air, no turbidity
-            turbidity = turbidity_of(scene.medium)
+        scene, turbidity = _scene_of(payload)
         for part in parts(plan(replace(scene, observer=Observer(altitude_km=skies[0][1])))):
             field = _solved(f"{payload['field_key']} {part.wavelengths.start}", part)
             for i, (sun, altitude) in enumerate(skies):
@@ -141,6 +142,18 @@ def _skies(payload: dict[str, Any]) -> tuple[dict[str, np.ndarray], dict[int, st
     for values in arrays.values():  # refused at some wavelengths is refused at all
         values[list(refused)] = np.nan
     return arrays, refused, turbidity
+
+
+def _scene_of(payload: dict[str, Any]) -> tuple[Scene, float]:
+    key = payload["field_key"]
+    if key not in _last_scene:
+        _last_scene.clear()
+        scene = resolve(Config.model_validate(payload["config"]), wavelength_nm=payload["wavelength_nm"])
+        turbidity = math.nan
+        with suppress(TwilightError):  # no air, no turbidity
+            turbidity = turbidity_of(scene.medium)
+        _last_scene[key] = scene, turbidity
+    return _last_scene[key]
 
 
 def _solved(key: str, part: Part) -> Field:

@@ -68,7 +68,7 @@ LEAST_PART = 0.1
 """What further moments leave of the mean light at least, before they count less."""
 MOST_CHANGE = 1.0
 """By how much ln(light of a layer) changes at most because it is seen nearer or farther than on the average."""
-DIRECTIONS_AT_ONCE = 100
+DIRECTIONS_AT_ONCE = 300
 """About how many suns and directions are seen at once: what they take stays in the processor's cache."""
 OPAQUE = 60.0
 """Optical depth of the ground."""
@@ -77,8 +77,9 @@ OPAQUE = 60.0
 def _positive(first: np.ndarray, further: np.ndarray) -> np.ndarray:
     """The sum of the first term of a series, at least 0, and further ones; never negative, without a kink."""
     whole = 1.0 + further / np.maximum(first, 1e-35)
-    low = LEAST_PART * np.exp(np.minimum(whole, LEAST_PART) / LEAST_PART - 1.0)
-    return first * np.where(whole.real > LEAST_PART, whole, low)
+    low = np.nonzero(~(whole.real > LEAST_PART))
+    whole[low] = LEAST_PART * np.exp(np.minimum(whole[low], LEAST_PART) / LEAST_PART - 1.0)
+    return first * whole
 
 
 def diffuse_light(air: Air, shells: Shells) -> np.ndarray:
@@ -256,7 +257,7 @@ def _seen_along(sun_deg: np.ndarray, azimuth_deg: np.ndarray, scattering: LastSc
     change = np.where(
         change.real < -MOST_CHANGE, -MOST_CHANGE, np.where(change.real > MOST_CHANGE, MOST_CHANGE, change)
     )
-    reference = np.moveaxis(np.exp(change) * single(np.exp(log_reference(degrees))), 0, -1)
+    reference = np.exp(change) * single(np.exp(log_reference(degrees)))
     u = np.sin(elevation + angle)
     from_sun = np.cos(sun) * np.sin(elevation) + np.sin(sun) * np.cos(elevation) * azimuth
     s = single(np.clip((from_sun - cosine * u) / sine, -1.0, 1.0))
@@ -268,8 +269,8 @@ def _seen_along(sun_deg: np.ndarray, azimuth_deg: np.ndarray, scattering: LastSc
     after *= f.astype(np.float32).reshape(-1, 1)
     before += after
     first, further = np.split(before.reshape(*place.shape, *light.shape[3:]), [1], axis=-2)
-    source = _positive(first[..., 0, :], (around[..., None, :] @ further)[..., 0, :]) * reference
-    return np.maximum(source.sum(axis=3), DARK)
+    source = _positive(first[..., 0, :], (around[..., None, :] @ further)[..., 0, :])
+    return np.maximum(np.einsum("seakw,wseak->seaw", source, reference), DARK)
 
 
 def last_scattering(

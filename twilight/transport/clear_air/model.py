@@ -35,6 +35,8 @@ MOMENTS = (1, 2, 3, 4, 6, 8, 12)
 """Degrees of the Legendre moments of phase functions that are inputs."""
 ANGLES_DEG = (60.0, 90.0, 120.0, 150.0, 180.0)
 """Scattering angles at which logarithms of phase functions are inputs [deg]."""
+MOST_CACHED = 200
+"""Values at which splines are cached: those of rows and columns of a sky are the same under every sun."""
 OUTERMOST = 5.0
 """Standard deviations from the mean at which inputs are cut off."""
 
@@ -136,14 +138,22 @@ def outputs(layers: tuple, hidden: np.ndarray) -> np.ndarray:
 
 def splines(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
     """The cubic spline (not-a-knot) through values at the nodes (N,), as a matrix (X, N) that gives its values at x."""
+    cached = _splines if x.size <= MOST_CACHED else _splines.__wrapped__
+    return cached(np.asarray(nodes, float).tobytes(), np.asarray(x, float).tobytes())
+
+
+@functools.lru_cache(maxsize=64)
+def _splines(nodes_bytes: bytes, x_bytes: bytes) -> np.ndarray:
+    nodes, x = np.frombuffer(nodes_bytes), np.frombuffer(x_bytes)
     h = np.diff(nodes)
     j = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, nodes.size - 2)
     b = (x - nodes[j]) / h[j]
-    second, a = _second_derivatives(nodes.tobytes()), 1.0 - b
+    second, a = _second_derivatives(nodes_bytes), 1.0 - b
     bent = [((p**3 - p) * h[j] ** 2 / 6.0)[:, None] for p in (a, b)]
     out = bent[0] * second[j] + bent[1] * second[j + 1]
     out[np.arange(x.size), j] += a
     out[np.arange(x.size), j + 1] += b
+    out.flags.writeable = False
     return out
 
 

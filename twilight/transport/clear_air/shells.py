@@ -32,7 +32,7 @@ DARKEST_PASSED = 1e-6
 """Least part of a sunbeam that passes a screen, so that it has a logarithm, which is interpolated."""
 MOST_DEGREE = 16
 """Degree to which phase functions are followed at most; what is beyond is their forward peak."""
-ROWS_AT_ONCE = 4
+ROWS_AT_ONCE = 8
 """Elevations whose light is computed at once: it stays in the processor's cache."""
 STEP = 1e-6
 """Imaginary part of an air whose light's derivative is asked for: an error of its square."""
@@ -211,18 +211,21 @@ def _beams(geometry: tuple[bytes, bytes, float]) -> Beams:
 
 class Line(NamedTuple):
     """Lines of sight (E,) through the layers above the observer: way [km] (E, K), angle from the observer at the
-    Earth's centre (E, K + 1) [rad] and optical depth (E, K + 1, W) at each boundary."""
+    Earth's centre (E, K + 1) [rad] and optical depth (E, K + 1, W) at each boundary; optical depth of scattering of
+    each of S kinds in each layer (E, W, S, K), where anybody asks for it."""
 
     path: np.ndarray
     angle: np.ndarray
     depth: np.ndarray
+    scattered: np.ndarray = np.empty(0)
 
     def zenith(self, sun_deg: np.ndarray | float, azimuth_deg: np.ndarray, middle: bool = False) -> np.ndarray:
         """True solar zenith angles [rad] at boundaries, or in the middle of layers, (suns, E, A, K + 1)."""
         sun = np.radians(90.0 - np.atleast_1d(sun_deg))[:, None, None, None]
         angle = 0.5 * (self.angle[:, 1:] + self.angle[:, :-1]) if middle else self.angle
-        aside = np.sin(angle)[:, None] * np.cos(np.radians(azimuth_deg))[:, None]
-        return np.arccos(np.clip(np.cos(angle)[:, None] * np.cos(sun) + aside * np.sin(sun), -1.0, 1.0))
+        cosine = np.sin(angle)[:, None] * np.cos(np.radians(azimuth_deg))[:, None] * np.sin(sun)
+        cosine += np.cos(angle)[:, None] * np.cos(sun)
+        return np.arccos(np.clip(cosine, -1.0, 1.0, out=cosine), out=cosine)
 
 
 class Shells:
@@ -273,7 +276,7 @@ class Shells:
             screen, powers = self.screen
             passed = np.log(np.maximum(screen.at(self._least_km(screen)), DARKEST_PASSED))
             log += single(powers[:, None] * passed)
-        return key, log, peak
+        return key, np.maximum(log, DARK_LOG), peak
 
     def _least_km(self, screen: Screen) -> np.ndarray:
         """Least altitudes (R,) of the sunbeams on the part of their way that counts for a screen [km]."""
@@ -284,21 +287,27 @@ class Shells:
         highest = np.maximum.accumulate(parts.x)
         return np.interp(np.hypot(at_end * np.sin(b.apparent_rad), along), highest, parts.altitude_km)
 
+    @functools.cached_property
+    def _numbers(self) -> np.ndarray:
+        """Those of the sunbeams, (R,)."""
+        return np.arange(self.beams.zenith_rad.size, dtype=float)
+
     def _place(self, k: Any, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The ray before each zenith angle at boundaries k, and the part of the way to the next, 0 to 1."""
-        b = self.beams
-        i = np.searchsorted(self._tables[0], zenith_rad + 4.0 * k) - 1
-        i = np.minimum(np.maximum(i, b.start[k]), b.start[np.asarray(k) + 1] - 2)
-        here, after = (b.zenith_rad.take(at, mode="clip") for at in (i, i + 1))
-        return i, np.minimum(np.maximum((zenith_rad - here) / (after - here), 0.0), 1.0)
+        start, end = self.beams.start[k], self.beams.start[np.asarray(k) + 1] - 1
+        # along the last but one axis each is close to the one before: the search goes on from there
+        key = np.swapaxes(np.atleast_2d(zenith_rad + 4.0 * k), -1, -2)
+        where = np.swapaxes(np.interp(key, self._tables[0], self._numbers), -1, -2)
+        where = np.clip(where.reshape(np.shape(zenith_rad + 0.0 * k)), start, end)
+        i = np.minimum(where.astype(int), end - 1)
+        return i, where - i
 
     def log_sunbeam(self, k: Any, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ln of the sunbeam over F0 at boundaries k for true solar zenith angles (...,), (..., W), and how far these
         are from the shadow of the ground [rad]: negative within it, where the logarithm is that at its edge."""
-        out = self._between(self._tables[1], *self._place(k, zenith_rad))
-        return np.maximum(out, DARK_LOG, out=out), self.beams.zenith_rad[
-            self.beams.start[np.asarray(k) + 1] - 1
-        ] - zenith_rad
+        b = self.beams
+        edge = b.zenith_rad[b.start[np.asarray(k) + 1] - 1]
+        return self._between(self._tables[1], *self._place(k, zenith_rad)), edge - zenith_rad
 
     def peak_depth(self, k: Any, zenith_rad: np.ndarray) -> np.ndarray:
         """Depth of scattering in peaks on the way of the sunbeam to boundaries k, (..., W)."""
@@ -330,18 +339,21 @@ class Shells:
             parts.x[parts.per_layer * self.first] * np.cos(np.radians(elevation_deg)), self.first
         )
         depth = summed((path[:, None] * self.extinction[self.first :].T)[..., None])[..., 0].swapaxes(1, 2)
-        return Line(path, np.concatenate([np.zeros((len(path), 1)), np.cumsum(angle, axis=1)], axis=1), depth)
+        scattered = single(path[:, None, None] * self.scattering[:, self.first :].transpose(2, 0, 1))
+        at_boundaries = np.concatenate([np.zeros((len(path), 1)), np.cumsum(angle, axis=1)], axis=1)
+        return Line(path, at_boundaries, depth, scattered)
 
     def sunlit(self, zenith: np.ndarray, depth: np.ndarray, first: int | None = None) -> np.ndarray:
         """Transmittance x sunbeam in layers (E, A, K, W), from zenith angles (E, A, K + 1) and depths (E, K + 1, W) at
         boundaries from one on: the observer's where it is not given."""
         first = self.first if first is None else first
         logs, edge = self.log_sunbeam(np.arange(first, self.boundary_km.size), zenith)
-        logs -= single(depth)[:, None]
-        return (
-            log_means(np.maximum(logs, DARK_LOG, out=logs), 2)
-            * lit_fraction(edge[:, :, :-1], edge[:, :, 1:])[..., None]
-        )
+        by_wavelength = np.ascontiguousarray(np.moveaxis(single(depth), -1, 0))  # as those of the sunbeam in memory
+        logs -= np.moveaxis(by_wavelength, 0, -1)[:, None]
+        light = _means_along(logs)
+        if edge.min() < 0.0:
+            light *= single(lit_fraction(edge[:, :, :-1], edge[:, :, 1:]))[..., None]
+        return light
 
     def scattered_once(self, sun_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Integrals of scattering coefficient x transmittance x sunbeam along lines of sight, (S, E, A, W); times phase
@@ -360,9 +372,8 @@ class Shells:
         k = max(int(lit[0]) - 1, 0) if lit.size else zenith.shape[2] - 2  # below it is night
         first = self.first + k
         mean = self.sunlit(zenith[:, :, k:], line.depth[:, k:], first)
-        weight = single(line.path[None, :, k:, None] * self.scattering[:, None, first:])
-        sums = mean.transpose(0, 3, 1, 2) @ weight.transpose(1, 3, 2, 0)  # E W A S
-        return sums.transpose(3, 0, 2, 1)
+        sums = mean.transpose(0, 3, 1, 2) @ line.scattered[..., k:].swapaxes(2, 3)  # E W A S
+        return sums.transpose(3, 0, 2, 1).astype(np.result_type(sums, float))
 
 
 def in_rows(count: int) -> list[slice]:
@@ -382,9 +393,24 @@ def log_means(logs: np.ndarray, axis: int) -> np.ndarray:
     return _mean(logs[before] - logs[after], values[before], values[after])
 
 
+def _means_along(logs: np.ndarray) -> np.ndarray:
+    """`log_mean` between neighbours along lines (E, A, K + 1, W), (E, A, K, W): in memory they come last, so that all
+    are neighbours in one row, where ends of lines meet others for nothing."""
+    by_wavelength = np.moveaxis(logs, -1, 0)
+    row = by_wavelength.reshape(-1)
+    values = np.exp(row)
+    means = np.append(_mean(row[:-1] - row[1:], values[:-1], values[1:]), values[-1:])
+    return np.moveaxis(means.reshape(by_wavelength.shape)[..., :-1], 0, -1)
+
+
 def _mean(drop: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    small = np.abs(drop) < 1e-3
-    return np.where(small, 0.5 * (first + last), (first - last) / np.where(small, 1.0, drop))
+    """Mean of an exponential between its values at two points; drop: of its logarithm."""
+    middle, mean = first + last, first - last
+    middle *= 0.5
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        mean /= drop
+    np.copyto(mean, middle, where=np.abs(drop) < 1e-3)
+    return mean
 
 
 def lit_fraction(first: np.ndarray, last: np.ndarray) -> np.ndarray:

@@ -49,6 +49,8 @@ PEAK_DEGREE = 400
 """Degree of the Legendre series of widened peaks."""
 LEAST_PEAK_DEPTH = 1e-4
 """Optical depth of scattering in peaks below which they are not widened."""
+LEAST_MOMENT = 1e-9
+"""Legendre moment of the scattering in peaks below which it and all beyond are none: errors of quadrature."""
 SHADOWED_DEG = 2.0
 """Elevation of suns below which the shadow of the Earth crosses the sky, or its edge is near [deg]."""
 FINER_ELEVATION_DEG = {False: _halved(ELEVATION_DEG, 90.0), True: _halved(_halved(ELEVATION_DEG, 90.0), 8.0)}
@@ -174,7 +176,7 @@ class Skies:
         peaks = self._peaks_of(sun_elevation_deg)
         apparent = self.shells.apparent_elevation_deg(sun_elevation_deg)
         sky = Sky(apparent, self.air, elevation, azimuth, logarithms, np.array(polarised), peaks)
-        light = sky.light(ELEVATION_DEG, AZIMUTH_DEG, widen=False).real[..., 0, :]
+        light = sky.at_nodes().real
         spread = np.abs(spread) * np.exp(finer[np.searchsorted(elevation, ELEVATION_DEG)].real) / light
         # terms of bands of gases that let no light through have no part in the sky
         brightest = light.max(axis=(0, 1))
@@ -211,36 +213,48 @@ class Skies:
             sum_l (2 l + 1)/(4 pi) P_l [f p_l g_l + (1 - exp(-x)) (chi_l - f)],
             g_l = [exp(-x (1 - m_l)) - exp(-x)] / (x m_l) - exp(-x)
         """
-        line, first, f = self.nodes, self.shells.first, self.peak_fraction
-        scattered = line.path[..., None] * f[:, None, None] * self.shells.scattering[1:, None, first:] * light
-        passed = np.cumsum(line.path[..., None] * self.shells.peak[first:], axis=1)
-        boundaries = np.arange(first, self.shells.boundary_km.size)
+        line, f = self.nodes, self.peak_fraction.T
+        boundaries = np.arange(self.shells.first, self.shells.boundary_km.size)
         before = self.shells.peak_depth(boundaries, line.zenith(sun_deg, np.zeros(1))[0, :, 0])
-        shifted = np.concatenate([np.zeros_like(passed[:, :1]), passed[:, :-1]], axis=1)
-        mean_depth = 0.5 * (shifted + passed + before[:, :-1] + before[:, 1:])
-        by_kind = scattered.sum(axis=2)
-        total = by_kind.sum(axis=0)
+        depth = np.swapaxes(0.5 * (before[:, :-1] + before[:, 1:]), 1, 2) + self._passed_peaks
+        light = np.swapaxes(light, 1, 2)
+        both = np.stack([light, light * depth], axis=2)  # E W 2 layers
+        sums = line.scattered[:, :, 1:] @ np.swapaxes(both, 2, 3)
+        by_kind, depth = np.moveaxis(sums * f[..., None], -1, 0)  # E W kinds
+        total = by_kind.sum(axis=-1)
         safe_total = np.where(total.real > 0.0, total, 1.0)
-        x = np.einsum("sekw,ekw->ew", scattered, mean_depth) / safe_total
-        x = np.where((total.real > 0.0) & (x.real >= LEAST_PEAK_DEPTH), x, 0.0)[..., None]
-        moments, followed = self._peaks
-        mixed = np.einsum("kew,kwl->ewl", by_kind / safe_total, moments)
-        none, small = np.exp(-x), np.abs(mixed) * x.real < 1e-6
-        g = np.where(
-            small, 0.5 * none * x * mixed, (np.exp(-x * (1.0 - mixed)) - none) / np.where(small, 1.0, mixed * x) - none
-        )
-        series = (np.where(f > 1e-6, f, 0.0)[..., None] * moments)[:, None] * g + (1.0 - none) * followed[:, None]
-        added = single(series).reshape(-1, series.shape[-1]) @ _legendre_terms().T
-        return x[..., 0], np.swapaxes(added.reshape(*series.shape[:-1], -1), -1, -2)
+        x = depth.sum(axis=-1) / safe_total
+        x = np.where((total.real > 0.0) & (x.real >= LEAST_PEAK_DEPTH), x, 0.0)
+        of_peaks, moments, followed, counts = self._peaks
+        mixed = np.swapaxes(by_kind / safe_total[..., None], 0, 1) @ moments  # W E degrees
+        power = x.T[..., None] * mixed + 1e-30  # which is never 0
+        none = np.exp(-x)
+        g = single((np.expm1(power) / power - 1.0) * none.T[..., None])
+        rest, added = single(1.0 - none.T)[..., None], []
+        for k, n in enumerate(counts):
+            series = (of_peaks[:, k, None, :n] * g[..., :n]).reshape(-1, n) @ _legendre_terms()[:, :n].T
+            added.append(series.reshape(*g.shape[:2], -1) + rest * followed[:, k, None])
+        return x, np.stack(added).transpose(0, 2, 3, 1)
 
     @functools.cached_property
-    def _peaks(self) -> tuple[np.ndarray, np.ndarray]:
-        """p_l and chi_l - f, 0 beyond what is followed, (K, W, PEAK_DEGREE + 1)."""
+    def _passed_peaks(self) -> np.ndarray:
+        """Depth of scattering in peaks from the observer to the middle of layers along lines of sight, (E, W, K)."""
+        inside = self.nodes.path[:, None] * self.shells.peak[self.shells.first :].T
+        return single(np.cumsum(inside, axis=2) - 0.5 * inside)
+
+    @functools.cached_property
+    def _peaks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[int]]:
+        """f p_l and p_l (W, K, PEAK_DEGREE + 1); at PEAK_ANGLES angles what is added in proportion to 1 - exp(-x), of
+        chi_l - f, 0 beyond what is followed, (W, K, angles); and how many f p_l of each kind are not negligible."""
         f, chi = self.peak_fraction[..., None], self.air.moments
         beyond = np.arange(PEAK_DEGREE + 1) > np.ceil(self.air.degree.real)[:, None]
         # those of a peak of less than a hundredth are errors of quadrature where they are negative or above 1
         most, least = np.where(f.real > 0.01, 2.0, 1.0), np.where(f.real > 0.01, -2.0, 0.0)
-        return np.where(beyond, np.clip(chi / np.maximum(f, 1e-6), least, most), 1.0), np.where(beyond, 0.0, chi - f)
+        moments = np.where(beyond, np.clip(chi / np.maximum(f, 1e-6), least, most), 1.0)
+        followed = single(np.where(beyond, 0.0, chi - f)) @ _legendre_terms().T
+        of_peaks = single(np.where(f > 1e-6, f, 0.0) * moments)
+        counts = [1 + int(np.flatnonzero((np.abs(one) > LEAST_MOMENT).any(axis=0)).max(initial=0)) for one in of_peaks]
+        return of_peaks.swapaxes(0, 1), moments.swapaxes(0, 1), followed.swapaxes(0, 1), counts
 
 
 @functools.cache

@@ -35,18 +35,14 @@ class Sky(NamedTuple):
     ) -> np.ndarray:
         """The first n_stokes, 1 or 3, of I, Q, U over F0 [sr^-1], in rows (E,) times columns (A,), (E, A, n_stokes, W);
         not on_grid: in directions (D,), (D, n_stokes, W)."""
-        air, rho = self.air, self.air.depolarisation
+        rho = self.air.depolarisation
         rows, (even, odd) = elevation_splines(ELEVATION_DEG, elevation_deg), azimuth_splines(AZIMUTH_DEG, azimuth_deg)
         finer = elevation_splines(self.elevation_deg, elevation_deg), azimuth_splines(self.azimuth_deg, azimuth_deg)[0]
-        multiple, *once = np.exp(_interpolated(self.logarithms, *finer, on_grid))
-        once = [q - NEGLIGIBLE * multiple for q in once]
-        once = [np.where(q.real > 0.0, q, 0.0) for q in once]
+        multiple, once = _light_of(_interpolated(self.logarithms, *finer, on_grid))
         sun, e, a = (np.radians(x) for x in (self.sun_elevation_deg, elevation_deg, azimuth_deg))
         e, a = (e[:, None], a[None]) if on_grid else (e, a)
-        cosine = np.clip(np.sin(e) * np.sin(sun) + np.cos(e) * np.cos(sun) * np.cos(a), -1.0, 1.0)
-        phases = [3.0 / (8.0 * np.pi * (2.0 + rho)) * ((1.0 + rho) + (1.0 - rho) * cosine[..., None] ** 2)]
-        i, f = _place_of_angle(cosine, air.log_phase.shape[1])
-        phases += [np.exp(table[i] * (1.0 - f) + table[i + 1] * f) for table in air.log_phase]
+        cosine = self._cosine(e, a)
+        phases, (i, f) = self._phases(cosine)
         widened = phases[1:]
         if self.peaks is not None and widen:
             dimmed = np.exp(-np.maximum(rows @ self.peaks[0], 0.0))
@@ -63,7 +59,7 @@ class Sky(NamedTuple):
             rayleigh = -3.0 / (16.0 * np.pi) * (1.0 - rho) / (1.0 + 0.5 * rho) * (1.0 - cosine[..., None] ** 2)
             polarised = rayleigh * once[0] + sum(
                 phase * (ratio[i] * (1.0 - f) + ratio[i + 1] * f) * q
-                for phase, ratio, q in zip(phases[1:], air.polarising, once[1:], strict=True)
+                for phase, ratio, q in zip(phases[1:], self.air.polarising, once[1:], strict=True)
             )
             # across the line of sight, the sun's direction has these components in the vertical plane and beside it
             vertical = np.cos(e) * np.sin(sun) - np.sin(e) * np.cos(sun) * np.cos(a)
@@ -74,6 +70,33 @@ class Sky(NamedTuple):
                 part = _interpolated(values[None], rows, columns, on_grid)[0]
                 stokes.append(multiple * part + polarised * turn[..., None])
         return np.stack(stokes, axis=-2)
+
+    def at_nodes(self) -> np.ndarray:
+        """I over F0 [sr^-1] at the nodes, which are among the rows and columns, without widened peaks, (E, A, W)."""
+        rows, columns = self.elevation_deg.searchsorted(ELEVATION_DEG), self.azimuth_deg.searchsorted(AZIMUTH_DEG)
+        multiple, once = _light_of(self.logarithms[:, rows[:, None], columns])
+        phases, _ = self._phases(self._cosine(np.radians(ELEVATION_DEG)[:, None], np.radians(AZIMUTH_DEG)))
+        return multiple + sum(phase * q for phase, q in zip(phases, once, strict=True))
+
+    def _cosine(self, elevation: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+        """Cosines of the angles between directions [rad] and the sun."""
+        sun = np.radians(self.sun_elevation_deg)
+        cosine = np.sin(elevation) * np.sin(sun) + np.cos(elevation) * np.cos(sun) * np.cos(azimuth)
+        return np.clip(cosine, -1.0, 1.0)
+
+    def _phases(self, cosine: np.ndarray) -> tuple[list[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        """Phase functions [sr^-1] of air and aerosols at cosines (...,), (..., W) each, and their place in tables."""
+        rho = self.air.depolarisation
+        of_air = 3.0 / (8.0 * np.pi * (2.0 + rho)) * ((1.0 + rho) + (1.0 - rho) * cosine[..., None] ** 2)
+        i, f = _place_of_angle(cosine, self.air.log_phase.shape[1])
+        return [of_air, *(np.exp(table[i] * (1.0 - f) + table[i + 1] * f) for table in self.air.log_phase)], (i, f)
+
+
+def _light_of(logarithms: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """M and Q_k of air and aerosols, from `Sky.logarithms` in some directions."""
+    multiple, *once = np.exp(logarithms)
+    once = [q - NEGLIGIBLE * multiple for q in once]
+    return multiple, [np.where(q.real > 0.0, q, 0.0) for q in once]
 
 
 def _place_of_angle(cosine: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
