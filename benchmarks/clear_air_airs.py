@@ -77,7 +77,7 @@ HIGHEST_KM = 15.0
 SETTINGS = QUALITIES["draft"]
 BETTER_SETTINGS = replace(QUALITIES["standard"], polar_directions=32, line_of_sight_density=2.0)
 """Light along the horizon that reaches air in the Earth's shadow needs so many directions: with fourteen a side red
-light under suns below -12 deg is off by up to 6 %, in each air otherwise."""
+light under suns below -12 deg is off by up to 6 %, differently in each air."""
 SIDE_BY_SIDE = 1000
 """Number from which on each wavelength has an air of its own, over one ground and profile; before, all have one air."""
 ONE_SHAPE = 4000
@@ -324,7 +324,13 @@ def approximate(path: Path, number: int, degree: float) -> None:
         single = _singles(skies)
         arrays |= {"single": single[:, :, :, :, 0], "moved": moved(skies, single, degree)}
         arrays["limits"] = limited(air)
-    write(path, **arrays)
+    write(path, degree=degree, **arrays)
+
+
+def _of_degree(path: Path) -> float:
+    """Degree of the solution that a file of `approximate` is of."""
+    with np.load(path) as file:
+        return float(file["degree"])
 
 
 def moved(skies: Sequence[Skies], single: np.ndarray, degree: float) -> np.ndarray:
@@ -362,7 +368,7 @@ def main() -> None:
         for number, degree in sorted(degrees(options.folder).items())[options.first :: options.step]:
             path = options.approximate / f"{number:05d}.npz"
             path.parent.mkdir(parents=True, exist_ok=True)
-            if not path.exists():
+            if not (path.exists() and np.isclose(_of_degree(path), degree)):
                 approximate(path, number, degree)
         return
     options.folder.mkdir(parents=True, exist_ok=True)

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import results
 from clear_air_airs import SETTINGS, SIDE_BY_SIDE, UNSOLVED
-from clear_air_kept import components, solved
+from clear_air_kept import better_solved, components, degrees, solved
 from clear_air_learners import TOLERATED, Network, process
 
 from twilight import __version__
@@ -72,7 +72,8 @@ FORMER_APART = 0.1
 class Data:
     """Samples, one for each air, observer and wavelength: inputs (N, F'), ln M_0 (N, B), ln(M / M_0) (N, P), Q / M and
     U / M (N, 2 P), part of M in all light (N, P), number of the file (N,); what limits the airs (10, 2) and each of
-    them (N, 10); the first four of airs that are not solved, as the former model says."""
+    them (N, 10); the first four of airs that are not solved, as the former model says; how many files hold better
+    solutions."""
 
     inputs: np.ndarray
     log_base: np.ndarray
@@ -83,6 +84,7 @@ class Data:
     limits: np.ndarray
     limits_of: np.ndarray
     told: tuple[np.ndarray, ...]
+    better: int
 
 
 def read(airs: Path, approximate: Path, held_out_alone: bool = False) -> Data:
@@ -91,7 +93,7 @@ def read(airs: Path, approximate: Path, held_out_alone: bool = False) -> Data:
     keys = ("inputs", "log_base", "ratio", "polarised")
     rows: dict[str, list[np.ndarray]] = {key: [] for key in (*keys, "part", "number")}
     told: dict[str, list[np.ndarray]] = {key: [] for key in keys}
-    limits = []
+    limits, degree = [], degrees(airs)
     for number, multiple, polarised in solved(airs):
         if held_out_alone and (number % HELD_OUT or number >= UNSOLVED):
             continue
@@ -100,6 +102,8 @@ def read(airs: Path, approximate: Path, held_out_alone: bool = False) -> Data:
             sys.exit(f"{name}: missing; see --approximate in clear_air_airs.py")
         some = rows if number < UNSOLVED else told
         with np.load(name) as computed:
+            if not np.isclose(computed["degree"], degree[number]):
+                sys.exit(f"{name}: of another solution; see --approximate in clear_air_airs.py")
             base = _samples(np.moveaxis(computed["base"], -1, 1))
             some["inputs"].append(_samples(computed["inputs"]))
             some["log_base"].append(_samples(computed["log_base"]))
@@ -120,6 +124,7 @@ def read(airs: Path, approximate: Path, held_out_alone: bool = False) -> Data:
         limits=outermost,
         limits_of=every.T,
         told=() if held_out_alone else tuple(np.concatenate(value) for value in told.values()),
+        better=sum(better_solved(airs).values()),
     )
 
 
@@ -221,6 +226,7 @@ def finished(lesson: Lesson, members: list[tuple[tuple[np.ndarray, np.ndarray], 
             "version": __version__,
             "airs": int((data.number < SIDE_BY_SIDE).sum() // 16 + (data.number >= SIDE_BY_SIDE).sum() // 2),
             "solver": "zones",
+            "files_solved_better": data.better,
             "held_out_percent": [round(100.0 * float(x), 3) for x in of_median_sky(off(model, data, held)[0])],
             "settings": {key: getattr(SETTINGS, key) for key in settings},
         },

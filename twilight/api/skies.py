@@ -37,7 +37,7 @@ def skies(
 ) -> SkyArrays:
     """The skies of many airs under many suns by the solver `compact`, on as many threads as there are processors.
 
-    At eight wavelengths a new air takes 0.17 processor seconds, each sky of it 0.008, below a sun of 2 deg 0.009.
+    At eight wavelengths a new air takes 0.17 processor seconds, each sky of it 0.008, under suns below 2 deg 0.009.
 
     Parameters
     ----------

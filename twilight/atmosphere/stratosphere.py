@@ -221,7 +221,7 @@ def sage_extinction_per_km(
     return out
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=4)
 def _sage_region(
     scenario: str, wavelength_nm: tuple[float, ...], levels: ExtinctionLevels | None = None
 ) -> AerosolRegion:

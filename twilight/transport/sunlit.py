@@ -53,7 +53,7 @@ STEP_RAD = 1e-5
 NEWTON_STEPS = 12
 """Newton steps at most for the apparent zenith angle of the sun."""
 CLOSE_RAD = 1e-13
-"""Change of it that is the last [rad]."""
+"""Newton's method ends when that angle changes by less [rad]."""
 HORIZONTAL = 0.5 * math.pi
 """Zenith angle of a level ray [rad]."""
 

@@ -66,7 +66,7 @@ class Skies {
       const scattered = range(extinction.length, (l) => (g.boundary[l + 1] - g.boundary[l]) * sum(scattering.map((row) => row[l])));
       return { air: one, fractions, extinction, peaks, scattering, depth, diffuse: diffuseLight(one, depth, places, g.boundary, scattered) };
     });
-    const base = seenAlong(SUN_DEG, BASE_AZIMUTH_DEG, scatteringAlong(this, BASE_ELEVATION_DEG));
+    const base = seenAlong(SUN_DEG, BASE_AZIMUTH_DEG, lastScattering(this, BASE_ELEVATION_DEG));
     this.at.forEach((one, w) => { one.coefficients = model.coefficients(networkInputs(one.air, observerKm), base[w].map(Math.log)); });
   }
 
@@ -79,7 +79,7 @@ class Skies {
     };
     const mean = under(model.intensity_mean), vectors = range(model.count, (k) => under(model.intensity, k * SUN_DEG.length * NODES));
     const combined = (c, into) => { vectors.forEach((v, k) => { for (let n = 0; n < NODES; n++) into[n] += c[k] * v[n]; }); return into; };
-    const base = seenAlong([sun], AZIMUTH_DEG, (this.rows ??= scatteringAlong(this, ROWS_DEG))), boundaries = range(g.boundary.length - g.first, (i) => g.first + i);
+    const base = seenAlong([sun], AZIMUTH_DEG, (this.rows ??= lastScattering(this, ROWS_DEG))), boundaries = range(g.boundary.length - g.first, (i) => g.first + i);
     const places = lines.map(({ angle }) => azimuths.map((azimuth) => boundaries.map((k, i) => g.place(k, zenithAt(sun, angle[i], azimuth)))));
     const rows = elevationSplines(ELEVATION_DEG, elevations), ofBase = elevationSplines(ROWS_DEG, elevations), columns = azimuthSplines(AZIMUTH_DEG, azimuths);
     const at = this.at.map((one, w) => {

@@ -4,7 +4,7 @@
 const BOUNDARY_KM = [0, 0.02, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 2, 2.5, 3.5, 5, 6, 8, 10, 12, 14, 16, 17.5, 19, 20.5, 22, 26, 30, 36, 45, 60, 78, 100];
 const ZENITH_DEG = [0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5, ...steps(89, 92, 0.5), ...steps(92, 113, 1), 115, 118, 122], LEAVING_DEG = [-60, -27, -12, -4, 4, 12, 27, 60];
 const ABOVE = 10, GRAZING = 5, BELOW = 5, RAYS = ABOVE + GRAZING + BELOW, POWER = 4, POWER_BELOW = 2, CUT = 12, DEGREE = 8, FOLLOWED = 8, MOST_RATIO = 0.95, LEAST_PHASE = 0.02, LEAST_PART = 0.1, MOST_CHANGE = 1;
-const DECAY_DEG = 88, DECAY = 1.1, FINE_DEG = 0.5, OPAQUE = 60, SCALE_HEIGHT_KM = 8, REFRACTIVITY = 2.8e-4, LONGEST = 0.1, NEAR_KM = 1e-6, LAYERS = BOUNDARY_KM.length, ANGLES = ZENITH_DEG.length, LEAVING = LEAVING_DEG.length;
+const DECAY_DEG = 88, DECAY = 1.1, FINE_DEG = 0.5, OPAQUE = 60, SCALE_HEIGHT_KM = 8, REFRACTIVITY = 2.8e-4, NEAR_KM = 1e-6, LAYERS = BOUNDARY_KM.length, ANGLES = ZENITH_DEG.length, LEAVING = LEAVING_DEG.length;
 const HARMONICS = (DEGREE + 1) * (DEGREE + 2) / 2, MOMENTS = HARMONICS + 3, LINES = ANGLES * LAYERS * RAYS;   // of one azimuth
 const WAVE_OF = range(DEGREE + 1).flatMap((n) => range(n + 1));   // of harmonics
 const MIDDLE_KM = range(LAYERS - 1, (k) => 0.5 * (BOUNDARY_KM[k] + BOUNDARY_KM[k + 1])), FINE = Math.round(ZENITH_DEG.at(-1) / FINE_DEG) + 1;
@@ -44,12 +44,11 @@ function segmentsOf(parts, own, start, cosine) {
   throughParts(parts, 0, b, (i, s, phi) => { path[i] = s; angle[i] = phi; });
   const hit = cosine < 0 && b < parts.x[0], up = steps(start, path.length, 1), down = range(start, (i) => start - 1 - i).filter((i) => path[i] > 0);
   const passed = cosine >= 0 ? up : hit ? down : [...down, ...down.toReversed(), ...up], groups = [];
-  let total = 0, spanned = 0;
+  let total = 0;
   for (const i of passed) {
-    if (groups.at(-1)?.layer !== own[i] || spanned + angle[i] > LONGEST) { groups.push({ layer: own[i], length: 0, moment: 0 }); spanned = 0; }
+    if (groups.at(-1)?.layer !== own[i]) groups.push({ layer: own[i], length: 0, moment: 0 });
     groups.at(-1).length += path[i];
     groups.at(-1).moment += path[i] * (total + 0.5 * angle[i]);
-    spanned += angle[i];
     total += angle[i];
   }
   return [...groups.map((g) => [g.layer, g.length, g.moment / g.length]), ...(hit ? [[own.at(-1) + 1, 0, total]] : [])];
@@ -342,7 +341,7 @@ const positive = (first, further) => { const whole = 1 + further / Math.max(firs
 // What of diffuse light is scattered along lines of sight towards the observer: of each line the angles at the Earth's centre to
 // the layers' mean points; seen: [w][line], by layer and zenith angle, its mean light and further moments by waves around the
 // zenith, the change of ln(mean light) a degree, and by layer how much nearer the light is [rad].
-function scatteringAlong(skies, elevations) {
+function lastScattering(skies, elevations) {
   const lines = skies.geometry.line(elevations), shared = betweenMiddles(skies.geometry), { layers } = shared, angles = lines.map(({ path, angle }) => {
     const [top, bottom] = [new Float64Array(layers.length), new Float64Array(layers.length)];
     shared.each((g, k, part, z) => { const share = part * path[k] * Math.exp(-z / SCALE_HEIGHT_KM); top[g] += share * 0.5 * (angle[k] + angle[k + 1]); bottom[g] += share; });
@@ -352,7 +351,7 @@ function scatteringAlong(skies, elevations) {
     const byDegree = scatteringByDegree(one.air), log = (g, c) => Math.log(Math.max(one.diffuse[(layers[g] * ANGLES + c) * MOMENTS], DARK));
     const slope = Float64Array.from({ length: layers.length * ANGLES }, (_, i) => { const g = Math.floor(i / ANGLES), c = i % ANGLES; return c < ANGLES - 1 ? (log(g, c + 1) - log(g, c)) / (ZENITH_DEG[c + 1] - ZENITH_DEG[c]) : 0; });
     return lines.map((way, j) => {
-      const { by, nearer } = lastScattering(byDegree, one.extinction, skies.geometry, way, shared, angles[j]);
+      const { by, nearer } = weightsAlong(byDegree, one.extinction, skies.geometry, way, shared, angles[j]);
       return { slope, nearer, light: byWaves(one.diffuse, layers, by, angles[j].map((angle) => Math.sin(elevations[j] * RAD + angle))) };
     });
   });
@@ -360,7 +359,7 @@ function scatteringAlong(skies, elevations) {
 }
 
 // Of a line of sight, [layer][zenith angle][SEEN]: mean light and, times waves that SUNLIT tells apart, that of its further moments; by:
-// of `lastScattering`; up: sines of the elevations at the layers.
+// of `weightsAlong`; up: sines of the elevations at the layers.
 const SEEN = SUNLIT.azimuths + 1;
 function byWaves(diffuse, layers, by, up) {
   const out = new Float64Array(layers.length * ANGLES * SEEN), functions = new Float64Array(HARMONICS);
@@ -384,7 +383,7 @@ function byWaves(diffuse, layers, by, up) {
   return out;
 }
 
-// M_0 under suns along lines of sight of `scatteringAlong`, [w][(sun * elevations + elevation) * azimuths + azimuth].
+// M_0 under suns along lines of sight of `lastScattering`, [w][(sun * elevations + elevation) * azimuths + azimuth].
 function seenAlong(suns, azimuths, { elevations, angles, seen }) {
   const out = seen.map(() => new Float64Array(suns.length * elevations.length * azimuths.length)), around = new Float64Array(DEGREE + 1);
   suns.forEach((sun, i) => elevations.forEach((elevation, j) => azimuths.forEach((azimuth, k) => {
@@ -430,7 +429,7 @@ function scatteringByDegree({ depth, aerosolDepth, moments, degree, depolarisati
 
 // Of a line of sight: what the last scattering `byDegree` adds, by layer; and how much nearer than an angle [rad] the light is
 // seen.
-function lastScattering(byDegree, extinction, { layer, first }, { path, angle }, shared, angles) {
+function weightsAlong(byDegree, extinction, { layer, first }, { path, angle }, shared, angles) {
   const size = DEGREE + 2, count = shared.layers.length, by = new Float64Array(count * size), top = new Float64Array(count), bottom = new Float64Array(count);
   const seen = new Float64Array(path.length), near = new Float64Array(path.length);
   for (let k = 0, before = 0; k < path.length; k++) {

@@ -36,7 +36,7 @@ MOMENTS = (1, 2, 3, 4, 6, 8, 12)
 ANGLES_DEG = (60.0, 90.0, 120.0, 150.0, 180.0)
 """Scattering angles at which logarithms of phase functions are inputs [deg]."""
 MOST_CACHED = 200
-"""Values at which splines are cached: those of rows and columns of a sky are the same under every sun."""
+"""Largest number of values at which splines are cached: rows and columns of a sky are the same under every sun."""
 OUTERMOST = 5.0
 """Standard deviations from the mean at which inputs are cut off."""
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 from itertools import pairwise
-from math import factorial
+from math import factorial, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -49,9 +49,7 @@ REFRACTIVITY_SCALE_KM = 8.0
 REFRACTIVITY = 2.8e-4
 """Its n - 1 at the ground."""
 NEAR_KM = 1e-6
-"""Altitudes that count as one."""
-LONGEST = 0.1
-"""Longest segment of a ray, as an angle at the Earth's centre [rad]."""
+"""Distance at which altitudes count as one."""
 ABOVE = 10
 """Rays from a layer above its horizontal."""
 GRAZING = 5
@@ -188,7 +186,6 @@ def segments(grid: Grid) -> np.ndarray:
 
     end, other_ray = np.cumsum(angle), np.diff(ray, prepend=-1) != 0
     other = other_ray | (np.diff(layer, prepend=-1) != 0)
-    other |= np.diff(since(other) // LONGEST, prepend=0.0) != 0.0
     begin, total = np.flatnonzero(other), since(other_ray)
     length, moment = (np.add.reduceat(values, begin) for values in (path, path * (total - 0.5 * angle)))
     last = np.flatnonzero(np.append(other_ray[1:], True))[hit]
@@ -338,7 +335,7 @@ def legendre_functions(up: np.ndarray) -> dict[tuple[int, int], np.ndarray]:
     for m in range(DEGREE + 1):
         before, now = np.zeros_like(up), float(np.prod(np.arange(1, 2 * m, 2))) + 0.0 * up
         for n in range(m, DEGREE + 1):
-            functions[n, m] = np.sqrt((2.0 if m else 1.0) * factorial(n - m) / factorial(n + m)) * now
+            functions[n, m] = sqrt((2.0 if m else 1.0) * factorial(n - m) / factorial(n + m)) * now
             before, now = now, ((2 * n + 1) * up * now - (n + m) * before) / (n - m + 1)
     return functions
 

@@ -212,19 +212,18 @@ def _beams(geometry: tuple[bytes, bytes, float]) -> Beams:
 class Line(NamedTuple):
     """Lines of sight (E,) through the layers above the observer: way [km] (E, K), angle from the observer at the
     Earth's centre (E, K + 1) [rad] and optical depth (E, K + 1, W) at each boundary; optical depth of scattering of
-    each of S kinds in each layer (E, W, S, K), where anybody asks for it."""
+    each of S kinds in each layer (E, W, S, K), empty where lines look down."""
 
     path: np.ndarray
     angle: np.ndarray
     depth: np.ndarray
     scattered: np.ndarray = np.empty(0)
 
-    def zenith(self, sun_deg: np.ndarray | float, azimuth_deg: np.ndarray, middle: bool = False) -> np.ndarray:
-        """True solar zenith angles [rad] at boundaries, or in the middle of layers, (suns, E, A, K + 1)."""
+    def zenith(self, sun_deg: np.ndarray | float, azimuth_deg: np.ndarray) -> np.ndarray:
+        """True solar zenith angles [rad] at boundaries, (suns, E, A, K + 1)."""
         sun = np.radians(90.0 - np.atleast_1d(sun_deg))[:, None, None, None]
-        angle = 0.5 * (self.angle[:, 1:] + self.angle[:, :-1]) if middle else self.angle
-        cosine = np.sin(angle)[:, None] * np.cos(np.radians(azimuth_deg))[:, None] * np.sin(sun)
-        cosine += np.cos(angle)[:, None] * np.cos(sun)
+        cosine = np.sin(self.angle)[:, None] * np.cos(np.radians(azimuth_deg))[:, None] * np.sin(sun)
+        cosine += np.cos(self.angle)[:, None] * np.cos(sun)
         return np.arccos(np.clip(cosine, -1.0, 1.0, out=cosine), out=cosine)
 
 
@@ -289,7 +288,7 @@ class Shells:
 
     @functools.cached_property
     def _numbers(self) -> np.ndarray:
-        """Those of the sunbeams, (R,)."""
+        """Indices of the sunbeams, (R,), as `np.interp` takes them."""
         return np.arange(self.beams.zenith_rad.size, dtype=float)
 
     def _place(self, k: Any, zenith_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -395,7 +394,7 @@ def log_means(logs: np.ndarray, axis: int) -> np.ndarray:
 
 def _means_along(logs: np.ndarray) -> np.ndarray:
     """`log_mean` between neighbours along lines (E, A, K + 1, W), (E, A, K, W): in memory they come last, so that all
-    are neighbours in one row, where ends of lines meet others for nothing."""
+    are neighbours in one row; values between the end of a line and the start of the next are not used."""
     by_wavelength = np.moveaxis(logs, -1, 0)
     row = by_wavelength.reshape(-1)
     values = np.exp(row)

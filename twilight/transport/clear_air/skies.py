@@ -140,7 +140,7 @@ class Skies:
 
     @functools.cached_property
     def _last_scattering(self) -> LastScattering:
-        return self._along(ELEVATION_DEG)
+        return last_scattering(self._diffuse, self.air, self.shells, self.nodes, ELEVATION_DEG)
 
     def _along(self, elevation_deg: np.ndarray) -> LastScattering:
         line = self.shells.line(elevation_deg)
@@ -200,30 +200,32 @@ class Skies:
         """`_widened` at the nodes; None without aerosols."""
         if not len(self.air.aerosol_depth):
             return None
-        light = self.shells.sunlit(self.nodes.zenith(sun_deg, AZIMUTH_DEG[:1])[0], self.nodes.depth)
-        return self._widened(sun_deg, light[:, 0])
+        zenith = self.nodes.zenith(sun_deg, np.zeros(1))[0]
+        light = self.shells.sunlit(zenith, self.nodes.depth)
+        return self._widened(zenith[:, 0], light[:, 0])
 
-    def _widened(self, sun_deg: float, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _widened(self, zenith: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Light that forward peaks have scattered more than once, at the elevations of the nodes, from light in layers
-        (E, K, W) towards the sun: depth x (E, W) of scattering in peaks on its way, and what is added to exp(-x) P at
-        PEAK_ANGLES angles, (K, E, angles, W).  With f the fraction in the peak and p_l its moments (1 up to the degree
-        that is followed, chi_l / f beyond; m_l of the mixture), all convolutions of the peak with itself (Nakajima and
-        Tanaka 1988, J. Quant. Spectrosc. Radiat. Transfer 40, 51, to all orders):
+        (E, K, W) towards the sun, whose zenith angles at boundaries are (E, K + 1) [rad]: depth x (E, W) of scattering
+        in peaks on its way, and what is added to exp(-x) P at PEAK_ANGLES angles, (K, E, angles, W).  With f the
+        fraction in the peak and p_l its moments (1 up to the degree that is followed, chi_l / f beyond; m_l of the
+        mixture), all convolutions of the peak with itself (Nakajima and Tanaka 1988, J. Quant. Spectrosc. Radiat.
+        Transfer 40, 51, to all orders):
 
             sum_l (2 l + 1)/(4 pi) P_l [f p_l g_l + (1 - exp(-x)) (chi_l - f)],
             g_l = [exp(-x (1 - m_l)) - exp(-x)] / (x m_l) - exp(-x)
         """
         line, f = self.nodes, self.peak_fraction.T
         boundaries = np.arange(self.shells.first, self.shells.boundary_km.size)
-        before = self.shells.peak_depth(boundaries, line.zenith(sun_deg, np.zeros(1))[0, :, 0])
+        before = self.shells.peak_depth(boundaries, zenith)
         depth = np.swapaxes(0.5 * (before[:, :-1] + before[:, 1:]), 1, 2) + self._passed_peaks
         light = np.swapaxes(light, 1, 2)
         both = np.stack([light, light * depth], axis=2)  # E W 2 layers
         sums = line.scattered[:, :, 1:] @ np.swapaxes(both, 2, 3)
-        by_kind, depth = np.moveaxis(sums * f[..., None], -1, 0)  # E W kinds
+        by_kind, weighted = np.moveaxis(sums * f[..., None], -1, 0)  # E W kinds
         total = by_kind.sum(axis=-1)
         safe_total = np.where(total.real > 0.0, total, 1.0)
-        x = depth.sum(axis=-1) / safe_total
+        x = weighted.sum(axis=-1) / safe_total
         x = np.where((total.real > 0.0) & (x.real >= LEAST_PEAK_DEPTH), x, 0.0)
         of_peaks, moments, followed, counts = self._peaks
         mixed = np.swapaxes(by_kind / safe_total[..., None], 0, 1) @ moments  # W E degrees

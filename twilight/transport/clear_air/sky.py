@@ -30,9 +30,7 @@ class Sky(NamedTuple):
     peaks: tuple[np.ndarray, np.ndarray] | None
     relative_error: float = 0.0
 
-    def light(
-        self, elevation_deg, azimuth_deg, n_stokes: int = 1, on_grid: bool = True, widen: bool = True
-    ) -> np.ndarray:
+    def light(self, elevation_deg, azimuth_deg, n_stokes: int = 1, on_grid: bool = True) -> np.ndarray:
         """The first n_stokes, 1 or 3, of I, Q, U over F0 [sr^-1], in rows (E,) times columns (A,), (E, A, n_stokes, W);
         not on_grid: in directions (D,), (D, n_stokes, W)."""
         rho = self.air.depolarisation
@@ -44,7 +42,7 @@ class Sky(NamedTuple):
         cosine = self._cosine(e, a)
         phases, (i, f) = self._phases(cosine)
         widened = phases[1:]
-        if self.peaks is not None and widen:
+        if self.peaks is not None:
             dimmed = np.exp(-np.maximum(rows @ self.peaks[0], 0.0))
             added = np.moveaxis(np.tensordot(rows, self.peaks[1], (1, 1)), 1, 0)
             j, part = _place_of_angle(cosine, PEAK_ANGLES)
