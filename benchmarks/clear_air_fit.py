@@ -362,12 +362,12 @@ def save(model: Model, path: Path) -> None:
 
 def main(words: Sequence[str]) -> None:
     match words:
+        case ["sizes", airs, approximate]:
+            sizes(prepared(read(Path(airs), Path(approximate))))
         case [airs, approximate, *output] if len(output) < 2:
             path = Path(output[0]) if output else SHIPPED
             save(fit(read(Path(airs), Path(approximate))), path)
             print(f"wrote {path} ({path.stat().st_size / 1e6:.2f} MB)")
-        case ["sizes", airs, approximate]:
-            sizes(prepared(read(Path(airs), Path(approximate))))
         case _:
             sys.exit(__doc__)
 
