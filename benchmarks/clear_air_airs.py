@@ -75,7 +75,9 @@ MOST_OZONE_DEPTH = 0.5
 HIGHEST_KM = 15.0
 """Highest of the second observers."""
 SETTINGS = QUALITIES["draft"]
-BETTER_SETTINGS = replace(QUALITIES["standard"], polar_directions=32, line_of_sight_density=2.0)
+BETTER_SETTINGS = replace(
+    QUALITIES["standard"], polar_directions=44, late_polar_directions=10, step_density=0.6, line_of_sight_density=2.0
+)
 """Light along the horizon that reaches air in the Earth's shadow needs so many directions: with fourteen a side red
 light under suns below -12 deg is off by up to 6 %, differently in each air."""
 SIDE_BY_SIDE = 1000

@@ -100,8 +100,9 @@ class Rays(NamedTuple):
     at_once: of how many rays, Z, segments are summed at once
     ray, layer, length_km (N,): of each segment its ray, layer of the grid and length
     first (R + 1,): first segment of each ray, and N; on_ground: segments that are the ground
-    place (U, C A): indices of (layer, fine zenith angle) of what a segment sends to the start of its ray; where it has
-        directions, of (layer, azimuth, elevation LEAVING_DEG, fine zenith angle); row (N,): those of each segment
+    place (U, C A): of the U different segments, indices of (layer, fine zenith angle) of what one sends to the start of
+        its ray; where it has directions, of (layer, azimuth, elevation LEAVING_DEG, fine zenith angle); row (N,): which
+        of them each segment is
     moments (L + 1, m + 9, A r): weights of these rays in the m moments of radiance, and in the three of polarisation
         with the sun in the zenith, 45 deg from it and on the horizon
     """
@@ -178,15 +179,9 @@ def segments(grid: Grid) -> np.ndarray:
     place = np.where(place < part.size, part.size - 1 - place, place - part.size)
     path, angle = path[ray, place], angle[ray, place]
     layer = (np.searchsorted(boundary, 0.5 * (altitude[1:] + altitude[:-1])) - 1)[place]
-
-    def since(change: np.ndarray) -> np.ndarray:
-        """Angle to the end of each part from the last change."""
-        begin = np.flatnonzero(change)
-        return end - np.repeat((end - angle)[begin], np.diff(np.append(begin, ray.size)))
-
     end, other_ray = np.cumsum(angle), np.diff(ray, prepend=-1) != 0
-    other = other_ray | (np.diff(layer, prepend=-1) != 0)
-    begin, total = np.flatnonzero(other), since(other_ray)
+    total = end - (end - angle)[other_ray][np.cumsum(other_ray) - 1]  # from the start of the ray to the end of a part
+    begin = np.flatnonzero(other_ray | (np.diff(layer, prepend=-1) != 0))
     length, moment = (np.add.reduceat(values, begin) for values in (path, path * (total - 0.5 * angle)))
     last = np.flatnonzero(np.append(other_ray[1:], True))[hit]
     ground = np.array([np.flatnonzero(hit), np.full(last.size, boundary.size - 1), np.zeros(last.size), total[last]])

@@ -47,7 +47,7 @@ LOW = 3
 HIGH = 4
 """Row of `Air.depth`: scattering by aerosol above 12 km."""
 DARK_LOG = -700.0
-"""Logarithm of the sunbeam in the shadow of the Earth; exp(-745) is 0."""
+"""Least logarithm of a sunbeam: its exponential is 0."""
 DARK = 1e-35
 """Least radiance over F0 whose logarithm is taken [sr^-1]; single precision ends at 1e-38."""
 
