@@ -25,7 +25,7 @@ import numpy as np
 import results
 from clear_air_airs import SIDE_BY_SIDE
 from clear_air_airs import drawn as drawn_air
-from clear_air_fit import off, read, save
+from clear_air_fit import JUDGED_SUNS, off, read, save
 from zones_error import CLIMATES
 from zones_error import errors as zones_errors
 
@@ -58,8 +58,6 @@ LOADED_DEPTH = 0.05
 """Optical depth of aerosol above 12 km of a loaded stratosphere."""
 BETWEEN = ("pure-air", "maritime-tropical", "continental-average")
 BETWEEN_SUNS_DEG = (-2.0, -4.0, -9.0, -12.0)
-DRAWN_SUNS = (1, 4, 7, 10, 12, 16, 19, 20, 22, 25)
-"""Places in SUN_DEG."""
 SCREENED = ("continental-clean", "continental-average", "urban")
 SCREENED_SUNS_DEG = (3.2, 0.4, -0.6, -1.4, -2.4, -3.6, -4.6, -6.4, -8.4, -11.4, -15.6)
 
@@ -133,7 +131,7 @@ def drawn(model: Model, airs: Path, approximate: Path) -> None:
     for group, names in groups:
         for name in sorted(set(names.tolist())):
             some = names == name
-            for s in DRAWN_SUNS:
+            for s in JUDGED_SUNS:
                 of = sky[some, s], degree[some, s]
                 values = (f"{x:.2f}" for x in (np.median(of[0]), np.percentile(of[0], 95)))
                 rows.append([group, name, some.sum(), f"{SUN_DEG[s]:g}", *values, f"{np.median(of[1]):.4f}"])
