@@ -2,15 +2,18 @@
 
     python benchmarks/clear_air.py climates                              writes clear_air.csv
     python benchmarks/clear_air.py calibrate                             the error that it estimates, by clear_air.csv
+    python benchmarks/clear_air.py labels AIRS APPROXIMATE               writes clear_air_labels.csv
     python benchmarks/clear_air.py between                               writes clear_air_between.csv
     python benchmarks/clear_air.py drawn AIRS APPROXIMATE                writes clear_air_drawn.csv
     python benchmarks/clear_air.py screen                                writes clear_air_screen.csv
+    python benchmarks/clear_air.py times                                 writes clear_air_times.csv
     python benchmarks/clear_air.py picture                               draws ../docs/clear-air.png
 
 `climates` compares it with the Monte-Carlo reference solution of thirteen climates (`zones_error.py`), `drawn` with the
 drawn airs that the fit held out, by type, wavelength, observer and stratosphere (arguments as of `clear_air_fit.py`);
+`labels` compares those that are solved twice, once better, and says what a Gaussian process leaves of the difference;
 `between` compares it with `zones` in directions drawn at random, half of them below 20 deg; `screen` compares what
-`horizon: typical` takes of ln(light) with what it takes by `zones`.
+`horizon: typical` takes of ln(light) with what it takes by `zones`; `times` are processor seconds in a warm process.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from time import process_time
 from typing import Any, get_args
 
 import numpy as np
@@ -26,6 +30,8 @@ import results
 from clear_air_airs import SIDE_BY_SIDE
 from clear_air_airs import drawn as drawn_air
 from clear_air_fit import JUDGED_SUNS, off, read, save
+from clear_air_kept import components
+from clear_air_learners import process
 from zones_error import CLIMATES
 from zones_error import errors as zones_errors
 
@@ -35,8 +41,9 @@ from twilight.config.aerosol import AerosolType
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.sky import colour
+from twilight.solvers.compact.air import air_of
 from twilight.solvers.compact.field import SHIPPED, ClearAirField, load_model
-from twilight.transport.clear_air import Model
+from twilight.transport.clear_air import Model, Skies
 from twilight.transport.clear_air.model import SUN_DEG
 
 REFERENCE_COVERED = 0.97
@@ -56,6 +63,14 @@ OBSERVERS = 2
 """Of each drawn air."""
 LOADED_DEPTH = 0.05
 """Optical depth of aerosol above 12 km of a loaded stratosphere."""
+TIMED, TIMED_WAVELENGTHS, TIMED_SUNS_DEG = (
+    "continental-average",
+    (1, 3, 8, 40),
+    (20.0, 5.0, 0.5, -1.5, -4.0, -7.0, -12.0),
+)
+"""What is timed."""
+CORRECTION, FOLDS = 24, 5
+"""Principal components of what better solutions add; parts of the files, each of which is left out once."""
 BETWEEN = ("pure-air", "maritime-tropical", "continental-average")
 BETWEEN_SUNS_DEG = (-2.0, -4.0, -9.0, -12.0)
 SCREENED = ("continental-clean", "continental-average", "urban")
@@ -124,7 +139,7 @@ def drawn(model: Model, airs: Path, approximate: Path) -> None:
         own = KINDS[number % len(KINDS)] if number < SIDE_BY_SIDE else "each wavelength another"
         kinds += [own] * (OBSERVERS * nm.size)
         observers += np.repeat(["on the ground", "aloft"], nm.size).tolist()
-    loaded = np.where(data.limits_of[:, 3] > LOADED_DEPTH, "loaded", "usual")
+    loaded = _stratosphere(data.limits_of)
     groups += [("aerosol", np.array(kinds)), ("wavelength", np.array(wavelengths)), ("observer", np.array(observers))]
     groups.append(("stratosphere", loaded))
     rows = []
@@ -137,6 +152,44 @@ def drawn(model: Model, airs: Path, approximate: Path) -> None:
                 rows.append([group, name, some.sum(), f"{SUN_DEG[s]:g}", *values, f"{np.median(of[1]):.4f}"])
     columns = ("group", "name", "skies", "sun_elevation_deg", "median_p95_percent", "p95_p95_percent", "median_p95_q_u")
     results.write(results.FOLDER / "clear_air_drawn.csv", columns, rows)
+
+
+def _stratosphere(limits: np.ndarray) -> np.ndarray:
+    """Names of the stratospheres of samples, by what limits their airs (N, 10)."""
+    return np.where(limits[:, 3] > LOADED_DEPTH, "loaded", "usual")
+
+
+def labels(model: Model, airs: Path, approximate: Path) -> None:
+    """Errors of coarse solutions beside the better ones of the same airs, at 95 % of a sky, and what of these a process
+    that has learnt them in other files leaves, and write the table."""
+    data = read(airs, approximate)
+    inputs = model.standardised(data.inputs[data.better], data.log_base[data.better])
+    files, left = data.number[data.better], data.added.copy()
+    fold = np.random.default_rng(0).permutation(np.unique(files)).argsort()[np.searchsorted(np.unique(files), files)]
+    for out in range(FOLDS):
+        some = fold % FOLDS == out
+        mean, vectors = components(data.added[~some], CORRECTION)
+        target = (data.added[~some] - mean) @ vectors.T
+        says = process(inputs[~some], target / target.std())(inputs[some])
+        left[some] -= mean + says * target.std() @ vectors
+    part = data.part[data.better].astype(np.float32)
+    coarse, corrected = (
+        100.0 * np.percentile(np.abs(one * part).reshape(len(one), SUN_DEG.size, -1), 95, axis=2)
+        for one in (data.added, left)
+    )
+    names, rows = _stratosphere(data.limits_of[data.better]), []
+    for name in sorted(set(names.tolist())):
+        some = names == name
+        for s in JUDGED_SUNS:
+            percent = [
+                f(one[some, s]) for one in (coarse, corrected) for f in (np.median, lambda x: np.percentile(x, 90))
+            ]
+            rows.append([name, np.unique(files[some]).size, f"{SUN_DEG[s]:g}", *(f"{x:.2f}" for x in percent)])
+            print(*rows[-1], sep="\t", flush=True)
+    columns = (f"{which}_{of}_percent" for which in ("coarse", "corrected") for of in ("median", "p90"))
+    results.write(
+        results.FOLDER / "clear_air_labels.csv", ("stratosphere", "files", "sun_elevation_deg", *columns), rows
+    )
 
 
 def between() -> None:
@@ -181,6 +234,25 @@ def screen() -> None:
             print(*rows[-1], sep="\t", flush=True)
     columns = ("climate", "sun_elevation_deg", "wavelength_nm", "taken_p95", "difference_p95")
     results.write(results.FOLDER / "clear_air_screen.csv", columns, rows)
+
+
+def times(model: Model) -> None:
+    """Processor time of an air with its first sun, and of one more, in the median of some, and write the table."""
+    rows = []
+    for count in TIMED_WAVELENGTHS:
+        medium, of_airs, of_suns = climate_medium(load_climate(TIMED), np.linspace(380.0, 780.0, count)), [], []
+        for sun in TIMED_SUNS_DEG:
+            began = process_time()
+            skies = Skies(model, air_of(medium))
+            skies.sky(sun)
+            first = process_time()
+            skies.sky(sun - 1.0)
+            of_airs.append(first - began)
+            of_suns.append(process_time() - first)
+        rows.append([count, *(f"{1e3 * np.median(some):.0f}" for some in (of_airs, of_suns))])
+        print(*rows[-1], sep="\t", flush=True)
+    columns = ("wavelengths", "new_air_and_sun_processor_ms", "one_more_sun_processor_ms")
+    results.write(results.FOLDER / "clear_air_times.csv", columns, rows)
 
 
 def picture(path: Path) -> None:
@@ -234,10 +306,14 @@ def main(words: Sequence[str]) -> None:
             calibrate(SHIPPED)
         case ["drawn", airs, approximate]:
             drawn(load_model(SHIPPED), Path(airs), Path(approximate))
+        case ["labels", airs, approximate]:
+            labels(load_model(SHIPPED), Path(airs), Path(approximate))
         case ["between"]:
             between()
         case ["screen"]:
             screen()
+        case ["times"]:
+            times(load_model(SHIPPED))
         case ["picture"]:
             picture(results.ROOT / "docs" / "clear-air.png")
         case _:

@@ -6,8 +6,8 @@ One file for each number, FOLDER/<number>.npz, until --last is reached or it is 
 holds is drawn from its number alone: one air at eight wavelengths, from SIDE_BY_SIDE on eight airs at one wavelength
 each.  5 to 100 processor seconds a file.  With --first UNSOLVED --last N it writes what the shipped model says of airs
 that are not solved, a processor second each: what it knew is not lost to the next one.  `--better` solves airs of the
-folder once more, in an order drawn, by `BETTER_SETTINGS`: a minute each.  `--approximate FOLDER2`
-computes in place of it what the model itself computes of the airs that are there (FOLDER may be a file of
+folder once more, in an order drawn, by `BETTER_SETTINGS`: numbers from BETTER on, a minute each.  `--approximate
+FOLDER2` computes in place of it what the model itself computes of the airs that are there (FOLDER may be a file of
 `clear_air_kept.py`), to be done again when code changes: three processor seconds each; `clear_air_fit.py` fits all.
 """
 
@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from clear_air_kept import better_solved, degrees
+from clear_air_kept import degrees
 
 from twilight.atmosphere.medium import ON_LEVELS, Medium
 from twilight.atmosphere.opac import opac_type
@@ -75,11 +75,10 @@ MOST_OZONE_DEPTH = 0.5
 HIGHEST_KM = 15.0
 """Highest of the second observers."""
 SETTINGS = QUALITIES["draft"]
-BETTER_SETTINGS = replace(
-    QUALITIES["standard"], polar_directions=44, late_polar_directions=10, step_density=0.6, line_of_sight_density=2.0
-)
-"""Light along the horizon that reaches air in the Earth's shadow needs so many directions: with fourteen a side red
-light under suns below -12 deg is off by up to 6 %, differently in each air."""
+BETTER_SETTINGS = replace(QUALITIES["standard"], polar_directions=24, late_polar_directions=10)
+"""`SETTINGS` are off by 5 to 20 % below volcanoes of the largest depth in deep twilight, and by up to 5 % beside coarse
+particles, differently in each air (`clear_air.py labels`).  Of the kept airs 39 have 44 directions a side and half as
+many points again along rays: that changes 0.6 % at -12 deg."""
 SIDE_BY_SIDE = 1000
 """Number from which on each wavelength has an air of its own, over one ground and profile; before, all have one air."""
 ONE_SHAPE = 4000
@@ -88,6 +87,8 @@ LOADED = 5000
 """Number from which on these all have one of `VOLCANOES`."""
 UNSOLVED = 10000
 """Number from which on airs are as the first ones, but not solved: their light is what the shipped model says."""
+BETTER = 20000
+"""What is added to the number of an air that is solved once more, by `BETTER_SETTINGS`."""
 OF_WAVELENGTHS = (
     *("wavelength_nm", "aerosol_phase_fraction", "depolarisation", "ground_albedo"),
     "overhead_absorption_optical_depth",
@@ -291,13 +292,12 @@ def airs_of(medium: Medium, number: int) -> Air:
 
 def sample(path: Path, number: int, settings: zones.ZonesSettings) -> None:
     """Draw an air, solve it, and write its light."""
-    medium, observers = drawn(number)
-    if number < UNSOLVED:
-        better = settings is BETTER_SETTINGS
-        write(path, light=several(medium, settings, observers), degree=degree_needed(settings, medium), better=better)
-    else:
+    medium, observers = drawn(number % BETTER)
+    if UNSOLVED <= number < BETTER:
         air = air_of(medium)
-        write(path, light=told(air, observers), degree=air.degree[0], better=False)
+        write(path, light=told(air, observers), degree=air.degree[0])
+    else:
+        write(path, light=several(medium, settings, observers), degree=degree_needed(settings, medium))
 
 
 def told(air: Air, observers_km: tuple[float, ...]) -> np.ndarray:
@@ -313,10 +313,13 @@ def told(air: Air, observers_km: tuple[float, ...]) -> np.ndarray:
 
 def approximate(path: Path, number: int, degree: float) -> None:
     """Write what the model computes of a drawn air: inputs of the network, M_0, and of a solved one light scattered
-    once, what limits airs, and `moved`."""
-    medium, observers = drawn(number)
-    air = airs_of(medium, number)
+    once, what limits airs, and `moved`; of one that is solved once more `moved` alone."""
+    medium, observers = drawn(number % BETTER)
+    air = airs_of(medium, number % BETTER)
     skies = [Skies(None, air, above) for above in observers]
+    if number >= BETTER:
+        write(path, degree=degree, moved=moved(skies, _singles(skies), degree))
+        return
     arrays = {
         "base": np.array([s.base(SUN_DEG) for s in skies], np.float32),
         "inputs": np.array([one.inputs for one in skies], np.float32),
@@ -375,13 +378,13 @@ def main() -> None:
         return
     options.folder.mkdir(parents=True, exist_ok=True)
     numbers, settings = np.arange(options.last), SETTINGS
-    wanted = {n for n in numbers.tolist() if not (options.folder / f"{n:05d}.npz").exists()}
     if options.better:
         numbers, settings = np.random.default_rng(49).permutation(UNSOLVED), BETTER_SETTINGS
-        wanted = {n for n, better in better_solved(options.folder).items() if not better}
+        numbers = BETTER + np.array([n for n in numbers if (options.folder / f"{n:05d}.npz").exists()])
     for number in numbers[options.first :: options.step].tolist():
-        if number in wanted:
-            sample(options.folder / f"{number:05d}.npz", number, settings)
+        path = options.folder / f"{number:05d}.npz"
+        if not path.exists():
+            sample(path, number, settings)
 
 
 if __name__ == "__main__":

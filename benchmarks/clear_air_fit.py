@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import results
-from clear_air_airs import SETTINGS, SIDE_BY_SIDE, UNSOLVED
-from clear_air_kept import better_solved, components, degrees, solved
+from clear_air_airs import BETTER, SETTINGS, SIDE_BY_SIDE, UNSOLVED
+from clear_air_kept import components, degrees, solved
 from clear_air_learners import TOLERATED, Network, process
 
 from twilight import __version__
@@ -72,8 +72,8 @@ FORMER_APART = 0.1
 class Data:
     """Samples, one for each air, observer and wavelength: inputs (N, F'), ln M_0 (N, B), ln(M / M_0) (N, P), Q / M and
     U / M (N, 2 P), part of M in all light (N, P), number of the file (N,); what limits the airs (10, 2) and each of
-    them (N, 10); the first four of airs that are not solved, as the former model says; how many files hold better
-    solutions."""
+    them (N, 10); the first four of airs that are not solved, as the former model says; places (B,) of samples that are
+    solved once more, better, and what that added to ln M (B, P)."""
 
     inputs: np.ndarray
     log_base: np.ndarray
@@ -84,7 +84,8 @@ class Data:
     limits: np.ndarray
     limits_of: np.ndarray
     told: tuple[np.ndarray, ...]
-    better: int
+    better: np.ndarray
+    added: np.ndarray
 
 
 def read(airs: Path, approximate: Path, held_out_alone: bool = False) -> Data:
@@ -94,22 +95,33 @@ def read(airs: Path, approximate: Path, held_out_alone: bool = False) -> Data:
     rows: dict[str, list[np.ndarray]] = {key: [] for key in (*keys, "part", "number")}
     told: dict[str, list[np.ndarray]] = {key: [] for key in keys}
     limits, degree = [], degrees(airs)
+    once: dict[int, tuple[int, np.ndarray]] = {}  # of a file that is solved once more, its place, and M at first
+    better, added = [np.zeros(0, int)], [np.zeros((0, np.prod(NODES)), np.float32)]
     for number, multiple, polarised in solved(airs):
-        if held_out_alone and (number % HELD_OUT or number >= UNSOLVED):
+        if held_out_alone and (number % HELD_OUT or UNSOLVED <= number < BETTER):
             continue
         name = approximate / f"{number:05d}.npz"
         if not name.exists():
             sys.exit(f"{name}: missing; see --approximate in clear_air_airs.py")
-        some = rows if number < UNSOLVED else told
         with np.load(name) as computed:
             if not np.isclose(computed["degree"], degree[number]):
                 sys.exit(f"{name}: of another solution; see --approximate in clear_air_airs.py")
-            base = _samples(np.moveaxis(computed["base"], -1, 1))
+            if not UNSOLVED <= number < BETTER:
+                multiple, polarised = _at_own_degree(multiple, polarised, computed["moved"])
+            if number >= BETTER:
+                place, before = once[number - BETTER]
+                added.append(np.log(multiple / before).astype(np.float32))
+                better.append(sum(map(len, rows["number"][:place])) + np.arange(len(multiple)))
+                rows["ratio"][place] += added[-1]
+                rows["polarised"][place] = polarised.astype(np.float32)
+                continue
+            base, some = _samples(np.moveaxis(computed["base"], -1, 1)), rows if number < UNSOLVED else told
             some["inputs"].append(_samples(computed["inputs"]))
             some["log_base"].append(_samples(computed["log_base"]))
             if number < UNSOLVED:
                 single = _samples(np.moveaxis(computed["single"], -1, 1))
-                multiple, polarised = _at_own_degree(multiple, polarised, computed["moved"])
+                if number + BETTER in degree:
+                    once[number] = len(rows["number"]), multiple
                 limits.append(computed["limits"])
                 rows["part"].append((multiple / (multiple + single)).astype(np.float16))
                 rows["number"].append(np.full(len(multiple), number))
@@ -124,7 +136,8 @@ def read(airs: Path, approximate: Path, held_out_alone: bool = False) -> Data:
         limits=outermost,
         limits_of=every.T,
         told=() if held_out_alone else tuple(np.concatenate(value) for value in told.values()),
-        better=sum(better_solved(airs).values()),
+        better=np.concatenate(better),
+        added=np.concatenate(added),
     )
 
 
@@ -224,13 +237,18 @@ def finished(lesson: Lesson, members: list[tuple[tuple[np.ndarray, np.ndarray], 
         error=_calibrated(model, data, held),
         provenance={
             "version": __version__,
-            "airs": int((data.number < SIDE_BY_SIDE).sum() // 16 + (data.number >= SIDE_BY_SIDE).sum() // 2),
+            "airs": _airs(data.number),
             "solver": "zones",
-            "files_solved_better": data.better,
+            "airs_solved_better": _airs(data.number[data.better]),
             "held_out_percent": [round(100.0 * float(x), 3) for x in of_median_sky(off(model, data, held)[0])],
             "settings": {key: getattr(SETTINGS, key) for key in settings},
         },
     )
+
+
+def _airs(number: np.ndarray) -> int:
+    """How many airs samples of files are of."""
+    return int((number < SIDE_BY_SIDE).sum() // 16 + (number >= SIDE_BY_SIDE).sum() // 2)
 
 
 def sizes(lesson: Lesson) -> None:

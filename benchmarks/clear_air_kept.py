@@ -3,8 +3,8 @@
     python benchmarks/clear_air_kept.py FOLDER [FILE.npz]            writes clear_air_airs.npz
 
 Light of every sample (air, observer, wavelength) as coefficients of principal components of ln M, of Q / M and of
-U / M, in 16 bits: within 0.2 % at 95 % of all nodes; the degree of each solution's phase functions, and
-whether it is one of the better ones.
+U / M, in 16 bits: within 0.2 % at 95 % of all nodes; and the degree of each solution's phase
+functions.
 `clear_air_fit.py` reads such a file in place of a folder.
 """
 
@@ -27,23 +27,14 @@ DARKEST = 1e-32
 def degrees(airs: Path) -> dict[int, float]:
     """Degree of the phase functions in the solution of each file of airs, by its number; airs: a folder, or the file
     that `keep` writes."""
-    return _of_files(airs, "degree")
-
-
-def better_solved(airs: Path) -> dict[int, bool]:
-    """Whether each file of airs is solved by `clear_air_airs.BETTER_SETTINGS`, by its number."""
-    return {number: bool(value) for number, value in _of_files(airs, "better").items()}
-
-
-def _of_files(airs: Path, key: str) -> dict[int, float]:
     if airs.is_dir():
         found = {}
         for path in airs.glob("*.npz"):
             with np.load(path) as file:
-                found[int(path.stem)] = float(file[key])
+                found[int(path.stem)] = float(file["degree"])
         return found
     with np.load(airs) as file:
-        return dict(zip(file["numbers"].tolist(), file[key].tolist(), strict=True))
+        return dict(zip(file["numbers"].tolist(), file["degree"].tolist(), strict=True))
 
 
 def solved(airs: Path) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
@@ -85,11 +76,10 @@ def components(values: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 def keep(folder: Path, path: Path) -> None:
     """Write the airs of a folder into one file, and say how near it is."""
     found, light, polarised = zip(*solved(folder), strict=True)
-    degree, better = degrees(folder), better_solved(folder)
+    degree = degrees(folder)
     arrays = {
         "numbers": np.array(found, np.int16),
         "degree": np.array([degree[number] for number in found], np.float32),
-        "better": np.array([better[number] for number in found]),
         "number": np.repeat(found, [len(one) for one in light]).astype(np.int16),
     }
     for key, rows in (("light", [np.log(one) for one in light]), ("polarised", polarised)):

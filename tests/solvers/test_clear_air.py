@@ -151,6 +151,12 @@ def test_even_light_stays_even_when_it_is_scattered(grid):
     assert at_fine_zeniths().min() >= 0.0
 
 
+def test_behind_peaks_that_let_nothing_pass_light_is_a_number():
+    made = Skies(None, air_of(solve(resolve(scene(climate="desert"))).medium), 0.0)
+    made._passed_peaks = made._passed_peaks + np.float32(2000.0)
+    assert np.isfinite(made.single_scattering(5.0)).all()
+
+
 def test_what_further_moments_take_off_is_taken_off_in_full():
     """Light towards the sides of haze would be up to a quarter too bright, or below nothing."""
     first, further = np.full(5, 2.0), 2.0 * np.array([0.7, 0.0, -0.5, -0.89, -3.0])

@@ -2,7 +2,7 @@
 const SUN_DEG = [-18, -16.5, -15, -13.5, ...steps(-12, 3, 1), 3.5, 5, 7.5, 10, 15, ...steps(20, 91, 10)];
 const ELEVATION_DEG = [0, 1, 2.5, 5, 8, 12, 17, 23, 30, 38, 47, 57, 68, 79, 90], AZIMUTH_DEG = [0, 6, 12, 20, 30, 45, 60, 80, 100, 120, 140, 160, 180];
 const NODES = ELEVATION_DEG.length * AZIMUTH_DEG.length, BASE_ELEVATION_DEG = [0, 3, 6, 10, 14].map((i) => ELEVATION_DEG[i]), BASE_AZIMUTH_DEG = [0, 6, 12].map((i) => AZIMUTH_DEG[i]);
-const PEAK_DEGREE = 400, PEAK_ANGLES = 161, LEAST_PEAK_DEPTH = 1e-4, OUTERMOST = 5, NEGLIGIBLE = 0.01, SHADOWED_DEG = 2, DARKEST_TERM = 1e-3;
+const PEAK_DEGREE = 400, PEAK_ANGLES = 161, LEAST_PEAK_DEPTH = 1e-4, MOST_PEAK_DEPTH = 60, OUTERMOST = 5, NEGLIGIBLE = 0.01, SHADOWED_DEG = 2, DARKEST_TERM = 1e-3;
 const halved = (nodes, from = 0) => nodes.flatMap((v, i) => (i && nodes[i - 1] >= from ? [0.5 * (nodes[i - 1] + v), v] : [v])), FINER_ELEVATION_DEG = halved(ELEVATION_DEG), SHADOWED = FINER_ELEVATION_DEG.filter((e) => e <= 8);
 // Elevations and azimuths at which light is computed: in the day, and where the shadow of the Earth crosses the sky.
 const DAY = [FINER_ELEVATION_DEG, AZIMUTH_DEG], ROWS_DEG = [...halved(ELEVATION_DEG.filter((e) => e <= 12)), ...ELEVATION_DEG.filter((e) => e > 12)], TWILIGHT = [[...halved(SHADOWED), ...FINER_ELEVATION_DEG.slice(SHADOWED.length)], halved(AZIMUTH_DEG, AZIMUTH_DEG[3])];
@@ -115,7 +115,7 @@ class Skies {
         passed += inside;
         one.fractions.forEach((f, kind) => { const light = way * f * one.scattering[kind + 1][first + k] * lit[e][k]; kinds[kind] += light; total += light; weighted += light * meanDepth; });
       });
-      const all = total > 0 ? total : 1, x = total > 0 && weighted / all >= LEAST_PEAK_DEPTH ? weighted / all : 0, none = Math.exp(-x);
+      const all = total > 0 ? total : 1, x = total > 0 && weighted / all >= LEAST_PEAK_DEPTH ? Math.min(weighted / all, MOST_PEAK_DEPTH) : 0, none = Math.exp(-x);
       const g = new Float64Array(PEAK_DEGREE + 1);
       for (let l = 0; l <= PEAK_DEGREE && x; l++) {
         let mixed = 0;

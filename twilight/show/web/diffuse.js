@@ -3,7 +3,7 @@
 // the m-th alone.
 const BOUNDARY_KM = [0, 0.02, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 2, 2.5, 3.5, 5, 6, 8, 10, 12, 14, 16, 17.5, 19, 20.5, 22, 26, 30, 36, 45, 60, 78, 100];
 const ZENITH_DEG = [0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5, ...steps(89, 92, 0.5), ...steps(92, 113, 1), 115, 118, 122], LEAVING_DEG = [-60, -27, -12, -4, 4, 12, 27, 60];
-const ABOVE = 10, GRAZING = 5, BELOW = 5, RAYS = ABOVE + GRAZING + BELOW, POWER = 4, POWER_BELOW = 2, CUT = 12, DEGREE = 8, FOLLOWED = 8, MOST_RATIO = 0.95, LEAST_PHASE = 0.02, LEAST_PART = 0.1, MOST_CHANGE = 1;
+const ABOVE = 10, GRAZING = 9, BELOW = 5, RAYS = ABOVE + GRAZING + BELOW, POWER = 4, POWER_BELOW = 2, CUT = 12, DEGREE = 8, FOLLOWED = 6, MOST_RATIO = 0.95, LEAST_PHASE = 0.02, LEAST_PART = 0.1, MOST_CHANGE = 1;
 const DECAY_DEG = 88, DECAY = 1.1, FINE_DEG = 0.5, OPAQUE = 60, SCALE_HEIGHT_KM = 8, REFRACTIVITY = 2.8e-4, NEAR_KM = 1e-6, LAYERS = BOUNDARY_KM.length, ANGLES = ZENITH_DEG.length, LEAVING = LEAVING_DEG.length;
 const HARMONICS = (DEGREE + 1) * (DEGREE + 2) / 2, MOMENTS = HARMONICS + 3, LINES = ANGLES * LAYERS * RAYS;   // of one azimuth
 const WAVE_OF = range(DEGREE + 1).flatMap((n) => range(n + 1));   // of harmonics

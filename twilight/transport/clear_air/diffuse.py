@@ -58,7 +58,7 @@ from .shells import (
     summed,
 )
 
-FOLLOWED = 8
+FOLLOWED = 6
 """Orders of scattering that are followed."""
 MOST_RATIO = 0.95
 """Largest ratio of two of them of which a geometric series is summed."""

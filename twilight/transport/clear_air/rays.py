@@ -52,7 +52,7 @@ NEAR_KM = 1e-6
 """Distance at which altitudes count as one."""
 ABOVE = 10
 """Rays from a layer above its horizontal."""
-GRAZING = 5
+GRAZING = 9
 """Rays from a layer between its horizontal and the ground's horizon."""
 BELOW = 5
 """Rays from a layer to the ground."""

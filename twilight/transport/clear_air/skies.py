@@ -47,8 +47,8 @@ SPARED_DEG = 2.5
 """How far above the highest sun whose beams a screen dims anywhere it takes less than 0.1 % of any sky [deg]."""
 PEAK_DEGREE = 400
 """Degree of the Legendre series of widened peaks."""
-LEAST_PEAK_DEPTH = 1e-4
-"""Optical depth of scattering in peaks below which they are not widened."""
+LEAST_PEAK_DEPTH, MOST_PEAK_DEPTH = 1e-4, 60.0
+"""Optical depth of scattering in peaks below which they are not widened, and at which nothing passes."""
 LEAST_MOMENT = 1e-9
 """Legendre moment of the scattering in peaks below which it and all beyond are none: errors of quadrature."""
 SHADOWED_DEG = 2.0
@@ -227,6 +227,7 @@ class Skies:
         safe_total = np.where(total.real > 0.0, total, 1.0)
         x = weighted.sum(axis=-1) / safe_total
         x = np.where((total.real > 0.0) & (x.real >= LEAST_PEAK_DEPTH), x, 0.0)
+        x = np.where(x.real < MOST_PEAK_DEPTH, x, MOST_PEAK_DEPTH)
         of_peaks, moments, followed, counts = self._peaks
         mixed = np.swapaxes(by_kind / safe_total[..., None], 0, 1) @ moments  # W E degrees
         power = x.T[..., None] * mixed + 1e-30  # which is never 0
