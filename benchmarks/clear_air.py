@@ -63,14 +63,16 @@ OBSERVERS = 2
 """Of each drawn air."""
 LOADED_DEPTH = 0.05
 """Optical depth of aerosol above 12 km of a loaded stratosphere."""
-TIMED, TIMED_WAVELENGTHS, TIMED_SUNS_DEG = (
-    "continental-average",
-    (1, 3, 8, 40),
-    (20.0, 5.0, 0.5, -1.5, -4.0, -7.0, -12.0),
-)
-"""What is timed."""
-CORRECTION, FOLDS = 24, 5
-"""Principal components of what better solutions add; parts of the files, each of which is left out once."""
+TIMED = "continental-average"
+"""Climate of `times`."""
+TIMED_WAVELENGTHS = (1, 3, 8, 40)
+"""How many wavelengths it has there."""
+TIMED_SUNS_DEG = (20.0, 5.0, 0.5, -1.5, -4.0, -7.0, -12.0)
+"""Suns there, of which the median counts: by day, and where the shadow of the Earth asks for finer nodes."""
+CORRECTION = 24
+"""Principal components of what better solutions add to ln M that `labels` looks at: more are noise in 57 files."""
+FOLDS = 5
+"""Parts of the files, each of which `labels` leaves out once."""
 BETWEEN = ("pure-air", "maritime-tropical", "continental-average")
 BETWEEN_SUNS_DEG = (-2.0, -4.0, -9.0, -12.0)
 SCREENED = ("continental-clean", "continental-average", "urban")

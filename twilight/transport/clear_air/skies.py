@@ -47,8 +47,10 @@ SPARED_DEG = 2.5
 """How far above the highest sun whose beams a screen dims anywhere it takes less than 0.1 % of any sky [deg]."""
 PEAK_DEGREE = 400
 """Degree of the Legendre series of widened peaks."""
-LEAST_PEAK_DEPTH, MOST_PEAK_DEPTH = 1e-4, 60.0
-"""Optical depth of scattering in peaks below which they are not widened, and at which nothing passes."""
+LEAST_PEAK_DEPTH = 1e-4
+"""Optical depth of scattering in peaks below which they are not widened."""
+MOST_PEAK_DEPTH = 60.0
+"""Optical depth of scattering in peaks that counts at most: exp(-60) of the light passes, and exp(60) is a number."""
 LEAST_MOMENT = 1e-9
 """Legendre moment of the scattering in peaks below which it and all beyond are none: errors of quadrature."""
 SHADOWED_DEG = 2.0
