@@ -5,8 +5,10 @@
 One file for each number, FOLDER/<number>.npz, until --last is reached or it is stopped; what is there stays.  What it
 holds is drawn from its number alone: one air at eight wavelengths, from SIDE_BY_SIDE on eight airs at one wavelength
 each.  5 to 100 processor seconds a file.  With --first UNSOLVED --last N it writes what the shipped model says of airs
-that are not solved, a processor second each: what it knew is not lost to the next one.  `--better` solves airs of the
-folder once more, in an order drawn, by `BETTER_SETTINGS`: numbers from BETTER on, a minute each.  `--approximate
+that are not solved, a processor second each: what it knew is not lost to the next one.  `--apart`
+solves, of each PICKED_OF numbers from APART on, the one on which the networks of the shipped model disagree most.
+`--better` solves airs of the folder once more, in an order drawn, by `BETTER_SETTINGS`: numbers from BETTER on, minutes
+each.  `--approximate
 FOLDER2` computes in place of it what the model itself computes of the airs that are there (FOLDER may be a file of
 `clear_air_kept.py`), to be done again when code changes: three processor seconds each; `clear_air_fit.py` fits all.
 """
@@ -21,6 +23,7 @@ from typing import Any, get_args
 
 import numpy as np
 from clear_air_kept import degrees
+from clear_air_learners import TOLERATED
 
 from twilight.atmosphere.medium import ON_LEVELS, Medium
 from twilight.atmosphere.opac import opac_type
@@ -85,6 +88,10 @@ ONE_SHAPE = 4000
 """Number from which on these have their haze at the same altitudes: half the nodes that eight shapes need."""
 LOADED = 5000
 """Number from which on these all have one of `VOLCANOES`."""
+APART = 6000
+"""Number from which on these are as from ONE_SHAPE on, but only those of `picked` are solved."""
+PICKED_OF = 5
+"""Numbers of which `picked` takes one."""
 UNSOLVED = 10000
 """Number from which on airs are as the first ones, but not solved: their light is what the shipped model says."""
 BETTER = 20000
@@ -100,7 +107,7 @@ CANDIDATES = 24
 
 def drawn_climate(rng: np.random.Generator, number: int) -> dict[str, Any]:
     """A climate's document: the aerosol's type in turn, the rest drawn."""
-    volcanic = rng.random() < VOLCANIC or LOADED <= number < UNSOLVED
+    volcanic = rng.random() < VOLCANIC or LOADED <= number < APART
     stratosphere: dict[str, Any] = {"kind": str(rng.choice(VOLCANOES if volcanic else STRATOSPHERES))}
     if stratosphere["kind"].endswith(("background", "volcanic")):
         stratosphere["season"] = str(rng.choice(["spring_summer", "fall_winter"]))
@@ -300,6 +307,20 @@ def sample(path: Path, number: int, settings: zones.ZonesSettings) -> None:
         write(path, light=several(medium, settings, observers), degree=degree_needed(settings, medium))
 
 
+def picked(numbers: Sequence[int]) -> int:
+    """That of some numbers whose airs the networks of the shipped model disagree on most: in 95 % of the sky, as parts
+    of what is tolerated, in the mean of suns, wavelengths and observers."""
+    return max(numbers, key=disagreement)
+
+
+def disagreement(number: int) -> float:
+    """How much the networks of the shipped model disagree on the airs of a number."""
+    medium, observers = drawn(number)
+    air = airs_of(medium, number)
+    spread = np.array([Skies(shipped_model(), air, above).at_nodes[3] for above in observers])
+    return float((np.percentile(spread, 95, axis=(-2, -1)) / TOLERATED).mean())
+
+
 def told(air: Air, observers_km: tuple[float, ...]) -> np.ndarray:
     """`several` as the shipped model says it."""
     light = []
@@ -367,6 +388,7 @@ def main() -> None:
     parser.add_argument("--step", type=int, default=1)
     parser.add_argument("--last", type=int, default=UNSOLVED)
     parser.add_argument("--approximate", type=Path)
+    parser.add_argument("--apart", action="store_true")
     parser.add_argument("--better", action="store_true")
     options = parser.parse_args()
     if options.approximate:
@@ -377,13 +399,20 @@ def main() -> None:
                 approximate(path, number, degree)
         return
     options.folder.mkdir(parents=True, exist_ok=True)
+    if options.apart:
+        for first in range(APART, UNSOLVED, PICKED_OF)[options.first :: options.step]:
+            some = range(first, first + PICKED_OF)
+            if not any((options.folder / f"{number:05d}.npz").exists() for number in some):
+                number = picked(some)
+                sample(options.folder / f"{number:05d}.npz", number, SETTINGS)
+        return
     numbers, settings = np.arange(options.last), SETTINGS
     if options.better:
         numbers, settings = np.random.default_rng(49).permutation(UNSOLVED), BETTER_SETTINGS
         numbers = BETTER + np.array([n for n in numbers if (options.folder / f"{n:05d}.npz").exists()])
     for number in numbers[options.first :: options.step].tolist():
         path = options.folder / f"{number:05d}.npz"
-        if not path.exists():
+        if not path.exists() and not APART <= number < UNSOLVED:
             sample(path, number, settings)
 
 

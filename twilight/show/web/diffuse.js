@@ -1,7 +1,7 @@
 // M_0, light that is scattered more than once: a port of rays.py and diffuse.py of twilight/transport/clear_air (see shells.js).
 // Sums over azimuths go by waves, cos(m azimuth): scattering turns each into itself, and harmonics of order m are sums over
 // the m-th alone.
-const BOUNDARY_KM = [0, 0.02, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 2, 2.5, 3.5, 5, 6, 8, 10, 12, 14, 16, 17.5, 19, 20.5, 22, 26, 30, 36, 45, 60, 78, 100];
+const BOUNDARY_KM = [0, 0.02, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 2, 2.5, 3.5, 5, 6, 8, 10, 12, 14, 16, 17.5, 19, 20, 21, 22, 24, 26, 30, 36, 45, 60, 78, 100];
 const ZENITH_DEG = [0, 25, 45, 60, 70, 76, 80, 83, 85.5, 87.5, ...steps(89, 92, 0.5), ...steps(92, 113, 1), 115, 118, 122], LEAVING_DEG = [-60, -27, -12, -4, 4, 12, 27, 60];
 const ABOVE = 10, GRAZING = 9, BELOW = 5, RAYS = ABOVE + GRAZING + BELOW, POWER = 4, POWER_BELOW = 2, CUT = 12, DEGREE = 8, FOLLOWED = 6, MOST_RATIO = 0.95, LEAST_PHASE = 0.02, LEAST_PART = 0.1, MOST_CHANGE = 1;
 const DECAY_DEG = 88, DECAY = 1.1, FINE_DEG = 0.5, OPAQUE = 60, SCALE_HEIGHT_KM = 8, REFRACTIVITY = 2.8e-4, NEAR_KM = 1e-6, LAYERS = BOUNDARY_KM.length, ANGLES = ZENITH_DEG.length, LEAVING = LEAVING_DEG.length;
@@ -14,7 +14,7 @@ const gridOf = (azimuths, boundary) => {
   const azimuth = range(azimuths, (a) => (a + 0.5) * Math.PI / azimuths);
   return { azimuths, boundary, azimuth, waves: range(azimuths, (m) => azimuth.map((a) => Math.cos(m * a))) };
 };
-const SUNLIT = gridOf(7, ALTITUDE_KM.filter((z) => ![0.06, 7, 9, 11, 13, 15, 39, 45, 51, 57, 63, 69, 75, 86, 95].includes(z))), DIFFUSE = gridOf(4, BOUNDARY_KM);
+const SUNLIT = gridOf(7, [...BOUNDARY_KM, 1.7, 3, 4, 4.5, 5.5, 28, 33, 42, 48, 54, 66, 72, 82, 90].sort((a, b) => a - b)), DIFFUSE = gridOf(4, BOUNDARY_KM);
 
 // Nodes and weights of Gauss's rule from 0 to 1 over the root of this power.
 function gauss(count, power = 1) {

@@ -54,9 +54,10 @@ async function readNpz(bytes) {
 
 // shells.py ----------------------------------------------------------------------------------------------------------
 const EARTH_RADIUS_KM = 6371;
-const ALTITUDE_KM = [0, 0.02, 0.06, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 1.7, ...steps(2, 6, 0.5), ...steps(6, 16, 1), 16, 17.5, 19, 20.5, 22, 24, 26, 28, 30, 33, ...steps(36, 81, 3), 82, 86, 90, 95, 100];
-const SHELLS_KM = [30, 30].reduce((boundary, highest) => boundary.flatMap((z, i) => i && z <= highest ? [0.5 * (boundary[i - 1] + z), z] : [z]), ALTITUDE_KM);   // layers up to there are halved
-const SUBLAYERS = 4, PARTS = 2, STEEPEST_DEG = 0.03, RAYS_FROM_ABOVE = 90, RAYS_FROM_BELOW = 100, LEAST_SPREAD = 0.05, MOST_DEGREE = 16;
+const ALTITUDE_KM = [0, 0.02, 0.06, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 1.7, ...steps(2, 15, 0.5), ...steps(15, 24, 0.25), ...steps(24, 28, 0.5), ...steps(28, 42, 1), ...steps(42, 60, 1.5), ...steps(60, 101, 1)];
+const SHELLS_KM = [6, 2].reduce((boundary, highest) => boundary.flatMap((z, i) => i && z <= highest ? [0.5 * (boundary[i - 1] + z), z] : [z]), ALTITUDE_KM);   // layers up to there are halved
+const SUBLAYERS = 4, PARTS = 2, STEEPEST_DEG = 0.03, RAYS_FROM_ABOVE = 90, RAYS_FROM_BELOW = 30, RAYS_AT_GROUND = 25, LEAST_APART = 0.015, LEAST_SPREAD = 0.05, MOST_DEGREE = 16;
+const LOWEST_POINTS_KM = [...steps(0.5, 26, 0.5), ...steps(26, 30, 1), ...steps(30, 100, 2)];
 const AIR = 0, ABSORPTION = 1, EXTINCTION = 2, LOW = 3, HIGH = 4, DARK_LOG = -700, DARK = 1e-35;
 
 // `Air` of an .npz of its fields: at[w] is one wavelength.
@@ -121,13 +122,17 @@ class Geometry {
 
   // Rays from the sun to each boundary, those to boundary k from start[k] on.
   _beams() {
-    const layers = this.middle.length, right = Math.PI / 2, m = RAYS_FROM_BELOW / 4, { n, x } = this.parts, edge = x.filter((_, i) => i % PARTS === 0);
+    const layers = this.middle.length, right = Math.PI / 2, { n, x } = this.parts, edge = x.filter((_, i) => i % PARTS === 0);
     const above = [...geomspace(STEEPEST_DEG, 90, RAYS_FROM_ABOVE).reverse().map((e) => right - e * RAD), right];
-    const beside = [...new Set([...linspace(0, 1, 3 * m + 1).slice(1), ...geomspace(1e-4, 0.5, m).map((v) => 1 - v)])].sort((a, b) => a - b);
+    const beside = [...linspace(0, 1, RAYS_FROM_BELOW + 1).slice(1), ...geomspace(1e-4, 0.5, RAYS_AT_GROUND).map((v) => 1 - v)];
+    const fromBelow = (k) => {
+      const horizon = Math.acos(edge[0] / edge[k]), lowest = LOWEST_POINTS_KM.filter((z) => z < this.boundary[k]).map((z) => Math.acos(interp(z, this.boundary, edge) / edge[k]) / horizon);
+      return [...beside, ...lowest].sort((a, b) => a - b).filter((v, i, all) => v - (i && all[i - 1]) > LEAST_APART * (1 - v)).map((v) => right + horizon * v);
+    };
     const zenith = [], seen = [], factors = [], rows = [];
     this.start = [0];
     this.boundary.forEach((_, k) => {
-      const below = k ? beside.map((v) => right + Math.acos(edge[0] / edge[k]) * v) : [], apparent = [...above, ...below];
+      const below = k ? fromBelow(k) : [], apparent = [...above, ...below];
       const angles = apparent.map((a, i) => {
         const b = edge[k] * Math.sin(a), path = new Float64Array(layers), down = i < above.length;
         let angle = Math.asin(Math.min(b / edge.at(-1), 1));

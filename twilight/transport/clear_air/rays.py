@@ -18,7 +18,7 @@ from .shells import ALTITUDE_KM, EARTH_RADIUS_KM, Parts, single, sublayers
 BOUNDARY_KM = np.array(
     [
         *(0, 0.02, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 2, 2.5, 3.5, 5, 6, 8, 10, 12, 14, 16),
-        *(17.5, 19, 20.5, 22, 26, 30, 36, 45, 60, 78, 100),
+        *(17.5, 19, 20, 21, 22, 24, 26, 30, 36, 45, 60, 78, 100),
     ]
 )
 """Boundaries of the layers of diffuse light, all in ALTITUDE_KM; the ground counts as the layer above them."""
@@ -58,7 +58,7 @@ BELOW = 5
 """Rays from a layer to the ground."""
 RAYS = ABOVE + GRAZING + BELOW
 """Rays from a layer under one azimuth."""
-SUNLIT_KM = np.setdiff1d(ALTITUDE_KM, [0.06, 7, 9, 11, 13, 15, 39, 45, 51, 57, 63, 69, 75, 86, 95])
+SUNLIT_KM = np.unique(np.append(BOUNDARY_KM, [1.7, 3, 4, 4.5, 5.5, 28, 33, 42, 48, 54, 66, 72, 82, 90]))
 """Boundaries of layers of the sunbeam, those of diffuse light among them."""
 SEGMENTS_AT_ONCE = 64
 """Segments whose zenith angles are computed at once: they stay in the processor's cache."""

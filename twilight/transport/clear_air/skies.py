@@ -25,7 +25,7 @@ from .sky import NEGLIGIBLE, PEAK_ANGLES, Sky, azimuth_splines, elevation_spline
 if TYPE_CHECKING:
     from twilight.atmosphere.screen import Screen
 
-HALVED_KM = (30.0, 30.0)
+HALVED_KM = (6.0, 2.0)
 """Up to which layers are halved for the sunbeam, and once more: of a low sun it rises steeply below the top of haze."""
 
 
