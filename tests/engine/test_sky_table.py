@@ -9,8 +9,8 @@ from twilight.engine.table import fill, first_columns, first_rows
 from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
 from twilight.sky.table import SkyTable, join, plain_grid, split, stack
-from twilight.transport.clear_air.shells import ALTITUDE_KM, sublayers
-from twilight.transport.scattered_once import ScatteredOnce, ShellsBelow
+from twilight.transport.clear_air.shells import sublayers
+from twilight.transport.scattered_once import BOUNDARY_KM, ScatteredOnce, ShellsBelow
 
 SUN_DEG = 12.0
 WAVES = np.array([1.0, 1.6])
@@ -187,17 +187,17 @@ def test_cubics_do_not_cross_a_node_that_stands_twice():
 
 def test_lines_that_look_down_are_followed_to_the_ground_and_through_the_limb():
     """From high up the aureole would be that of the horizontal; in thin air the light is that of the line's length."""
-    per_km = np.full((ALTITUDE_KM.size - 1, 1), 1e-9)
-    n = np.zeros(sublayers(ALTITUDE_KM).size)
+    per_km = np.full((BOUNDARY_KM.size - 1, 1), 1e-9)
+    n = np.zeros(sublayers(BOUNDARY_KM).size)
     height, radius = 51.0, EARTH_RADIUS_KM
     for above in (0.0, 300.0):
-        observer = height if above == 0.0 else ALTITUDE_KM[-1]
-        shells = ShellsBelow(ALTITUDE_KM, per_km, per_km[None], np.zeros_like(per_km), n, observer)
+        observer = height if above == 0.0 else BOUNDARY_KM[-1]
+        shells = ShellsBelow(BOUNDARY_KM, per_km, per_km[None], np.zeros_like(per_km), n, observer)
         r = radius + observer + above
         grazing = -np.degrees(np.arccos(radius / r))
         elevation = np.array([-80.0, grazing - 0.5, grazing + 0.2])
         down, closest = -np.sin(np.radians(elevation)) * r, np.cos(np.radians(elevation)) * r
-        half = np.sqrt((radius + ALTITUDE_KM[-1]) ** 2 - closest**2)
+        half = np.sqrt((radius + BOUNDARY_KM[-1]) ** 2 - closest**2)
         first = np.minimum(half, down)  # from the foot of the line to where it begins in the air
         to_ground = np.sqrt(np.maximum(radius**2 - closest**2, 0.0))
         length = np.where(closest < radius, first - to_ground, first + half)

@@ -15,7 +15,6 @@ import numpy as np
 from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
 from twilight.transport.clear_air.shells import (
-    ALTITUDE_KM,
     DARK_LOG,
     Line,
     Shells,
@@ -29,6 +28,14 @@ from twilight.transport.clear_air.shells import (
 if TYPE_CHECKING:
     from twilight.atmosphere.bands import GasBands
     from twilight.atmosphere.medium import Medium
+
+BOUNDARY_KM = np.concatenate(
+    [
+        *([0, 0.02, 0.06, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 1.7], np.arange(2, 6, 0.5), np.arange(6.0, 16.0)),
+        *([16, 17.5, 19, 20.5, 22, 24, 26, 28, 30, 33], np.arange(36.0, 81.0, 3.0), [82, 86, 90, 95, 100]),
+    ]
+)
+"""Boundaries of layers above the ground [km]: the price of a view from space goes by their square."""
 
 PEAK_DEGREE = 17
 """Legendre degree whose moment is the fraction of scattering in the forward peak, which counts as not scattered."""
@@ -130,8 +137,8 @@ class ScatteredOnce:
         dip = np.degrees(np.sqrt(2.0 * height / terms.earth_radius_km))
         self._ground_deg = -float(dip) if height <= ON_GROUND_KM else -90.0
         self._looks_down = height > ON_GROUND_KM
-        boundary = ALTITUDE_KM
-        self._above_km = max(height - float(ALTITUDE_KM[-1]), 0.0)
+        boundary = BOUNDARY_KM
+        self._above_km = max(height - float(BOUNDARY_KM[-1]), 0.0)
         if self._above_km == 0.0 and np.abs(boundary - height).min() > LOWEST_OBSERVER_KM:
             boundary = np.sort(np.append(boundary, height))
         wavelengths = terms.n_wavelengths if aerosol else 1
@@ -155,7 +162,7 @@ class ScatteredOnce:
             scatters,
             peak,
             terms.at(sublayers(boundary) + terms.bottom_km).refractivity[:, middle],
-            min(height, ALTITUDE_KM[-1]),
+            min(height, BOUNDARY_KM[-1]),
             terms.earth_radius_km + terms.bottom_km,
         )
         column = np.einsum("klw,l->kw", scatters, np.diff(boundary))

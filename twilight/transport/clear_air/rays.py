@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from .shells import ALTITUDE_KM, EARTH_RADIUS_KM, Parts, single, sublayers
+from .shells import EARTH_RADIUS_KM, Parts, single, sublayers
 
 BOUNDARY_KM = np.array(
     [

@@ -20,8 +20,8 @@ ALTITUDE_KM = np.concatenate(
 """Boundaries of the L layers above the ground [km].
 
 Below a volcano's layer, whose extinction rises fourfold within two km and falls sixteenfold within the next two, light
-scattered once is off by 5 to 12 % at -4 to -6 deg with layers of 1.5 km, by 2 % with these, as with those of 125 m; with
-layers of 3 and 5 km above 60 km it is off by 15 % at -9 deg.
+scattered once is off by 5 to 12 % at -4 to -6 deg with layers of 1.5 km, by 2 % with these, as with those of 125 m;
+with layers of 3 and 5 km above 60 km it is off by 15 % at -9 deg.
 """
 SUBLAYERS = 4
 """Parts of layers between ALTITUDE_KM at which air has its refractivity."""
@@ -36,8 +36,8 @@ RAYS_AT_GROUND = 25
 LOWEST_POINTS_KM = np.concatenate([np.arange(0.5, 26, 0.5), np.arange(26.0, 30.0), np.arange(30.0, 100.0, 2.0)])
 """Altitudes at which others have their lowest points: between these the depth of air is nearly linear in the angle."""
 LEAST_APART = 0.015
-"""By how much sunbeams from below differ at least, as a part of the way from one to the ground's horizon: between closer
-ones the spreading of the beam, a difference over a difference, is that of a kink in n r."""
+"""By how much sunbeams from below differ at least, as a part of the way from one to the ground's horizon: between
+closer ones the spreading of the beam, a difference over a difference, is that of a kink in n r."""
 LEAST_SPREAD = 0.05
 """Least d(true)/d(apparent zenith angle) of a sunbeam: beyond it the beam would be focused."""
 DARKEST_PASSED = 1e-6
