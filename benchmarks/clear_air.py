@@ -27,7 +27,7 @@ from typing import Any, get_args
 
 import numpy as np
 import results
-from clear_air_airs import SIDE_BY_SIDE
+from clear_air_airs import APART, SIDE_BY_SIDE
 from clear_air_airs import drawn as drawn_air
 from clear_air_fit import JUDGED_SUNS, off, read, save
 from clear_air_kept import components
@@ -144,6 +144,7 @@ def drawn(model: Model, airs: Path, approximate: Path) -> None:
     loaded = _stratosphere(data.limits_of)
     groups += [("aerosol", np.array(kinds)), ("wavelength", np.array(wavelengths)), ("observer", np.array(observers))]
     groups.append(("stratosphere", loaded))
+    groups.append(("drawn", np.where(data.number >= APART, "where networks disagree", "at random")))
     rows = []
     for group, names in groups:
         for name in sorted(set(names.tolist())):
