@@ -5,12 +5,12 @@
 One file for each number, FOLDER/<number>.npz, until --last is reached or it is stopped; what is there stays.  What it
 holds is drawn from its number alone: one air at eight wavelengths, from SIDE_BY_SIDE on eight airs at one wavelength
 each.  5 to 100 processor seconds a file.  With --first UNSOLVED --last N it writes what the shipped model says of airs
-that are not solved, a processor second each: what it knew is not lost to the next one.  `--apart`
-solves, of each PICKED_OF numbers from APART on, the one on which the networks of the shipped model disagree most.
-`--better` solves airs of the folder once more, in an order drawn, by `BETTER_SETTINGS`: numbers from BETTER on, minutes
-each.  `--approximate
-FOLDER2` computes in place of it what the model itself computes of the airs that are there (FOLDER may be a file of
-`clear_air_kept.py`), to be done again when code changes: three processor seconds each; `clear_air_fit.py` fits all.
+that are not solved, a processor second each: what it knew is not lost to the next one.  `--apart` solves, of each
+PICKED_OF numbers from APART on, the one on which the networks of the model shipped that day disagree most; those that
+are there stay.  `--better` solves airs of the folder once more, in an order drawn, by `BETTER_SETTINGS`: numbers from
+BETTER on, minutes each.  `--approximate FOLDER2` computes in place of it what the model itself computes of the airs
+that are there (FOLDER may be a file of `clear_air_kept.py`), to be done again when code changes: three processor
+seconds each; `clear_air_fit.py` fits all.
 """
 
 from __future__ import annotations
