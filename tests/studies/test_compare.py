@@ -2,7 +2,6 @@
 
 import csv
 import json
-import math
 import os
 import signal
 import subprocess
@@ -12,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from PIL import Image
 from rendering import call
 
 from twilight import solvers
@@ -25,13 +23,12 @@ from twilight.studies.compare.bench import Bench
 from twilight.studies.compare.comparison import SolverPreset, compare, solver_presets, with_preset
 from twilight.studies.compare.job import Job, SampleDirections, stratified_directions
 from twilight.studies.compare.reference_solution import (
-    COLUMNS,
     ReferenceSolution,
     ReferenceSolver,
     read_references,
     write_references,
 )
-from twilight.studies.compare.report import FigurePoint, draw, read_points
+from twilight.studies.compare.report import read_points
 from twilight.studies.compare.worker import Compiled, execute
 
 NM = (450.0, 550.0, 680.0)
@@ -204,30 +201,6 @@ def test_the_command_writes_tables_and_a_picture(files):
     assert (out / "error-against-time.png").stat().st_size > 5000
     assert {p.solver for p in read_points(out / "compare.csv")} == {"toy"}
     assert "reference solution's own error" in result.output
-
-
-def test_radiances_computed_elsewhere_are_a_row_and_a_line(files, toy, tmp_path):
-    """`--add` would compare other directions."""
-    path, right, out = files
-    with open(right) as stream:
-        rows = list(csv.DictReader(stream))
-    lines = [[r[c] for c in COLUMNS[:4]] + [repr(1.05 * float(r["radiance_per_sr"]))] for r in rows]
-    mine = tmp_path / "mine.csv"
-    mine.write_text("\n".join(",".join(line) for line in [COLUMNS[:5], *lines]))
-    arguments = ["compare", str(path), "--solvers", "toy:draft", "--reference", str(right), "--output", str(out)]
-    result = call(*arguments, "--repeats", "1", "--add", f"my code={mine}")
-    assert result.exit_code == 0, result.output
-    with open(out / "compare.csv") as stream:
-        found = [r for r in csv.DictReader(stream) if r["solver"] == "my code"]
-    assert [r["sun_elevation_deg"] for r in found] == ["5", "-6"] and "my code added" in result.output
-    assert all(float(r["mean_percent"]) == pytest.approx(5.0, abs=0.15) and not r["time_s"] for r in found)
-    marks = [FigurePoint("toy", "draft", 5.0, 1.0, 10.0), FigurePoint("my code", "added", 5.0, math.nan, 5.0)]
-    assert (
-        draw(marks, tmp_path / "a.png") and draw(marks[:1], tmp_path / "b.png") and not draw(marks[1:], tmp_path / "c")
-    )
-    with_line, without = (np.asarray(Image.open(tmp_path / f"{n}.png").convert("RGB")) for n in "ab")
-    dashes = (with_line == (0xD5, 0x5E, 0x00)).all(axis=2)
-    assert dashes.sum(axis=1).max() > 100 and not (without == (0xD5, 0x5E, 0x00)).all(axis=2).any()
 
 
 def test_a_sun_that_the_reference_lacks_is_refused(files):

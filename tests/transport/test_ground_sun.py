@@ -9,8 +9,8 @@ from airs import pure_air
 
 from twilight.config import load
 from twilight.scene.medium import climate_medium
+from twilight.transport.ground_sun import GroundSun
 from twilight.transport.rays import ApparentRays
-from twilight.transport.sunlit import GroundSun
 
 RADIUS_KM = 6371.0
 """Of the planet [km]."""

@@ -21,7 +21,7 @@ from twilight.scene.scene import described
 from twilight.solvers import montecarlo, tables, zones
 from twilight.solvers.zones.storage import field_hash
 from twilight.transport.beam import beam_at_one, prepare_beam
-from twilight.transport.sunlit import GroundSun
+from twilight.transport.ground_sun import GroundSun
 
 RADIUS = 6371.0
 LEVELS = np.linspace(0.0, 100.0, 51)

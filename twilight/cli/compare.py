@@ -23,15 +23,6 @@ def compare(
     reference: Annotated[
         Path | None, option("FILE.csv", "Stored radiances that are taken for right; without it, montecarlo makes them.")
     ] = None,
-    add: Annotated[
-        list[str] | None,
-        option(
-            "[NAME=]FILE.csv",
-            "Radiances computed elsewhere, judged too; without --reference, montecarlo makes its own where they are.  "
-            "Columns: sun_elevation_deg, elevation_deg, azimuth_deg from the sun, wavelength_nm, and radiance_per_sr "
-            "(over the sun's irradiance) or radiance_w_per_m2_sr_nm.  May be repeated.",
-        ),
-    ] = None,
     reference_stderr: Annotated[
         float, option("FRACTION", "Relative standard error of the radiances that montecarlo makes.")
     ] = 0.003,
@@ -69,26 +60,12 @@ def compare(
 
     bench = Bench(folder / "rows", time_limit)
     if ablations is not None:
-        if solvers is not None or reference is not None or add:
-            raise TwilightError(
-                "--ablations: compares runs of one solver; it takes no --solvers, no --reference and no --add"
-            )
+        if solvers is not None or reference is not None:
+            raise TwilightError("--ablations: compares runs of one solver; it takes no --solvers and no --reference")
         _ablate(scene, chosen, ablations, suns or sun_elevations(config), bench, repeats, folder)
         return
     wanted = None if solvers is None else [name for name in solvers.split(",") if name.strip()]
     presets = comparison.solver_presets(wanted)
-    tables = [comparison.read_added(text) for text in add or ()]
-    added_names = [table.name for table in tables]
-    if len({*added_names}) < len(tables) or {*added_names} & {preset.solver for preset in presets}:
-        raise TwilightError(
-            f"--add: needs a name of its own for each table, NAME=FILE.csv; got {', '.join(added_names)}"
-        )
-    if tables and reference is None:
-        config = comparison.scene_of(config, tables[0])
-        suns = tables[0].suns() if suns is None else suns
-        for table in tables:
-            for place in tables[0].values:
-                table.value(*place)
     check_size(config)
     stored = None if reference is None else reference_solution.read_references(reference)
     if suns is None and (stored is None or "sun" in config.model_fields_set):
@@ -102,14 +79,9 @@ def compare(
             done = 0.3
             solver = reference_solution.ReferenceSolver(config, folder / "rows", reference_stderr, time_limit)
             part = part_of(progress, 0.0, done)
-            if tables:
-                references = comparison.references_of(tables[0], solver, suns or [], part)
-            else:
-                grid = stratified_directions(config.texture.shape, directions)
-                references = solver.references(suns or [], grid, part)
+            grid = stratified_directions(config.texture.shape, directions)
+            references = solver.references(suns or [], grid, part)
             reference_solution.write_references(folder / "reference.csv", references)
-        for table in tables:
-            rows += comparison.rows_of(table, references, config)
         part = part_of(progress, done, 1.0 - done)
         for results in comparison.compare(config, presets, references, bench, repeats=repeats, progress=part):
             rows += results

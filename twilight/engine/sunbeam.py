@@ -11,9 +11,9 @@ from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.screen import Screen
 from twilight.sky.disc import SOLAR_RADIUS_DEG, Disc
 from twilight.transport.beam import Beam, beam_at, prepare_beam
+from twilight.transport.ground_sun import GroundSun
 from twilight.transport.ray_profile import passing_at, ray_profile, refractivity_at
 from twilight.transport.rays import ApparentRays
-from twilight.transport.sunlit import GroundSun
 
 DISC_STRIPS = 12
 """Horizontal strips of the sun's disc."""

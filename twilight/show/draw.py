@@ -162,7 +162,7 @@ DARKENED_AT_NM = np.array([550.0])
 
 @dataclass(frozen=True)
 class RefractedBeam:
-    """refraction_deg (N,), beam (N, 4): of the sun's disc at 1 au, as `show.space.sunbeam`; horizon_deg: apparent."""
+    """refraction_deg (N,), beam (N, 4): of the sun's disc at 1 au; horizon_deg: apparent."""
 
     refraction_deg: np.ndarray
     beam: np.ndarray

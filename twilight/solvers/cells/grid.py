@@ -1,8 +1,8 @@
 """Haber sections 4.1.2 and 4.1.3: layers of the atmosphere, and cells around the observer; 4.6.1, eq. (3) and (4): the
 optical depth of a straight path through the layers.
 
-A layer has constant coefficients, those of the medium at its centre.  Of a medium that is cut into layers
-(`atmosphere.layers` of a climate) each is one of these; a smooth medium is cut finely.  With a(h) = h (2 R + h), the
+A layer has constant coefficients, those of the medium at its centre.  Of a medium that is cut into layers (the key
+`layers` of a climate's `atmosphere`) each is one of these; a smooth medium is cut finely.  With a(h) = h (2 R + h), the
 square of the distance from the Earth's centre less R^2, a path that is lowest at a_0 crosses altitude h at the distance
 sqrt(a(h) - a_0) from its lowest point: eq. (4) is a sum of differences of such roots.
 

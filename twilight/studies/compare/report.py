@@ -12,7 +12,7 @@ from typing import Any
 from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file, write_csv
 from twilight.studies.compare.accuracy import ErrorQuantiles
-from twilight.studies.compare.comparison import ADDED, ComparisonRow
+from twilight.studies.compare.comparison import ComparisonRow
 
 _QUANTILES = ("median", "p95", "max", "mean", "noise_median", "noise_p95", "noise_max")
 TABLE_COLUMNS = (
@@ -166,19 +166,19 @@ class FigurePoint:
 
 
 def points(rows: Iterable[ComparisonRow]) -> list[FigurePoint]:
-    """The marks of the rows that hold an error and a time, or were computed elsewhere: 95th percentiles."""
+    """The marks of the rows that hold an error and a time: 95th percentiles."""
     return [
         FigurePoint(
             r.preset.solver,
             r.preset.quality,
             r.sun_elevation_deg,
-            math.nan if r.timing is None else r.time_s,
+            r.time_s,
             r.error.p95,
             r.error.noise_p95,
-            math.nan if r.timing is None else r.timing.peak_mib,
+            r.timing.peak_mib,
         )
         for r in rows
-        if r.error is not None and (r.timing is not None or r.preset.quality == ADDED)
+        if r.error is not None and r.timing is not None
     ]
 
 
@@ -219,11 +219,7 @@ def draw(
     columns: int = 4,
     panel_inches: tuple[float, float] = (2.4, 2.5),
 ) -> bool:
-    """PNG of the marks, log-log; False where there is nothing to draw and no file is written.
-
-    Errors without a time are dashed lines across.
-    """
-    levels = [m for m in marks if math.isnan(m.time_s)]
+    """PNG of the marks, log-log; False where there is nothing to draw and no file is written."""
     marks = [m for m in marks if m.time_s > 0]
     if not marks:
         return False
@@ -246,20 +242,16 @@ def draw(
             squeeze=False,
             layout="constrained",
         )
-        solvers = list(dict.fromkeys(m.solver for m in [*marks, *levels]))
+        solvers = list(dict.fromkeys(m.solver for m in marks))
         for axes, sun in zip(grid.flat, suns, strict=False):
             _panel(axes, [m for m in marks if m.sun_elevation_deg == sun], solvers)
-            for m in levels:
-                if m.sun_elevation_deg == sun:
-                    colour = COLOURS[solvers.index(m.solver) % len(COLOURS)]
-                    axes.axhline(m.drawn_percent, color=colour, linestyle="--", linewidth=1.6)
             axes.set_title(f"sun {sun:g}°".replace("-", "−"), fontsize=11, loc="left")
         for axes in grid.flat[len(suns) :]:
             axes.set_visible(False)
-        _limits(grid[0, 0], marks, levels)
+        _limits(grid[0, 0], marks)
         figure.supxlabel(time_label, fontsize=11)
         figure.supylabel("error of the radiance," + ("\n" if rows == 1 else " ") + "95th percentile [%]", fontsize=11)
-        _heading(figure, {name: _memory(m for m in marks if m.solver == name) for name in solvers}, title, levels)
+        _heading(figure, {name: _memory(m for m in marks if m.solver == name) for name in solvers}, title)
         try:
             with whole_file(path) as temporary:
                 figure.savefig(temporary, dpi=150)
@@ -292,14 +284,14 @@ def _panel(axes: Any, marks: Sequence[FigurePoint], solvers: Sequence[str]) -> N
             )
 
 
-def _limits(axes: Any, marks: Sequence[FigurePoint], levels: Sequence[FigurePoint]) -> None:
+def _limits(axes: Any, marks: Sequence[FigurePoint]) -> None:
     """The same limits for all panels, of at least a decade each so that every axis has a labelled tick."""
     from matplotlib.ticker import FuncFormatter, NullFormatter  # optional
 
     formatter = FuncFormatter(lambda value, position: f"{value:g}")
     for axis, values, set_limits in (
         (axes.xaxis, [m.time_s for m in marks], axes.set_xlim),
-        (axes.yaxis, [m.drawn_percent for m in [*marks, *levels]], axes.set_ylim),
+        (axes.yaxis, [m.drawn_percent for m in marks], axes.set_ylim),
     ):
         low, high = math.log10(min(values)) - 0.2, math.log10(max(values)) + 0.2
         more = max(0.0, 1.05 - (high - low)) / 2.0
@@ -317,15 +309,14 @@ def _memory(marks: Iterable[FigurePoint]) -> str:
     return f" ({low} GiB)" if low == high else f" ({low} to {high} GiB)"
 
 
-def _heading(figure: Any, solvers: Mapping[str, str], title: str, levels: Sequence[FigurePoint]) -> None:
-    """The legend: names of the solvers, each with the memory of its process, and of what was computed elsewhere."""
+def _heading(figure: Any, solvers: Mapping[str, str], title: str) -> None:
+    """The legend: names of the solvers, each with the memory of its process."""
     from matplotlib.lines import Line2D  # optional
 
     handles = []
-    dashed = {m.solver for m in levels}
     for i, (name, held) in enumerate(solvers.items()):
-        style: dict[str, Any] = {"linestyle": "--"} if name in dashed else {"marker": MARKERS[i % len(MARKERS)]}
-        handles.append(Line2D([], [], color=COLOURS[i % len(COLOURS)], linewidth=1.6, label=name + held, **style))
+        colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
+        handles.append(Line2D([], [], color=colour, marker=marker, linewidth=1.6, label=name + held))
     figure.legend(
         handles=handles,
         title=title or None,
