@@ -1,4 +1,4 @@
-"""Processor seconds at any wavelengths, and the error of light that `zones` interpolates over the spectrum.
+"""Processor seconds at any wavelengths, and the error of light that the fitted model carries over the spectrum.
 
     python benchmarks/hyperspectral.py                    all of CASES in continental air, two in others
     python benchmarks/hyperspectral.py desert 81          one climate's rows anew, of one case
@@ -24,6 +24,7 @@ import results
 from twilight.config import load
 from twilight.config.scene import PLACED_NM
 from twilight.engine import solve
+from twilight.engine.problem import n_nodes
 from twilight.scene import Scene, resolve
 
 CLIMATES = ("continental-average", "continental-clean", "continental-polluted", "urban", "desert", "maritime-clean")
@@ -45,8 +46,8 @@ ELEVATION_DEG, AZIMUTH_DEG = (
 )
 
 
-def scene_of(climate: str, wavelength_nm: tuple[float, ...], quality: str, interpolation: str = "auto") -> Scene:
-    solver = {"quality": quality, "polarisation": True, "expert": {"spectral_interpolation": interpolation}}
+def scene_of(climate: str, wavelength_nm: tuple[float, ...], quality: str, spectrum: str = "auto") -> Scene:
+    solver = {"quality": quality, "polarisation": True, "expert": {"spectrum": spectrum}}
     return resolve(load(climate, {"solver": solver, "wavelengths": {"list_nm": [float(w) for w in wavelength_nm]}}))
 
 
@@ -55,9 +56,8 @@ def light(scene: Scene) -> tuple[np.ndarray, float, int]:
     begin = time.process_time()
     field = solve(scene, cached=False)
     seconds = time.process_time() - begin
-    nodes = {id(one): one.n_nodes for one in field.problem.interpolations if one is not None}
     stokes = np.stack([field.stokes(sun, ELEVATION_DEG, AZIMUTH_DEG) for sun in SUNS_DEG])
-    return stokes, seconds, sum(nodes.values())
+    return stokes, seconds, n_nodes(field.problem)
 
 
 def compare(climate: str, case: str, quality: str, stored: list[list[object]] | None = None) -> list[list[object]]:
@@ -77,7 +77,7 @@ def compare(climate: str, case: str, quality: str, stored: list[list[object]] | 
         if members.size == 0:
             continue
         some = np.sort(draw.choice(members, min(DRAWN, members.size), replace=False))
-        old, _, _ = light(scene_of(climate, tuple(scene.medium.wavelength_nm[some]), quality, "off"))
+        old, _, _ = light(scene_of(climate, tuple(scene.medium.wavelength_nm[some]), quality, "solved"))
         error = 100.0 * np.abs(new[..., 0, some] / old[..., 0, :] - 1.0)
         polarised = 100.0 * np.abs((new[..., some] - old)[..., 1:, :]) / old[..., :1, :]
         figures = [f(e) for e in (error, polarised) for f in (lambda e: np.percentile(e, 95), np.max)]

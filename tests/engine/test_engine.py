@@ -89,7 +89,7 @@ def test_a_model_without_grids_takes_bands_and_others_in_one_block():
     """A night's light would be computed three times over."""
     keys = {"wavelengths.list_nm": [545.0, 590.0, 620.0]}
     count = {}
-    for name, more in (("compact", {}), ("zones", {"solver.expert.spectral_interpolation": "off"})):
+    for name, more in (("compact", {}), ("zones", {"solver.expert.spectrum": "solved"})):
         made = plan(resolve(load("pure-air", keys | {"solver.name": name} | more)))
         assert made.term_counts[1] > 1 and made.term_counts[0] == made.term_counts[2] == 1
         count[name] = len(parts(made))

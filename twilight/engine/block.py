@@ -10,22 +10,25 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twilight import solvers
 from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
 from twilight.base import cache
 from twilight.base.digest import code_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
+from twilight.engine.carried import MODEL, CarriedField
 from twilight.engine.problem import VALUES_AT_ONCE, Problem
 from twilight.engine.sunbeam import Direct, Sunbeam, disc_strips
 from twilight.numerics.directions import half_of
-from twilight.solvers.base import Field, Interpolation
+from twilight.solvers.base import Field
 from twilight.transport.scattered_once import ScatteredOnce
 
 
@@ -85,6 +88,8 @@ class Block:
         The medium at these wavelengths.
     bands
         Exponential sums of these wavelengths, whose terms are solved in place of the wavelengths; None: no gas bands.
+    carrier
+        What carries light of the terms from nodes; None: they are solved.
     field
         The solver's own field (of the terms), of the observer who was asked for last.
     from_disk
@@ -100,7 +105,9 @@ class Block:
         self.capabilities = problem.scene.capabilities
         self.from_disk = False
         self.term_medium = self.medium if self.bands is None else self.bands.expand(self.medium)
-        self.sunbeam = Sunbeam(self.term_medium, self.capabilities.kind != "transport" or problem.numpy_only_sun)
+        self.carrier = problem.carriers[self.wavelengths.start]
+        in_numpy = self.capabilities.kind != "transport" or problem.numpy_only_sun or self.carrier is not None
+        self.sunbeam = Sunbeam(self.term_medium, in_numpy)
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
         self._once: ScatteredOnce | None = None
@@ -108,20 +115,31 @@ class Block:
         self.field: Field = self._prepare(self._altitude_km)
 
     def _prepare(self, altitude_km: float) -> Field:
-        """The field for an observer, from the cache where it has it."""
-        scene = self.scene
-        known = {"sun_elevations_deg": self._known_suns_deg, "interpolation": self._interpolation}
-        more: dict[str, Any] = {name: value for name, value in known.items() if value is not None}
+        """The field for an observer: solved, or carried from that of its nodes."""
+        if self.carrier is None:
+            return self._solved(self.term_medium, altitude_km)
+        nodes = self.carrier.nodes
+        at_nodes = self.carrier.solved(altitude_km, lambda: self._solved(nodes, altitude_km))
+        try:
+            return CarriedField.of(self.term_medium, self.medium, self.bands, self.carrier, at_nodes, altitude_km)
+        except TwilightError:  # the model has the air of the nodes, and not that of all
+            self.carrier = None
+            return self._prepare(altitude_km)
+
+    def _solved(self, medium: Medium, altitude_km: float) -> Field:
+        """The solver's field of a medium for an observer, from the cache where it has it."""
+        scene, known = self.scene, self._known_suns_deg
+        more: dict[str, Any] = {} if known is None else {"sun_elevations_deg": known}
 
         def solved(settings: Any) -> Field:
             return scene.solver.prepare(
-                self.term_medium, settings, observer_altitude_km=altitude_km, progress=self._progress, **more
+                medium, settings, observer_altitude_km=altitude_km, progress=self._progress, **more
             )
 
         settings = scene.settings
         if not self.problem.cached or not hasattr(settings, "field_file") or settings.field_file:
             return solved(settings)
-        key = self.key(altitude_km)
+        key = field_key(scene.solver.__name__, settings, medium, known, altitude_km)
         path = cache.find(cache.FIELDS, key)
         if path is not None:
             try:
@@ -136,19 +154,32 @@ class Block:
 
     def key(self, altitude_km: float) -> str:
         """The key of the field of an observer in the cache: a hash of all that enters."""
-        solver, settings = self.scene.solver.__name__, self.scene.settings
-        return field_key(solver, settings, self.term_medium, self._known_suns_deg, altitude_km, self._interpolation)
+        question = (self.scene.solver.__name__, self.scene.settings)
+        key = field_key(*question, self.term_medium, self._known_suns_deg, altitude_km)
+        if self.carrier is None:
+            return key
+        nodes = field_key(*question, self.carrier.nodes, self._known_suns_deg, altitude_km)
+        return f"{key} carried from {nodes} by {code_digest(solvers.load(MODEL).__name__)}"
+
+    @cached_property
+    def _all_solved(self) -> list[Block]:
+        """The same wavelengths without the fitted model, for what it does not have: each is solved."""
+        settings = replace(self.scene.settings, spectrum="solved")
+        scene = replace(self.scene, medium=self.medium, bands=self.bands, settings=settings)
+        problem = replace(self.problem, scene=scene)
+        return [Block(problem, index, self._progress) for index in range(len(problem.slices))]
+
+    def _beyond_the_model(self, sun_elevation_deg: float, elevation_deg: Any, altitude_km: float | None) -> list[Block]:
+        """Blocks that answer in place of this one, where its light is carried and the model lacks the question."""
+        if self.carrier is None or self.field.serves(sun_elevation_deg, elevation_deg, altitude_km):  # type: ignore[attr-defined]
+            return []
+        return self._all_solved
 
     @property
     def _known_suns_deg(self) -> list[float] | None:
         """All suns that will be asked for [deg], where the solver takes them; None: any."""
         known = self.problem.sun_elevations_deg
         return list(known) if known is not None and self.capabilities.takes_suns else None
-
-    @property
-    def _interpolation(self) -> Interpolation | None:
-        """What interpolates light over the block's spectral group; None: every wavelength is solved."""
-        return self.problem.interpolations[self.wavelengths.start]
 
     def rows_at_once(self, columns: int) -> int:
         """Rows of so many directions that the solver is asked for at once."""
@@ -173,6 +204,10 @@ class Block:
         """
         directions = (sun_elevation_deg, elevation_deg, azimuth_deg)
         check_question(*directions)
+        solved = self._beyond_the_model(sun_elevation_deg, elevation_deg, observer_altitude_km)
+        if solved:
+            asked = (*directions, observer_altitude_km)
+            return join([block.answer(*asked, polarisation=polarisation) for block in solved])
         field, more = self._seen_from(observer_altitude_km)
         if checkpoint is not None and self.capabilities.standard_error:
             more["checkpoint"] = checkpoint
@@ -220,6 +255,10 @@ class Block:
             raise TwilightError("inscatter: this solver knows whole lines of sight alone; zones, tables and montecarlo "
                                 "know finite ones")  # fmt: skip
         check_question(sun_elevation_deg, elevation_deg, azimuth_deg)
+        if self.carrier is not None:
+            asked = (sun_elevation_deg, elevation_deg, azimuth_deg, distance_km, observer_altitude_km)
+            parts = zip(*(block.inscatter(*asked) for block in self._all_solved), strict=True)
+            return tuple(np.concatenate(part, axis=-1) for part in parts)  # type: ignore[return-value]
         field, more = self._seen_from(observer_altitude_km)
         scattered, transmittance = field.inscatter(sun_elevation_deg, elevation_deg, azimuth_deg, distance_km, **more)
         if self.bands is None:
@@ -321,20 +360,16 @@ def field_key(
     medium: Medium,
     suns_deg: Sequence[float] | None,
     altitude_km: float,
-    interpolation: Interpolation | None = None,
 ) -> str:
     """The key of the field of a problem.
 
-    solver: name of its module; suns_deg: all that will be asked for, None: any; altitude_km: the observer's;
-    interpolation: over the spectrum, by which light scattered more than once follows.
+    solver: name of its module; suns_deg: all that will be asked for, None: any; altitude_km: the observer's.
     """
     digest = hashlib.sha256(code_digest(solver).encode())
     about = [solver, asdict(settings), None if suns_deg is None else sorted(suns_deg), altitude_km]
     digest.update(json.dumps(about, sort_keys=True, default=str).encode())
     _add(digest, medium)
     _add(digest, medium.at_grid_wavelengths)
-    if interpolation is not None:
-        _add(digest, interpolation)
     return digest.hexdigest()
 
 

@@ -16,18 +16,19 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.reading import memory_bytes
 from twilight.config.scene import Config
+from twilight.engine.carried import HIGHEST_OBSERVER_KM, LOWEST_SUN_DEG, MODEL, Carrier, carriers
+from twilight.jit.simd import LANES
 from twilight.scene.medium import wavelengths_of
 from twilight.scene.scene import Scene, count_suns
 from twilight.sky.colour import TONE_MAPPINGS
-from twilight.solvers.base import Cost, Interpolation
+from twilight.solvers.base import Cost
 
 FIELD_BYTES = 1.0e9
 """Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
 FEW_WAVELENGTHS = 8
 """Up to so many are one block, whatever memory that takes: to know it would cost 4 % of a `draft` field's time."""
-INTERPOLATED_AT_ONCE = 128
-"""Most wavelengths of a block, or terms of their sums, whose light is interpolated over the spectrum: their sunbeams'
-tables are mixed from those of the same twenty or so of them."""
+CARRIED_AT_ONCE = 96
+"""Most wavelengths of a block, or terms of their sums, whose light the fitted model carries: 5 MB each."""
 VALUES_AT_ONCE = 400_000
 """Directions times wavelengths of a texture or a view that a solver is asked for at once, by rows: the memory that each
 of them takes is free before the next rows."""
@@ -136,29 +137,36 @@ class Problem:
         return keys
 
     @cached_property
-    def interpolations(self) -> Sequence[Interpolation | None]:
-        """What interpolates the light of each wavelength over the spectrum; None where it is solved."""
-        scene, interpolated = self.scene, self.scene.capabilities.spectral_interpolation
-        if interpolated is None:
-            return [None] * scene.medium.n_wavelengths
-        return interpolated(scene.medium, scene.bands, self._groups, scene.settings)
+    def carriers(self) -> list[Carrier | None]:
+        """What carries the light of each wavelength from a few nodes; None where it is solved."""
+        scene, able = self.scene, self.scene.capabilities
+        none: list[Carrier | None] = [None] * scene.medium.n_wavelengths
+        if able.carried is None or not able.carried(scene.settings):
+            return none
+        config, lowest = scene.config, min(self.sun_elevations_deg or (0.0,))
+        looks_down = config is not None and (config.terrain is not None or config.observer.view is not None)
+        high = scene.altitude_km > scene.medium.bottom_km + HIGHEST_OBSERVER_KM
+        known = not (looks_down or high or lowest < LOWEST_SUN_DEG)
+        found = carriers(scene.medium, scene.bands, scene.altitude_km) if known else none
+        if scene.settings.spectrum == "carried" and not any(found) and self.term_counts.sum() > LANES:
+            raise TwilightError(
+                "solver.spectrum: the fitted model of clear air does not have this air, observer or sun, and cannot "
+                "carry the light of its wavelengths; allowed here is solved"
+            )
+        return found
 
     @cached_property
     def slices(self) -> list[slice]:
         """The blocks of wavelengths, as ranges of indices into those of the medium.
 
-        A block holds `wavelengths_at_once` terms of exponential sums at most (INTERPOLATED_AT_ONCE where their light is
-        interpolated), at least one wavelength.  Wavelengths of different spectral groups are in different blocks, and
-        so are those in a band and others, whose grids would follow the band's terms, unless one interpolation serves
-        them, a file is to hold them all, or a fitted model has no grids.
+        A block holds `wavelengths_at_once` terms of exponential sums at most (CARRIED_AT_ONCE where their light is
+        carried), at least one wavelength.  Wavelengths of different spectral groups are in different blocks, and so are
+        those in a band and others, whose grids would follow the band's terms, unless they are carried from the same
+        nodes, a file is to hold them all, or a fitted model has no grids.
         """
         term_counts = self.term_counts
-        keys = [key if one is None else id(one) for key, one in zip(self._groups, self.interpolations, strict=True)]
-        few = self.wavelengths_at_once
-        more = few
-        if any(self.interpolations) and self.cost is not None:
-            more = max(few, self.cost.max_wavelengths(INTERPOLATED_AT_ONCE, FIELD_BYTES, self.scene.bands is not None))
-        most = [few if one is None else more for one in self.interpolations]
+        keys = [key if one is None else id(one) for key, one in zip(self._groups, self.carriers, strict=True)]
+        most = [self.wavelengths_at_once if one is None else CARRIED_AT_ONCE for one in self.carriers]
         starts, held = [0], int(term_counts[0])
         for w in range(1, len(keys)):
             held += int(term_counts[w])
@@ -193,8 +201,8 @@ class SceneCost:
     """What a scene costs.
 
     blocks: in which its wavelengths are solved, one after the other, of at most `max_wavelengths`
-    solved: of these wavelengths, or terms of exponential sums, those at which light scattered more than once is solved
-        and from which that of the rest is interpolated; 0: nothing is interpolated
+    solved: of these wavelengths, or terms of exponential sums, those that are solved and from which the light of the
+        rest is carried; 0: all are solved
     sky_bytes: of the arrays of one sky and its pictures at the same time; view_bytes: of the picture of a view.
     field_bytes: of the field of one block, while it is solved; total_bytes: the most that all need together, with the
         program; cpu_s: processor time on a quiet core of some 3 GHz, machine code being there.  None for solvers that
@@ -240,7 +248,6 @@ def full_cost(scene: Scene) -> SceneCost:
     if config.terrain is not None:
         seconds += len(suns) * (TERRAIN_S + TERRAIN_PIXEL_S * pixels * scene.medium.n_wavelengths)
     seconds += field_cpu_s(problem, len(suns), directions)
-    nodes = interpolated_from(problem)
     # one copy of a sky grows while its blocks are solved and evaluated; all are there while the last field still is
     copy, held = sizes.sky_bytes / ARRAYS_AT_ONCE, FIELD_FRACTION_HELD * field
     most = max(field + copy, held + evaluation + copy, held + sizes.sky_bytes)
@@ -249,7 +256,7 @@ def full_cost(scene: Scene) -> SceneCost:
         field_bytes=field,
         total_bytes=PROGRAM_BYTES + most + sizes.view_bytes,
         cpu_s=seconds,
-        solved=sum(nodes.values()),
+        solved=n_nodes(problem),
     )
 
 
@@ -262,16 +269,18 @@ def field_cpu_s(problem: Problem, suns: int, directions: int) -> float:
     if cost is None:
         raise TwilightError(f"solver: {problem.scene.solver_name} does not say what its field costs")
     seconds = 0.0
+    of_model = solvers.load(MODEL).CAPABILITIES.cost
+    model = None if of_model is None else of_model(problem.scene.medium, None, None, 0.0)
     for part in problem.slices:
         n, band = int(problem.term_counts[part].sum()), bool((problem.term_counts[part] > 1).any())
         times = cost.band_cpu_factor if band else 1.0
-        if problem.interpolations[part.start] is None:
-            seconds += times * cost.cpu_s_per_wavelength * -(-n // cost.block_size) * cost.block_size
-        else:
-            seconds += times * cost.cpu_s_per_interpolated * n
+        if problem.carriers[part.start] is not None and model is not None:
+            seconds += (model.cpu_s_per_wavelength + model.cpu_s_per_direction * directions * suns) * n
+            continue
+        seconds += times * cost.cpu_s_per_wavelength * -(-n // cost.block_size) * cost.block_size
         seconds += times * (cost.cpu_s_per_direction * directions + cost.cpu_s_per_sun) * suns * n
-    nodes = interpolated_from(problem)
-    return seconds + cost.cpu_s_per_wavelength * (nodes[False] + cost.band_cpu_factor * nodes[True])
+    at_nodes = cost.cpu_s_per_wavelength + (cost.cpu_s_per_direction * directions + cost.cpu_s_per_sun) * suns
+    return seconds + cost.band_cpu_factor * at_nodes * n_nodes(problem)
 
 
 def _directions(config: Config) -> int:
@@ -283,12 +292,9 @@ def _directions(config: Config) -> int:
     return rows * (columns if noisy else columns // 2 + 1)
 
 
-def interpolated_from(problem: Problem) -> dict[bool, int]:
-    """Wavelengths outside bands (False), and terms in bands (True), at which light is solved for the others."""
-    nodes = {False: 0, True: 0}
-    for interpolation in {id(each): each for each in problem.interpolations if each is not None}.values():
-        nodes[interpolation.in_band] += interpolation.n_nodes
-    return nodes
+def n_nodes(problem: Problem) -> int:
+    """Wavelengths, or terms, that are solved and from which light of others is carried."""
+    return sum(one.n_nodes for one in {id(one): one for one in problem.carriers if one is not None}.values())
 
 
 def cost(config: Config) -> SceneCost:

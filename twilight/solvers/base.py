@@ -6,7 +6,8 @@ has what `Solver` lists:
 - `CAPABILITIES`, what the solver can do beyond the least, as `Capabilities`; nothing outside asks in another way;
 - `QUALITIES`, its presets by name, of a class made with `twilight.base.sections.settings`, whose options say default,
   help and limits; `standard` is one of them; an option of one of these names has one meaning: `polarisation` (true:
-  the field is a `PolarisedField`), `field_file` (where the field of one block of wavelengths is stored),
+  the field is a `PolarisedField`), `spectrum` (whether the fitted model carries light to many wavelengths from a few),
+  `field_file` (where the field of one block of wavelengths is stored),
   `target_error` (the relative systematic error that it is to have) and `target_stderr` (a relative standard error
   that samples are added for);
 - `tuned_numbers()`, where a solver has them, and `kinds_met(medium, settings)`, which of their kinds of air a medium
@@ -28,7 +29,6 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
@@ -43,7 +43,6 @@ class Cost:
         full, they count block_size times
     cpu_s_per_direction: of a wavelength in one direction, when the field is evaluated
     cpu_s_per_sun: of a wavelength under each sun, where the field is solved for one after the other
-    cpu_s_per_interpolated: in place of cpu_s_per_wavelength where `spectral_interpolation` serves
     block_size: wavelengths that are computed as one
     band_bytes: added to fixed_bytes where the wavelengths are terms of a gas's exponential sum
     band_cpu_factor: of cpu_s_per_wavelength where they are such terms
@@ -56,7 +55,6 @@ class Cost:
     block_size: int = 1
     band_bytes: float = 0.0
     band_cpu_factor: float = 1.0
-    cpu_s_per_interpolated: float = 0.0
     cpu_s_per_sun: float = 0.0
 
     def n_bytes(self, wavelengths: int, in_band: bool = False) -> float:
@@ -69,18 +67,6 @@ class Cost:
         fixed = self.fixed_bytes + (self.band_bytes if in_band else 0.0)
         room = (n_bytes - fixed) / (self.bytes_per_wavelength * self.block_size)
         return max(self.block_size, min(most, self.block_size * int(max(room, 0.0))))
-
-
-class Interpolation(Protocol):
-    """What interpolates light over some wavelengths, or terms of their exponential sums."""
-
-    @property
-    def n_nodes(self) -> int:
-        """At how many of them light is solved."""
-
-    @property
-    def in_band(self) -> bool:
-        """Whether some of them are terms of exponential sums."""
 
 
 @dataclass(frozen=True)
@@ -101,9 +87,8 @@ class Capabilities:
     wavelengths_at_once: most wavelengths of one `prepare`; the engine divides more into blocks of so many
     spectral_groups: a key for each wavelength of a medium under settings; wavelengths of different keys must not be
         solved in one block, where each would move the other's radiance; None: no wavelength moves another
-    spectral_interpolation: what interpolates light over the spectrum at each wavelength, from (medium, exponential sums
-        of its bands or None, a key for each wavelength, settings), for `prepare` to take as `interpolation`; None: that
-        wavelength is solved, in blocks of the wavelengths of its key
+    carried: whether under settings the light of many wavelengths is carried from a few by the fitted model
+        (`twilight.engine.carried`); None: never
     cost: cost of a field from (medium, settings, sun elevations or None for any, altitude of the observer); None, or
         where that gives None: not known
     package: name of a Python package that it needs beside those of twilight, which the extra `peers` installs
@@ -119,9 +104,7 @@ class Capabilities:
     finite_segments: bool = False
     wavelengths_at_once: int = 32
     spectral_groups: Callable[[Medium, Any], Sequence[Hashable]] | None = None
-    spectral_interpolation: (
-        Callable[[Medium, GasBands | None, Sequence[Hashable], Any], Sequence[Interpolation | None]] | None
-    ) = None
+    carried: Callable[[Any], bool] | None = None
     cost: Callable[[Medium, Any, Sequence[float] | None, float], Cost | None] | None = None
     package: str = ""
 
@@ -141,8 +124,8 @@ class Convergence:
 
     orders: orders of scattering that were followed; residual: largest fraction of the light that may be missing or
     wrong because no more were followed; error: how far two qualities differ at 95 % of the directions, where a target
-    was asked for; spectral_nodes: wavelengths, or terms of exponential sums, from which light scattered more than once
-    was interpolated, where it was, and interpolation_error: what that adds at 95 % of the directions.
+    was asked for; spectral_nodes: wavelengths, or terms of exponential sums, from which the fitted model carried
+    light to the others, where it did, and interpolation_error: what that added at 95 % of the directions.
     """
 
     orders: int

@@ -56,14 +56,6 @@ __all__ = ["Beam", "beam_at", "beam_at_one", "beam_on_ground", "lit_at", "prepar
 
 DEEPEST_DUCT_KM = 1.0
 """Air that traps light up to higher than this makes no shadow whose edge the tables could follow."""
-MIX_ERROR = 5e-5
-"""Error of a mixed wavelength's coefficients, over its extinction: of the logarithm of its light, over its depth."""
-LEAST_PER_KM = 1e-7
-"""Extinction [km^-1] whose absence does not matter: 6e-5 along the longest path."""
-MIX_INDEX_ERROR = 3e-5
-"""Error of its refractivity, over the largest: 2e-5 deg of the sun's place."""
-LARGEST_SHARE = 4.0
-"""Largest weight of a wavelength in another: more would magnify the errors of its own tables."""
 _FAR_KM = 400.0
 """The table of limb rays holds log(E) + log(1 + u/400 km): finite however far behind the limb."""
 
@@ -107,7 +99,6 @@ def prepare_beam(
     spreading_window_km: float = 0.25,
     max_breaks: int = 120,
     laid_out_for: Medium | None = None,
-    mixed: bool = False,
 ) -> Beam:
     """Tables of the direct sun beam in `medium`, for every altitude and every position of the sun.
 
@@ -121,14 +112,9 @@ def prepare_beam(
         that bends at the levels of a profile has a spike of the spreading below every level; this averages over it.
     laid_out_for: the same levels at other wavelengths, whose coefficients say where nodes are, and whose most refracted
         wavelength is the reference, so that the tables of one wavelength do not depend on others; None: the medium.
-    mixed: trace some of the wavelengths alone, and mix the others' tables from theirs (`traced_wavelengths`).
 
     Errors: TwilightError for air that traps light up to more than DEEPEST_DUCT_KM above the ground.
     """
-    whole, share = medium, None
-    if mixed:
-        traced, share = traced_wavelengths(medium)
-        medium, laid_out_for = medium.select(traced), laid_out_for or medium
     air = _air(medium, laid_out_for, refraction, spreading, max_breaks)
     edges = segments(laid_out_for or medium, max_breaks, air.edges.altitude_km)
     size, start, altitudes = segment_nodes(edges, air.layout, altitude_nodes_per_scale, 6, 64)
@@ -139,11 +125,6 @@ def prepare_beam(
     distances = _distances(distance_nodes)
     shift = _shift(air, limb, distances)
     profile, reference = air.traced.profile, air.traced.reference
-
-    def at_all(traced: np.ndarray) -> np.ndarray:
-        """Values (..., W) at all wavelengths from those at the traced ones."""
-        return traced if share is None else traced @ share
-
     return pack(
         Tables(
             radius_km=medium.earth_radius_km,
@@ -162,51 +143,14 @@ def prepare_beam(
             up_bending=up_bending,
             limb_bending=limb.bending[reference],
             shift_km=shift,
-            overhead=whole.overhead_absorption_optical_depth,
-            dispersion=at_all(1.0 - air.traced.scale),
-            log_up=at_all(log_up),
-            log_down=at_all(_past_lowest_point(air, limb, distances, shift).T).T,
-            edges=air.edges._replace(coefficient=at_all(air.edges.coefficient)),
-            screen=screen_table(whole.screen, profile, reference, whole.wavelength_nm),
+            overhead=medium.overhead_absorption_optical_depth,
+            dispersion=1.0 - air.traced.scale,
+            log_up=log_up,
+            log_down=_past_lowest_point(air, limb, distances, shift),
+            edges=air.edges,
+            screen=screen_table(medium.screen, profile, reference, medium.wavelength_nm),
         )
     )
-
-
-def traced_wavelengths(medium: Medium) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (B,) of the wavelengths whose rays are traced, and their shares (B, W), of sum 1, in each wavelength.
-
-    Optical depth along a ray is a sum over the coefficients, and so is its tables' logarithm: where the coefficients
-    and the refractivity of a wavelength are a weighted mean of those of some others, within MIX_ERROR and
-    MIX_INDEX_ERROR, its tables are that mean of theirs.  Terms of one wavelength, which share rays, differ by multiples
-    of a gas; many wavelengths, by few gases and aerosols.
-    """
-    count = medium.n_wavelengths
-
-    def with_middles(per_km: np.ndarray) -> np.ndarray:
-        # between levels logarithms are linear: there, too, a sum must be one
-        return np.concatenate([per_km, np.sqrt(per_km[1:] * per_km[:-1])])
-
-    parts = [medium.air_scattering_per_km, medium.absorption_per_km, medium.aerosol_extinction_per_km]
-    index = medium.refractivity[:1] / max(float(medium.refractivity[:1].max()), 1e-30)
-    columns = np.concatenate([*map(with_middles, parts), index])
-    error = MIX_ERROR * with_middles(medium.extinction_per_km) + LEAST_PER_KM
-    allowed = np.concatenate([error, error, error, np.full((1, count), MIX_INDEX_ERROR)])
-    scale = 1.0 / np.exp(np.log(allowed).mean(axis=1))
-    traced = [int(np.argmax(medium.refractivity[0]))]
-    while len(traced) < count:
-        # a weight of 1 in all: what differs from the first is a sum of what the others differ by
-        others = columns - columns[:, traced[:1]]
-        fitted = np.linalg.lstsq(scale[:, None] * others[:, traced[1:]], scale[:, None] * others, rcond=1e-12)[0]
-        share = np.concatenate([1.0 - fitted.sum(axis=0, keepdims=True), fitted])
-        share[:, traced] = np.eye(len(traced))
-        wrong = (np.abs(columns[:, traced] @ share - columns) / allowed).max(axis=0)
-        wrong = np.maximum(wrong, np.abs(share).max(axis=0) / LARGEST_SHARE)
-        wrong[traced] = 0.0
-        worst = int(np.argmax(wrong))
-        if wrong[worst] <= 1.0:
-            return np.array(traced), share
-        traced.append(worst)
-    return np.arange(count), np.eye(count)
 
 
 def _air(medium: Medium, laid_out_for: Medium | None, refraction: bool, spreading: bool, max_breaks: int) -> _Air:

@@ -12,12 +12,13 @@ From the bottom up: `kernel`, `air`, `rays`, `sunlight`, `importance`, `leg` and
 from twilight.solvers.base import Capabilities
 from twilight.solvers.montecarlo.chunks import MonteCarloResult, StokesResult
 from twilight.solvers.montecarlo.field import Field, prepare
-from twilight.solvers.montecarlo.settings import QUALITIES, MonteCarloSettings, cost
+from twilight.solvers.montecarlo.settings import QUALITIES, MonteCarloSettings, carried, cost
 
 CAPABILITIES = Capabilities(
     standard_error=True,
     finite_segments=True,
     screen=True,
+    carried=carried,
     cost=cost,
 )
 

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.errors import TwilightError
 from twilight.base.sections import option, settings
 from twilight.solvers.base import Cost
 from twilight.solvers.montecarlo.leg import LegOptions
@@ -54,6 +55,11 @@ class MonteCarloSettings:
         "carry Stokes vectors (I, Q, U) from event to event; false: scalar theory, which is off by up to 10-20 % in"
         " single directions of blue twilight. 'isotropic_after_first' is scalar theory in any case",
         default=True,
+    )
+    spectrum: Literal["solved", "carried"] = option(
+        "solved: every wavelength is sampled. carried: of many, or of terms of gas bands, eight to 24 are sampled, "
+        "and the fitted model of clear air carries their light, with its standard error, to the others",
+        default="solved",
     )
     seed: int = option("any integer; names the random numbers", default=1, ge=0, le=2**63 - 1)
     max_samples: int = option(
@@ -182,6 +188,21 @@ class MonteCarloSettings:
             self.control_variate and self.max_orders is None and self.importance_sweeps > 0,
             ALL_ORDERS if self.max_orders is None else self.max_orders,
         )
+
+
+def carried(settings: MonteCarloSettings) -> bool:
+    """Whether the fitted model may carry light over the spectrum: it was asked for, and has all orders and physics."""
+    if settings.spectrum != "carried":
+        return False
+    left_out = [
+        key for key in ("polarisation", "refraction", "spreading", "bent_lines_of_sight") if not getattr(settings, key)
+    ]
+    if settings.max_orders is not None or settings.approximation != "none" or left_out:
+        raise TwilightError(
+            "solver.spectrum: carried takes all orders of scattering and all physics, as the fitted model has; leave "
+            "max_orders, approximation, polarisation, refraction, spreading and bent_lines_of_sight as they are"
+        )
+    return True
 
 
 QUALITIES = {

@@ -5,8 +5,7 @@ from twilight.solvers.zones.constants import table as tuned_numbers
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.grids import kinds_met, spectral_groups
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
-from twilight.solvers.zones.solver import cost, load, prepare
-from twilight.solvers.zones.spectrum import interpolation
+from twilight.solvers.zones.solver import carried, cost, load, prepare
 
 CAPABILITIES = Capabilities(
     finite_segments=True,
@@ -15,7 +14,7 @@ CAPABILITIES = Capabilities(
     every_observer=True,
     screen=True,
     spectral_groups=spectral_groups,
-    spectral_interpolation=interpolation,
+    carried=carried,
     cost=cost,
 )
 

@@ -255,46 +255,6 @@ MIN_PEAK_FRACTION: Tuned[float, "1", PARTICLES, "test_air_without_aerosol_has_no
     "forward fraction f below which an aerosol has no peak"] = 1e-6
 STRONG_FRACTION: Tuned[float, "1", PARTICLES, "test_peaks_keep_what_the_series_has_left_out",
     "forward fraction from which on the moments of a peak are taken as they are"] = 0.01
-
-# Interpolation over the spectrum.
-ABSORPTION_RANGES_KM: Tuned[tuple[float, ...], "km", ANY, "test_between_bands_it_is_as_near_as_stated",
-    "altitudes above the ground at which ranges begin whose absorption is a coordinate: water vapour is in the first "
-    "two, oxygen in three, ozone in the last two"] = (0.0, 3.0, 10.0, 30.0)
-WEAK_DEPTH: Tuned[float, "optical depth", ANY, "test_in_bands_it_is_as_near_as_stated",
-    "vertical depth of absorption up to which its coordinate grows in proportion, beyond like its logarithm: deep "
-    "twilight comes through 50 air masses, and with 0.08 weak wings of bands had no node near them (arctic, 770 nm: "
-    "5 %)"] = 0.02
-WAVELENGTH_SCALE: Tuned[float, "ln nm", ANY, "test_between_bands_it_is_as_near_as_stated",
-    "change of a coordinate, here the wavelength, over which light changes in another way "
-    "(benchmarks/hyperspectral.py)"] = 3.3
-SCATTERING_SCALE: Tuned[float, "ln depth", ANY, "test_between_bands_it_is_as_near_as_stated",
-    "the same of scattering"] = 7.3
-ABSORPTION_SCALE: Tuned[float, "ln depth", ANY, "test_in_bands_it_is_as_near_as_stated",
-    "the same of absorption"] = 7.5
-ALBEDO_SCALE: Tuned[float, "1", ANY, "test_the_ground_has_the_albedo_of_its_wavelength",
-    "the same of the ground"] = 0.5
-CURVATURE: Tuned[float, "1", ANY, "test_between_bands_it_is_as_near_as_stated",
-    "standard deviation of ln of the light about a plane through the coordinates, over one such change"] = 1.0
-PLANE_VARIANCE: Tuned[float, "1", ANY, "test_of_grey_air_it_is_exact",
-    "variance of the plane's slopes, nearly unknown: free ones (1e12) are off by e in columns beyond eight "
-    "nodes"] = 120.0
-NUGGET: Tuned[float, "1", ANY, "test_weights_are_exact_at_nodes_and_give_planes",
-    "variance of a node's own value, which keeps weights small where two nodes are nearly the same"] = 1e-8
-SPECTRAL_TOLERANCE: Tuned[float, "1", ANY, "test_between_bands_it_is_as_near_as_stated",
-    "standard deviation of ln of the light at which no more nodes are taken"] = 2.5e-4
-SPECTRAL_TOLERANCE_IN_BANDS: Tuned[float, "1", BANDS, "test_in_bands_it_is_as_near_as_stated",
-    "the same for terms of bands of gases deeper than SHALLOW_BAND"] = 7e-4
-SHALLOW_BAND: Tuned[float, "1", BANDS, "test_in_bands_it_is_as_near_as_stated",
-    "fraction of vertical light up to which a band absorbs so little that light is as near as between "
-    "bands"] = 0.05
-AIR_MASSES: Tuned[tuple[float, ...], "1", BANDS, "test_in_bands_it_is_as_near_as_stated",
-    "relative air masses at which a term's fraction of its wavelength's light is evaluated; the "
-    "largest counts"] = (1.0, 6.0, 30.0)
-MIN_TERM_FRACTION: Tuned[float, "1", BANDS, "test_in_bands_it_is_as_near_as_stated",
-    "least such fraction that a term counts with"] = 7e-4
-MOST_FRACTION: Tuned[float, "1", ANY, "test_few_wavelengths_and_off_are_solved_bit_for_bit_as_ever",
-    "blocks of nodes over blocks of wavelengths, or terms, beyond which nothing is interpolated: it would hardly "
-    "save time"] = 0.75
 # fmt: on
 
 

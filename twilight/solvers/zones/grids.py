@@ -135,29 +135,26 @@ class Layout(NamedTuple):
     rims_km: np.ndarray
 
 
-def settings_for(medium: Medium, settings: ZonesSettings, joined: bool = False) -> tuple[ZonesSettings, float]:
+def settings_for(medium: Medium, settings: ZonesSettings) -> tuple[ZonesSettings, float]:
     """The settings with the degree that a medium needs, or that the ranges of its wavelengths need where it has their
     grids, and that degree with its fraction.
 
-    joined: as of `lay_out`
     """
-    fixed = _grid_air(medium, joined)
+    fixed = _grid_air(medium)
     of = medium if fixed is None else fixed
     return with_degree(settings, of), degree_needed(settings, of)
 
 
-def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, joined: bool = False) -> Layout:
+def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings) -> Layout:
     """Grids for all wavelengths of a medium: those of their ranges, if these serve; else made for the medium itself.
 
     Terms of a gas's exponential sum have the nodes and directions of the air without that gas, and steps as fine as
     TERM_FACTORS say: nodes that follow the darkest term were six times as many, and moved the light by less than nodes
     that are twice as dense move that of any wavelength; steps that follow it made each term depend on the others.
 
-    scaled: the medium with phase functions of the degree, and settings: of `settings_for`; joined: the light is
-    interpolated over a spectrum, all of which has the nodes and directions of its ranges together (`joined_ranges`);
-    steps and the sunbeam's tables are then those of the medium's own range, or where it has several the last one's.
+    scaled: the medium with phase functions of the degree, and settings: of `settings_for`
     """
-    fixed = _grid_air(medium, joined)
+    fixed = _grid_air(medium)
     air = scaled if fixed is None else delta_scaled(fixed, scaled.degree)
     reference = prepare_profile(air.medium)
     of_nodes, beam = reference, scaled.medium
@@ -166,7 +163,7 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, joine
         if clearest is not None:
             of_nodes = reference._replace(extinction=reference.extinction[:, clearest])
     else:
-        profile, beam = _steps(medium, scaled, fixed, joined)
+        profile, beam = _steps(medium, scaled, fixed)
     return Layout(
         near_edges(profile, reference),
         _field_altitudes(medium, of_nodes, settings.altitude_density),
@@ -179,15 +176,13 @@ def lay_out(medium: Medium, scaled: ScaledMedium, settings: ZonesSettings, joine
     )
 
 
-def _steps(medium: Medium, scaled: ScaledMedium, fixed: Medium, joined: bool) -> tuple[Profile, Medium]:
+def _steps(medium: Medium, scaled: ScaledMedium, fixed: Medium) -> tuple[Profile, Medium]:
     """The scaled air with the steps of its rays, and the medium that tables of its sunbeam are laid out for.
 
-    fixed: the air at the fixed wavelengths of its ranges, or of those that are joined
+    fixed: the air at the fixed wavelengths of its ranges
     """
-    own = {range_of(w) for w in medium.wavelength_nm}
-    fixed = _of_ranges(fixed, {max(own)} if joined else own)
     air = delta_scaled(fixed, scaled.degree).medium
-    if (joined and len(own) > 1) or not _serves(fixed, medium).all():
+    if not _serves(fixed, medium).all():
         steps = prepare_profile(air)
         return with_steps_of(prepare_profile(scaled.medium), steps, tuned.TERM_FACTORS), scaled.medium
     # the most refracted wavelength of a range is its first, which need not be a fixed one
@@ -238,18 +233,9 @@ def serves_range(medium: Medium) -> np.ndarray:
     return served
 
 
-def joined_ranges(ranges: set[int]) -> set[int]:
-    """The ranges whose light is interpolated together: all but the first, which in ozone's bands needs twice the nodes
-    in altitude."""
-    return {0} & ranges or {r for r in range(1, len(RANGES))}
-
-
-def _grid_air(medium: Medium, joined: bool) -> Medium | None:
+def _grid_air(medium: Medium) -> Medium | None:
     """The air at fixed wavelengths whose grids serve a medium; None where grids are made for the medium itself."""
-    own, known = {range_of(w) for w in medium.wavelength_nm}, medium.at_grid_wavelengths
-    if joined and known is not None:
-        return _of_ranges(known, joined_ranges(own))
-    fixed, clearest = _fixed(medium, own), _clearest(medium)
+    fixed, clearest = _fixed(medium, {range_of(w) for w in medium.wavelength_nm}), _clearest(medium)
     if fixed is None:
         return None
     return fixed if _serves(fixed, medium if clearest is None else medium.select(clearest)).all() else None
@@ -307,7 +293,6 @@ class FieldGrids:
     medium: before scaling; settings: of the field; directions: the settings with the degree and as many directions and
     harmonics as this air needs; zenith_range_deg: of the sun
     scaled, scattering: the delta-scaled air and the moments of its phase matrices
-    joined: whether its light is interpolated, as of `lay_out`
     profile: of the scaled air, along straight rays; line_profile, path_profile: through which lines of sight and rays
     between two scatterings go, bent where the settings say so; nodes: of the field; layout: of `lay_out`
     """
@@ -316,7 +301,6 @@ class FieldGrids:
     settings: ZonesSettings
     directions: ZonesSettings
     zenith_range_deg: tuple[float, float]
-    joined: bool
     scaled: ScaledMedium
     scattering: SpeciesMoments
     profile: Profile
@@ -326,13 +310,11 @@ class FieldGrids:
     layout: Layout
 
     @staticmethod
-    def of(
-        medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[float, float], joined: bool = False
-    ) -> FieldGrids:
-        """Grids for a medium under settings; joined: as of `lay_out`."""
-        of_air, degree = settings_for(medium, settings, joined)
+    def of(medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[float, float]) -> FieldGrids:
+        """Grids for a medium under settings."""
+        of_air, degree = settings_for(medium, settings)
         scaled = delta_scaled(medium, degree)
-        layout = lay_out(medium, scaled, of_air, joined)
+        layout = lay_out(medium, scaled, of_air)
         bent = with_refraction(layout.profile, layout.bends)
         zenith = zenith_nodes(*zenith_range_deg, settings.zenith_density)
         return FieldGrids(
@@ -340,7 +322,6 @@ class FieldGrids:
             settings,
             layout.directions,
             zenith_range_deg,
-            joined,
             scaled,
             SpeciesMoments.of(medium, scaled, _spin2_degree(settings)),
             layout.profile,
@@ -373,7 +354,6 @@ class FieldGrids:
             distance_nodes=max(tuned.MIN_DISTANCE_NODES, round(tuned.DISTANCE_NODES * d)),
             guess_nodes=round(tuned.GUESS_NODES * d),
             laid_out_for=self.layout.beam,
-            mixed=self.joined,
         )
 
 

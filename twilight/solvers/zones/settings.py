@@ -140,10 +140,9 @@ class ZonesSettings:
         expert=True,
     )
     bent_paths: bool = option("bend the paths of light between two scatterings too", default=True, expert=True)
-    spectral_interpolation: Literal["auto", "off"] = option(
-        "auto: where that saves a quarter of the blocks of eight wavelengths, or terms of bands of gases, light "
-        "scattered more than once is solved at some and interpolated to the others; light scattered once and the sun's "
-        "own are computed at each. off: all is solved at each",
+    spectrum: Literal["auto", "solved"] = option(
+        "auto: where that saves blocks of eight wavelengths, or terms of bands of gases, some are solved and the "
+        "fitted model of clear air carries their light to the others; what that adds is measured. solved: all are",
         default="auto",
         expert=True,
     )

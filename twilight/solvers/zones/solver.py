@@ -29,7 +29,6 @@ from twilight.solvers.zones.orders import reduced_depth, solve
 from twilight.solvers.zones.ray_points import LANES
 from twilight.solvers.zones.scattering import Solution
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
-from twilight.solvers.zones.spectrum import SpectralInterpolation
 from twilight.solvers.zones.storage import field_hash, read, stored_hash
 from twilight.transport.scaling import delta_scaled
 
@@ -54,8 +53,6 @@ thick that all later orders are solved at once: `draft` below stratus of depth 2
 THICK_ZENITHS = 5
 BAND_CPU_FACTOR = 1.3
 """Processor time of terms of a gas's exponential sum over that of as many wavelengths."""
-INTERPOLATED_S = 0.03
-"""Processor seconds of a wavelength whose light is interpolated over the spectrum: its sunbeam, above all."""
 DIRECTION_S = 5.5e-6
 """Processor seconds of a direction and wavelength, scalar."""
 POLARISED_DIRECTION_S = 1e-5
@@ -124,8 +121,14 @@ def cost(
         block_size=LANES,
         band_bytes=(BAND_POINTS_FACTOR - 1.0) * points,
         band_cpu_factor=BAND_CPU_FACTOR,
-        cpu_s_per_interpolated=INTERPOLATED_S,
     )
+
+
+def carried(settings: ZonesSettings) -> bool:
+    """Whether the fitted model may carry light over the spectrum: it has all orders and all physics."""
+    physics = ("polarisation", "refraction", "bent_lines_of_sight", "bent_paths")
+    whole = settings.max_orders > 1 and all(getattr(settings, key) for key in physics)
+    return whole and settings.spectrum == "auto" and not settings.field_file and not settings.target_error
 
 
 class Errors(NamedTuple):
@@ -158,7 +161,7 @@ MEASURED_ERRORS: dict[str, dict[str, Errors]] = {
 
 NOT_OF_QUALITY = (
     *("max_orders", "polarisation", "refraction", "bent_lines_of_sight", "bent_paths"),
-    *("target_error", "spectral_interpolation", "field_file"),
+    *("target_error", "spectrum", "field_file"),
 )
 """Settings that stay as they are where a target error chooses the quality: physics, the target and the file."""
 
@@ -220,7 +223,6 @@ def prepare(
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
     sun_elevations_deg: Sequence[float] | None = None,
-    interpolation: SpectralInterpolation | None = None,
 ) -> Field:
     """Solve the field of a medium, for every position of the sun or for those of a scene.
 
@@ -240,8 +242,6 @@ def prepare(
         Called as progress(doing, fraction) now and then.
     sun_elevations_deg
         All the suns that will be asked for: only the zenith range that they need is then solved.  None: any sun.
-    interpolation
-        From which light scattered more than once follows; None: it is solved at each wavelength.
 
     Raises
     ------
@@ -267,15 +267,13 @@ def prepare(
     _warn_of_neighbours(medium, settings)
     chosen, expected = settings_to_solve(medium, settings, sun_elevations_deg)
     observer_at(medium, observer_altitude_km)
-    grids = FieldGrids.of(medium, chosen, needed, interpolation is not None)
+    grids = FieldGrids.of(medium, chosen, needed)
     progress = progress or silent
     progress("sunbeam", 0.0)
     beam = grids.sunbeam()
     solutions: Sequence[Solution] = ()
     convergence: Convergence | None = None
-    if interpolation is not None:
-        solutions, convergence = interpolation.light(grids, progress)
-    elif chosen.max_orders > 1:
+    if chosen.max_orders > 1:
         solutions, convergence = solve(grids, beam, progress)
     progress("field", 1.0)
     field = Field(grids, beam, solutions, convergence, observer_altitude_km)
@@ -378,8 +376,7 @@ def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
         For a file that is missing, broken or of another kind.
     """
     stored = read(path)
-    interpolated = stored.convergence is not None and stored.convergence.spectral_nodes is not None
-    grids = FieldGrids.of(stored.medium, stored.settings, stored.zenith_range_deg, interpolated)
+    grids = FieldGrids.of(stored.medium, stored.settings, stored.zenith_range_deg)
     field = Field(grids, stored.beam, stored.solutions, stored.convergence, observer_altitude_km)
     field.requested_settings = stored.requested_settings
     return field
