@@ -233,7 +233,9 @@ def _misses(
         return np.zeros(0), Answer(np.zeros((0, 0, 0)))
     grid = (nodes, across) if axis == 0 else (across, nodes)
     answer = light(*grid)
-    each = np.moveaxis(_errors(table, answer.radiance, *grid), axis, 0).reshape(nodes.size, -1)
+    # at a break the table's light is that above it
+    each = np.moveaxis(_errors(table, answer.radiance, beside_breaks(grid[0]), grid[1]), axis, 0)
+    each = each.reshape(nodes.size, -1)
     return np.maximum(np.percentile(each, 95, axis=1) / USUAL_MISS, each.max(axis=1) / LARGEST_MISS), answer
 
 

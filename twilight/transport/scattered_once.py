@@ -271,7 +271,8 @@ class ScatteredOnce:
         """
         if self.log_phase is None:
             return None
-        up = np.full(elevation_deg.shape, self._above_km == 0.0) & ((elevation_deg >= 0.0) | (not self._looks_down))
+        in_air = self._shells.first < self._shells.boundary_km.size - 1
+        up = np.full(elevation_deg.shape, in_air) & ((elevation_deg >= 0.0) | (not self._looks_down))
         shape = (len(self._phases), elevation_deg.size, azimuth_deg.size, self._shells.extinction.shape[1])
         factors = np.zeros(shape)
         if up.any():
