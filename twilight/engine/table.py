@@ -77,8 +77,8 @@ BESIDE_BREAK_DEG = 1e-4
 HIGH_FROM_KM = 0.1
 """Height above the ground from which rows go below the horizontal; lower down the horizon dips by 0.3 deg at most."""
 
-BREAKS_APART_DEG = 0.1
-"""A break closer than this above another one is left out [deg]: from orbit the edge of the haze is at the horizon."""
+BREAKS_APART_DEG = 0.02
+"""A break closer than this above another one is left out [deg]: from afar the edge of the haze is at the horizon."""
 
 
 def with_ground(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
@@ -90,13 +90,15 @@ def with_ground(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
 def row_breaks(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
     """The lowest row of a scene's table, and where light of the rows is not smooth [deg].
 
-    Seen from high up by a solver that can look down: the horizon, and the rays that graze the edges of layers below.
+    Seen from high up by a solver that can look down: the horizon, and the rays that graze the edges of layers below and
+    the top of the air.
     """
     medium = scene.medium
     above_ground_km = altitude_km - medium.bottom_km
     if above_ground_km <= HIGH_FROM_KM or not (scene.capabilities.every_observer and scene.capabilities.looks_down):
         return 0.0, []
     level = sudden_edges(medium)[0]
+    level = np.append(level[level < medium.top_km], medium.top_km)
     edges = [-horizon_dip_deg(medium, altitude_km, float(k)) for k in level[level < altitude_km - 0.01]]
     breaks = [-horizon_dip_deg(medium, altitude_km)]
     for edge in sorted(edges):
@@ -233,9 +235,9 @@ def _misses(
         return np.zeros(0), Answer(np.zeros((0, 0, 0)))
     grid = (nodes, across) if axis == 0 else (across, nodes)
     answer = light(*grid)
-    # at a break the table's light is that above it
-    each = np.moveaxis(_errors(table, answer.radiance, beside_breaks(grid[0]), grid[1]), axis, 0)
-    each = each.reshape(nodes.size, -1)
+    each = _errors(table, answer.radiance, *grid)
+    once = np.diff(grid[0], prepend=-np.inf) * np.diff(grid[0], append=np.inf) > 0.0  # at a break light is that above it
+    each = np.moveaxis(each[once], axis, 0).reshape(nodes.size, -1)
     return np.maximum(np.percentile(each, 95, axis=1) / USUAL_MISS, each.max(axis=1) / LARGEST_MISS), answer
 
 
