@@ -1,7 +1,8 @@
 """Fills a `SkyTable` with a field's light: nodes are added until interpolation between them is accurate enough.
 
-Rows are halved where the table's rule misses the light of the row between two others, then columns; whatever is
-computed for a test becomes a node.  In the end the table is compared with directions drawn at random.
+Rows are halved where the table's rule misses the light of the row between two others, then columns, the worst first
+where their number ends; whatever is computed for a test becomes a node.  In the end the table is compared with light at
+the visible horizon and the other edges, about the sun, opposite to it and over the sky.
 """
 
 from __future__ import annotations
@@ -212,7 +213,8 @@ def fill(
         nodes, few = samples.nodes[axis], samples.nodes[1 - axis]
         halves = np.flatnonzero(far_apart(axis, 2.0))
         few = few[:: max(1, few.size // PROBES)]
-        halve(halves[_misses(table(), samples.asked, 0.5 * (nodes[halves] + nodes[halves + 1]), few, axis)[0] > 1.0], axis)
+        miss, _ = _misses(table(), samples.asked, 0.5 * (nodes[halves] + nodes[halves + 1]), few, axis)
+        halve(halves[miss > 1.0], axis)
 
     if not refine:
         return table()
@@ -236,8 +238,9 @@ def _misses(
     grid = (nodes, across) if axis == 0 else (across, nodes)
     answer = light(*grid)
     each = _errors(table, answer.radiance, *grid)
-    once = np.diff(grid[0], prepend=-np.inf) * np.diff(grid[0], append=np.inf) > 0.0  # at a break light is that above it
-    each = np.moveaxis(each[once], axis, 0).reshape(nodes.size, -1)
+    # a break's rows are beside it, where only they know the light
+    smooth = (np.diff(grid[0], prepend=-np.inf) > 0.0) & (np.diff(grid[0], append=np.inf) > 0.0)
+    each = np.moveaxis(each[smooth], axis, 0).reshape(nodes.size, -1)
     return np.maximum(np.percentile(each, 95, axis=1) / USUAL_MISS, each.max(axis=1) / LARGEST_MISS), answer
 
 
@@ -256,7 +259,11 @@ def _checked(table: SkyTable, light: Light, breaks_deg: np.ndarray) -> SkyTable:
     near += [edge - 10.0 ** random.uniform(*NEAR_HORIZON, CHECKS[0]) for edge in breaks_deg]
     high = np.degrees(np.arcsin(random.uniform(np.sin(np.radians(lowest[0])), 1.0, CHECKS[0])))
     sun = table.apparent_sun_deg[0] + random.normal(0.0, 3.0, CHECKS[0] // 2)
-    e = np.unique(np.concatenate([*near, high, sun]).clip(rows[0], rows[-1]))
+    # rows are closest where light changes most
+    gaps = np.diff(rows)
+    closest = np.argsort(gaps + 180.0 * (gaps < 3.0 * CLOSEST_ROWS_AT_BREAK_DEG))[: CHECKS[0]]
+    between = 0.5 * (rows[closest] + rows[closest + 1])
+    e = np.unique(np.concatenate([*near, high, sun, between]).clip(rows[0], rows[-1]))
     away = np.abs(random.normal(0.0, 15.0, CHECKS[1]))
     a = np.concatenate([away, 180.0 - away[::2], random.uniform(0.0, 180.0, CHECKS[1])])
     a = np.unique(a.clip(columns[0], columns[-1]))

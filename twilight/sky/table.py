@@ -280,8 +280,8 @@ class SkyTable:
         """The table of plain samples (E, A, K) >= 0 over the whole circle.
 
         Logarithms are interpolated where all samples are positive.  Rows as close as those beside a break of
-        `plain_grid` are one: a slope across it would swing on both sides.  Below the first row a straight line goes on by half
-        a row, beyond the last one the rows of the other side of the zenith follow.
+        `plain_grid` are one: a slope across it would swing on both sides.  Below the first row a straight line goes on
+        by half a row, beyond the last one the rows of the other side of the zenith follow.
         """
         logarithmic = bool((values > 0.0).all())
         table = cls.of_signed(elevation_deg, azimuth_deg, np.log(values) if logarithmic else values)
@@ -291,7 +291,7 @@ class SkyTable:
     def of_signed(cls, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, values: np.ndarray) -> SkyTable:
         """The same of values of either sign, as of Stokes parameters that refer to the vertical."""
         rows, layer = elevation_deg, values
-        pair = np.flatnonzero(np.diff(rows) < 2.01 * BESIDE_BREAK_DEG)
+        pair = np.flatnonzero(np.diff(rows) < 2.5 * BESIDE_BREAK_DEG)
         if pair.size:
             rows = rows.astype(float)
             rows[pair] = rows[pair + 1] = 0.5 * (rows[pair] + rows[pair + 1])
@@ -465,11 +465,11 @@ FAINT = 1e-3
 PLAIN_TO_BREAK = 0.3
 """Rows of `plain_grid` closer than this part of their distance from a break are not halved."""
 
-BESIDE_BREAK_DEG = 1e-3
+BESIDE_BREAK_DEG = 3e-4
 """How far at most on either side of a break the rows of `plain_grid` stand [deg]: rows of plain samples that are no
 farther apart are a break."""
 
-CLOSEST_TO_BREAK_DEG = 3e-3
+CLOSEST_TO_BREAK_DEG = 1e-3
 """Least distance of the other rows of `plain_grid` from a break [deg]."""
 
 

@@ -49,8 +49,8 @@ EDGE_WITHIN_KM = 0.02
 """Distance of an edge of a layer from a boundary of the shells within which it is taken as there [km]."""
 
 BELOW_EDGE = 1.0 - np.array([0.35, 0.18, 0.08, 0.03, 0.008, 0.001, 0.0])
-"""Where lines through the limb are lowest below an edge, under which their path rises as the root of the depth: parts of
-the layer's thickness."""
+"""Where lines through the limb are lowest below an edge, under which their path rises as the root of the depth: parts
+of the layer's thickness."""
 
 SUDDEN_FALL = 0.2
 """Part of the extinction that is lost within a hundredth of a kilometre where a layer has an edge."""
