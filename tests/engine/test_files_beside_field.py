@@ -6,6 +6,7 @@ import xarray
 from scipy.interpolate import RegularGridInterpolator
 
 import twilight
+from twilight.engine.table import row_breaks
 from twilight.io import write_outputs
 from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky import colour
@@ -20,6 +21,9 @@ BESIDE_DEG = 0.3
 """Distance from the horizon and from the edge of the sun's disc within which nothing is asked."""
 
 DISC_DEG = 0.27
+
+AT_EDGE_DEG = 2e-3
+"""Distance from rays that graze the ground or the edge of a layer within which nothing is asked from high up."""
 
 SUNS_DEG = (60.0, 30.0, 2.0, -2.3, -4.0, -8.0, -14.0)
 AIRS = ("pure-air", "continental-average", "urban", "desert", "maritime-clean")
@@ -68,7 +72,7 @@ def at_horizon(sun_deg: float, dip_deg: float, count: int = 400) -> tuple[np.nda
     elevation = np.concatenate([-dip_deg + near, -dip_deg - near[:count], rising])
     azimuth = np.concatenate([random.normal(0.0, 20.0, count), random.uniform(0.0, 360.0, 2 * count),
                               180.0 + random.normal(0.0, 30.0, count)])  # fmt: skip
-    keep = (elevation >= -89.0) & (np.abs(elevation + dip_deg) > 0.015)
+    keep = elevation >= -89.0
     return elevation[keep], np.mod(azimuth, 360.0)[keep]
 
 
@@ -97,7 +101,9 @@ def test_a_sky_from_high_up_holds_the_field(any_observer, air, sun, altitude_km)
     table = field.table(sun, altitude_km)
     elevation, azimuth = at_horizon(sun, horizon_dip_deg(field.medium, altitude_km))
     away = np.degrees(scattering_angle_rad(sky.apparent_sun_elevation_deg, elevation, azimuth))
-    elevation, azimuth = elevation[away > DISC_DEG + BESIDE_DEG], azimuth[away > DISC_DEG + BESIDE_DEG]
+    breaks = np.array(row_breaks(field.scene, altitude_km)[1])
+    wanted = (away > DISC_DEG + BESIDE_DEG) & (np.abs(elevation[:, None] - breaks).min(axis=1) > AT_EDGE_DEG)
+    elevation, azimuth = elevation[wanted], azimuth[wanted]
     truth = field.radiance(sun, elevation, azimuth, altitude_km)
     # light below a thousandth of the brightest counts as so bright
     floor = FAINT * truth.max(axis=0)
