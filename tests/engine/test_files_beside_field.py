@@ -6,10 +6,13 @@ import xarray
 from scipy.interpolate import RegularGridInterpolator
 
 import twilight
+from twilight.engine.table import row_breaks
 from twilight.io import write_outputs
 from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky import colour
 from twilight.sky.sky import Sky
+from twilight.sky.table import FAINT
+from twilight.transport.rays import horizon_dip_deg
 
 USUAL, LARGEST = 0.005, 0.02
 """Relative error that 95 % of radiances may have, and the largest one (issue: 0.5 % and 2 %)."""
@@ -19,12 +22,22 @@ BESIDE_DEG = 0.3
 
 DISC_DEG = 0.27
 
+AT_EDGE_DEG = 2e-3
+"""Distance from rays that graze the ground or the edge of a layer within which nothing is asked from high up."""
+
 SUNS_DEG = (60.0, 30.0, 2.0, -2.3, -4.0, -8.0, -14.0)
 AIRS = ("pure-air", "continental-average", "urban", "desert", "maritime-clean")
 QUICK = (("continental-average", -4.0),)
 SMALL = {"wavelength_nm": [420.0, 490.0, 560.0, 630.0, 700.0], "settings": {"solver.polarisation": False}}
 """Of the quick tests: five wavelengths in scalar theory."""
 EVERY = [(air, sun) for air in AIRS for sun in SUNS_DEG]
+RAISED = (("continental-clean", -3.0, 1.03), ("continental-average", -4.0, 10.0))
+EVERY_RAISED = [
+    (air, sun, height)
+    for air in AIRS
+    for height in (0.3, 1.03, 4.0, 10.0, 100.0, 400.0)
+    for sun in (30.0, 2.0, -3.0, -8.0)
+]
 MAP_WIDTH = 2048
 
 
@@ -48,6 +61,59 @@ def directions(sun_deg: float, count: int = 1000) -> tuple[np.ndarray, np.ndarra
         ]
     )
     return np.minimum(elevation, 90.0), np.mod(azimuth, 360.0)
+
+
+def at_horizon(sun_deg: float, dip_deg: float, count: int = 400) -> tuple[np.ndarray, np.ndarray]:
+    """Elevations and azimuths from the sun of a raised observer: from 0.02 deg above the visible horizon up, as close
+    below it, to the nadir and the zenith."""
+    random = np.random.default_rng(4)
+    near = 10.0 ** random.uniform(np.log10(0.02), np.log10(5.0), 2 * count)
+    rising = np.degrees(np.arcsin(random.uniform(-1.0, 1.0, count)))
+    elevation = np.concatenate([-dip_deg + near, -dip_deg - near[:count], rising])
+    azimuth = np.concatenate([random.normal(0.0, 20.0, count), random.uniform(0.0, 360.0, 2 * count),
+                              180.0 + random.normal(0.0, 30.0, count)])  # fmt: skip
+    keep = elevation >= -89.0
+    return elevation[keep], np.mod(azimuth, 360.0)[keep]
+
+
+@pytest.fixture(scope="module")
+def any_observer():
+    """Fields for every sun and observer, one after the other."""
+    made = {}
+
+    def field(air: str):
+        if air not in made:
+            made.clear()
+            made[air] = twilight.solve(air, quality="draft", **SMALL)
+        return made[air]
+
+    return field
+
+
+@pytest.mark.parametrize(
+    ("air", "sun", "altitude_km"),
+    [*RAISED, *(pytest.param(*one, marks=pytest.mark.slow) for one in EVERY_RAISED if one not in RAISED)],
+)
+def test_a_sky_from_high_up_holds_the_field(any_observer, air, sun, altitude_km):
+    """From a hill there were green rings above the horizon; from an airliner light was off by up to 458 %."""
+    field = any_observer(air)
+    sky = field.sky(sun, observer_altitude_km=altitude_km)
+    table = field.table(sun, altitude_km)
+    elevation, azimuth = at_horizon(sun, horizon_dip_deg(field.medium, altitude_km))
+    away = np.degrees(scattering_angle_rad(sky.apparent_sun_elevation_deg, elevation, azimuth))
+    breaks = np.array(row_breaks(field.scene, altitude_km)[1])
+    wanted = (away > DISC_DEG + BESIDE_DEG) & (np.abs(elevation[:, None] - breaks).min(axis=1) > AT_EDGE_DEG)
+    elevation, azimuth = elevation[wanted], azimuth[wanted]
+    truth = field.radiance(sun, elevation, azimuth, altitude_km)
+    # light below a thousandth of the brightest counts as so bright
+    floor = FAINT * truth.max(axis=0)
+    error = np.abs(sky.sample(elevation, azimuth) - truth) / np.maximum(truth, floor)
+    usual, largest = np.percentile(error, 95), error.max()
+    allowed = (0.003, 0.02) if altitude_km <= 12.0 else (0.005, 0.03)
+    # where nodes end the table says so
+    assert usual < max(allowed[0], 2.0 * table.error) and largest < max(allowed[1], 4.0 * table.worst), (
+        f"{100 * usual:.2f} % at 95 %, {100 * largest:.2f} % at most; {100 * table.error:.2f}, {100 * table.worst:.2f}"
+    )
 
 
 def asked(sky: Sky, elevation: np.ndarray, azimuth: np.ndarray) -> np.ndarray:

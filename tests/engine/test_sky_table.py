@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 
 from twilight.base.conventions import EARTH_RADIUS_KM
+from twilight.config import load_climate
 from twilight.engine.block import Answer
-from twilight.engine.table import fill, first_columns, first_rows
+from twilight.engine.table import BREAKS_APART_DEG, fill, first_columns, first_rows
 from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
+from twilight.scene.medium import climate_medium
 from twilight.sky.table import SkyTable, join, plain_grid, split, stack
 from twilight.transport.clear_air.shells import sublayers
+from twilight.transport.rays import horizon_dip_deg
 from twilight.transport.scattered_once import BOUNDARY_KM, ScatteredOnce, ShellsBelow
 
 SUN_DEG = 12.0
@@ -105,6 +108,59 @@ def test_a_row_that_stands_twice_is_a_break():
     np.testing.assert_allclose(table.light(e, 40.0), step(e, np.full(4, 40.0)), rtol=2e-3)
     rows, _ = plain_grid(table)
     assert np.diff(rows).min() > 0.0 and np.abs(rows + 2.0).min() < 0.01
+
+
+def test_plain_rows_beside_breaks_stay_in_order_and_do_not_swing():
+    """`field.sky` would be refused from 6 to 75 km, and the sky just above the horizon take over the ground's fall."""
+
+    def step(elevation, azimuth, sun=SUN_DEG):
+        return smooth_light(elevation, azimuth) * np.where(elevation < -2.0, 0.05, 1.0)[..., None]
+
+    none = Once()
+    none.log_phase = None
+    none.light = lambda *_: None
+    for away in (3e-5, 4e-4, 1e-3, 1.9e-3, 5e-3, 0.04):
+        rows = np.concatenate([np.linspace(-90.0, -3.0, 20), [-2.0 - away, -2.0, -2.0, -2.0 + away]])
+        rows = np.concatenate([rows, [-2.0 + max(2.5 * away, BREAKS_APART_DEG)] * 2, np.linspace(-1.5, 90.0, 60)])
+        table = fill(on(step), none, SUN_DEG, rows, first_columns(25), refine=False)
+        plain, columns = plain_grid(table)
+        assert np.diff(plain).min() > 0.0, away
+        sky = SkyTable.of_samples(plain, columns, table.on_grid(plain, columns))
+        e = -2.0 + np.concatenate([-np.geomspace(2e-3, 0.6, 30), np.geomspace(2e-3, 0.6, 30)])
+        np.testing.assert_allclose(sky.light(e, 40.0), table.light(e, 40.0), rtol=5e-3, err_msg=str(away))
+
+
+def test_the_error_is_that_at_the_horizon_and_where_nodes_end():
+    """Random rows lay at the nadir: a file would call itself right to 0.03 % beside 400 % at the horizon."""
+
+    def limb(elevation, azimuth, sun=SUN_DEG):
+        rise = 1.0 / (1.0 + np.exp(-(elevation + 1.6) / 0.02))
+        return smooth_light(elevation, azimuth) * np.where(elevation < -2.0, 0.1, 0.2 + rise)[..., None]
+
+    none = Once()
+    none.log_phase = None
+    none.light = lambda *_: None
+    e = -2.0 + np.geomspace(0.02, 3.0, 400)
+    for most, honest in (((200, 70), 0.02), ((36, 70), 1.0)):
+        table = fill(on(limb), none, SUN_DEG, first_rows(-90.0, [-2.0]), most=most)
+        worst = np.abs(table.light(e, 40.0) / limb(e, np.full(400, 40.0)) - 1.0).max()
+        assert 0.2 * worst < table.worst < honest
+        assert (worst > 0.05) == (most[0] == 36)
+
+
+def test_light_through_the_limb_is_near_that_of_each_line():
+    """Cubics through logarithms swung by a factor of 10^6 where the ground's shadow begins: green rings at dusk."""
+    medium = climate_medium(load_climate("continental-clean"), [550.0, 676.0])
+    for altitude in (1.03, 4.0, 10.0):
+        once = ScatteredOnce(medium, None, altitude)
+        shells = once._shells
+        e = -horizon_dip_deg(medium, altitude) + np.linspace(0.03, 0.9, 80)
+        azimuth = np.array([0.0, 44.0, 90.0])
+        for sun in (-3.0, 10.0):
+            line = shells.invariant_km(e, 0.0)
+            truth = shells.scattered_once_below(sun, *line, azimuth)
+            ratio = once._below(sun, *line, azimuth) / np.maximum(truth, 1e-4 * truth.max())
+            assert ratio.max() < 3.0, (altitude, sun)
 
 
 def test_suns_are_read_between_and_below():

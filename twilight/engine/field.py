@@ -19,10 +19,11 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.block import Answer, Block, check_question, join
-from twilight.engine.one_sun import SunLight, warn_of_black
+from twilight.engine.one_sun import SunLight, warn_of_black, warn_of_error
 from twilight.engine.problem import Problem, plan
 from twilight.engine.sun_tables import SunTables
 from twilight.engine.sunbeam import Direct, join_direct, make_disc
+from twilight.engine.table import row_breaks
 from twilight.numerics.directions import hemisphere, texture_centres
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene.scene import Scene
@@ -31,6 +32,10 @@ from twilight.sky.quantities.measure import Quantity, Spectra, check_covered, ch
 from twilight.sky.quantities.responses import ResponseLike
 from twilight.sky.sky import BrowserPage, Sky
 from twilight.sky.table import SkyTable, plain_grid
+
+OWN_TABLE_DEG = (-3.2, 3.2)
+"""Suns between which a sky is computed for its own sun [deg]: the edge of the Earth's shadow and the light beside a sun
+at the horizon move with it, and between two suns they would be off by 10 % to a factor of 2."""
 
 SKY_FACTS = ("sun_azimuth_deg", "distance_au", "latitude_deg", "longitude_deg", "time", "solar_spectrum",
              "night_radiance", "disc", "moon", "provenance")  # fmt: skip
@@ -226,7 +231,9 @@ class Field:
         tables = self._sun_tables
         if tables is None or altitude_km != self.scene.altitude_km:
             return self.table(sun_elevation_deg, altitude_km)
-        if not tables.suns_deg[0] <= sun_elevation_deg <= tables.suns_deg[-1]:
+        between = tables.suns_deg[0] <= sun_elevation_deg <= tables.suns_deg[-1]
+        low, high = OWN_TABLE_DEG
+        if not between or low < sun_elevation_deg < high or row_breaks(self.scene, altitude_km)[1]:
             return self.table(sun_elevation_deg, altitude_km)
         return tables.under(sun_elevation_deg)
 
@@ -247,7 +254,8 @@ class Field:
         elevation_deg, azimuth_deg
             Rows (E,) and columns (A,) [deg] on which light is computed; both None: where it changes, so that straight
             lines do between them, of a solver whose field serves every sun by the skies of suns about 0.5 deg apart,
-            which are computed when they are needed and cached.
+            which are computed when they are needed and cached; but from high up, and beside a sun within 3.2 deg of the
+            horizon, by the sky of this very sun.
         observer_altitude_km
             Above sea level [km]; None: the scene's observer.
         **facts
@@ -265,7 +273,7 @@ class Field:
         Warns
         -----
         TwilightWarning
-            For a black sky: of a sun too low, or an observer above the air.
+            For a black sky: of a sun too low, or an observer above the air; for one that rows and columns do not hold.
         """
         unknown = [name for name in facts if name not in SKY_FACTS]
         if unknown:
@@ -281,6 +289,7 @@ class Field:
         direct = self.direct(sun_elevation_deg, altitude)
         sky = light.sky(self.medium, grid, direct, sun_elevation_deg, altitude, **facts)
         without_night = "a field has no light of the night: render with night.airglow=1 has, or give night_radiance"
+        warn_of_error(light, sky, stacklevel=2)
         warn_of_black(self.scene, sky, "" if sky.night_radiance is not None else without_night, stacklevel=2)
         return sky
 

@@ -16,7 +16,7 @@ from twilight.config.sun import SunAt
 from twilight.engine import night as nights
 from twilight.engine.field import Field, parts
 from twilight.engine.mapped_ground import land_of
-from twilight.engine.one_sun import SunLight, equal_grid, is_above_air, merged_grids, warn_of_black
+from twilight.engine.one_sun import SunLight, equal_grid, is_above_air, merged_grids, warn_of_black, warn_of_error
 from twilight.engine.problem import check_size, plan
 from twilight.engine.sunbeam import Direct, join_direct, make_disc
 from twilight.engine.view import (
@@ -221,6 +221,7 @@ def _frame(scene: Scene, sun: SceneSun, result: _SunResult, set_up_s: float) -> 
         moon=None if moon is None else moon.seen,
         provenance=_provenance(scene, sun, result, set_up_s),
     )
+    warn_of_error(light, sky, stacklevel=3)
     night_in_view = nights.night_of_view(scene, sun)
     moonlit = None
     if moon is not None and by_moon is not None and by_moon.view:
@@ -262,6 +263,7 @@ def _provenance(scene: Scene, sun: SceneSun, result: _SunResult, set_up_s: float
         record["convergence"] = result.convergence
     if result.light is not None and result.light.tables:
         record["interpolation_error"] = max(table.error for table in result.light.tables)
+        record["largest_interpolation_error"] = max(table.worst for table in result.light.tables)
     if result.facts:
         record["model"] = result.facts
     return record

@@ -20,6 +20,8 @@ from twilight.transport.rays import horizon_dip_deg
 
 DARK = 1e-12
 """Radiance over F0 [sr^-1] that counts as none: a thousandth of the darkest night, 1e-7 cd m^-2."""
+LARGEST_STATED_ERROR = 0.05
+"""Largest relative error of a table, where it is compared with light, beyond which there is a warning."""
 _NEAR_HORIZON_DEG = np.array([0.04, 0.15, 0.4, 0.9, 1.8, 3.5, 7.0, 14.0, 28.0, 56.0])
 """Distances of rows from the horizon: there the light changes at once, and radiance is evaluated on both sides."""
 
@@ -142,7 +144,7 @@ def merged_grids(
     grid: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray], away_deg: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of two grids, the azimuths of the other counted from away_deg; close ones once."""
-    rows, columns = (np.unique(np.round(np.concatenate(two), 3)) for two in (
+    rows, columns = (np.unique(np.round(np.concatenate(two), 4)) for two in (
         (grid[0], other[0]), (grid[1], np.mod(other[1] + away_deg, 360.0) % 360.0)
     ))  # fmt: skip
     columns = columns[columns < 360.0]
@@ -153,6 +155,18 @@ def is_above_air(scene: Scene, altitude_km: float) -> bool:
     """Whether an observer stands above a scene's air; never where the air is a table, which ends anywhere."""
     table = scene.config is not None and scene.config.climate.medium is not None
     return not table and altitude_km >= scene.medium.top_km
+
+
+def warn_of_error(light: SunLight, sky: Sky, stacklevel: int) -> None:
+    """TwilightWarning for a sky whose table ended at its limit of nodes before it held the light."""
+    usual, worst = (max((getattr(t, name) for t in light.tables), default=0.0) for name in ("error", "worst"))
+    if worst > LARGEST_STATED_ERROR:
+        warnings.warn(
+            f"the sky of the sun at {sky.sun_elevation_deg:g} deg is interpolated between directions: it is off by "
+            f"{100 * usual:.2g} % at 95 % of them and by {100 * worst:.2g} % at most, at a tested edge of light",
+            TwilightWarning,
+            stacklevel=stacklevel + 1,
+        )
 
 
 def warn_of_black(scene: Scene, sky: Sky, without_night: str, stacklevel: int) -> None:

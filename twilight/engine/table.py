@@ -1,7 +1,8 @@
 """Fills a `SkyTable` with a field's light: nodes are added until interpolation between them is accurate enough.
 
-Rows are halved where the table's rule misses the light of the row between two others, then columns; whatever is
-computed for a test becomes a node.  In the end the table is compared with directions drawn at random.
+Rows are halved where the table's rule misses the light of the row between two others, then columns, the worst first
+where their number ends; whatever is computed for a test becomes a node.  In the end the table is compared with light at
+the visible horizon and the other edges, about the sun, opposite to it and over the sky.
 """
 
 from __future__ import annotations
@@ -17,10 +18,9 @@ from twilight.engine.block import Answer
 from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky.table import SkyTable, at_angle, split
 from twilight.transport.rays import horizon_dip_deg
-from twilight.transport.scattered_once import ScatteredOnce
+from twilight.transport.scattered_once import ScatteredOnce, sudden_edges
 
 if TYPE_CHECKING:
-    from twilight.atmosphere.medium import Medium
     from twilight.scene.scene import Scene
 
 FIRST_ROWS = 17
@@ -45,6 +45,13 @@ LARGEST_MISS = 0.025
 CLOSEST_ROWS_DEG = 0.06
 """Rows closer than this are not halved [deg]."""
 
+CLOSEST_TO_BREAK = 0.3
+"""Rows closer than this part of their distance from a break are not halved."""
+
+CLOSEST_ROWS_AT_BREAK_DEG = 1e-3
+"""Rows closer than this are not halved next to a break [deg]: light falls as the root of the distance from a ray that
+grazes the edge of a layer."""
+
 CLOSEST_COLUMNS_DEG = 0.25
 """Columns closer than this are not halved [deg]."""
 
@@ -54,32 +61,25 @@ MOST_ROWS, MOST_COLUMNS = 140, 70
 FAINT = 1e-3
 """Light, of the brightest at a wavelength, whose errors count as if it were so bright."""
 
-CHECKS = (12, 8)
-"""Rows and columns drawn at random in which a table is compared with light in the end."""
+CHECKS = (6, 4)
+"""Rows about each edge and over the sky, and columns about the sun and over the sky, in which a table is compared with
+light in the end."""
+
+NEAR_HORIZON = (-1.7, 0.5)
+"""Logarithms of the least and largest distance of those rows from an edge [deg]."""
 
 PROBES = 4
 """Lines of sight, about, across which nodes of another table are tested."""
 
-BESIDE_BREAK_DEG = 1e-3
+BESIDE_BREAK_DEG = 1e-4
 """How far from a break the rows next to it stand [deg]."""
 
 
 HIGH_FROM_KM = 0.1
 """Height above the ground from which rows go below the horizontal; lower down the horizon dips by 0.3 deg at most."""
 
-BREAKS_APART_DEG = 0.1
-"""A break closer than this above another one is left out [deg]: from orbit the edge of the haze is at the horizon."""
-
-SUDDEN_FALL = 0.2
-"""Part of the extinction that is lost within a hundredth of a kilometre where a layer has an edge."""
-
-
-def sudden_edges(medium: Medium) -> tuple[np.ndarray, np.ndarray]:
-    """Altitudes [km] at which extinction falls suddenly upwards, and by how much [km^-1]."""
-    z, extinction = medium.altitude_km, medium.extinction_per_km.max(axis=1)
-    fall = extinction[:-1] - extinction[1:]
-    sudden = (np.diff(z) <= 0.01) & (fall > SUDDEN_FALL * extinction[:-1])
-    return 0.5 * (z[1:] + z[:-1])[sudden], fall[sudden]
+BREAKS_APART_DEG = 0.02
+"""A break closer than this above another one is left out [deg]: from afar the edge of the haze is at the horizon."""
 
 
 def with_ground(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
@@ -91,13 +91,15 @@ def with_ground(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
 def row_breaks(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
     """The lowest row of a scene's table, and where light of the rows is not smooth [deg].
 
-    Seen from high up by a solver that can look down: the horizon, and the rays that graze the edges of layers below.
+    Seen from high up by a solver that can look down: the horizon, and the rays that graze the edges of layers below and
+    the top of the air.
     """
     medium = scene.medium
     above_ground_km = altitude_km - medium.bottom_km
     if above_ground_km <= HIGH_FROM_KM or not (scene.capabilities.every_observer and scene.capabilities.looks_down):
         return 0.0, []
     level = sudden_edges(medium)[0]
+    level = np.append(level[level < medium.top_km], medium.top_km)
     edges = [-horizon_dip_deg(medium, altitude_km, float(k)) for k in level[level < altitude_km - 0.01]]
     breaks = [-horizon_dip_deg(medium, altitude_km)]
     for edge in sorted(edges):
@@ -117,7 +119,7 @@ def first_rows(low_deg: float, breaks_deg: Sequence[float], count: int = FIRST_R
     for n, (below, above) in enumerate(pairwise(edges)):
         last = n == len(edges) - 2
         u = np.linspace(0.0, 1.0, count if last else max(5, count // 2))
-        rise = u**ROW_POWER if last else 1.0 - (1.0 - u) ** ROW_POWER
+        rise = u**ROW_POWER if last else 1.0 - (1.0 - u) ** ROW_POWER if n == 0 else 0.5 - 0.5 * np.cos(np.pi * u)
         parts.append(below + (above - below) * rise)
         parts[-1][-1] = above  # both rows of a break are the same to the last bit
     return np.concatenate(parts)
@@ -176,54 +178,96 @@ def fill(
     closest_rows_deg: rows closer than this are not halved [deg]; most: rows and columns
     """
     samples = _Samples(light, rows_deg, first_columns() if columns_deg is None else columns_deg)
+    breaks = rows_deg[1:][np.diff(rows_deg) == 0.0]
 
     def table() -> SkyTable:
         return _table(samples, once, sun_elevation_deg, widening)
 
-    if not refine:
-        return table()
-    for axis, closest in ((0, closest_rows_deg), (1, CLOSEST_COLUMNS_DEG)):
+    def far_apart(axis: int, times: float = 1.0) -> np.ndarray:
+        """Of each two neighbours, whether they may be halved."""
         nodes = samples.nodes[axis]
-        halves = np.flatnonzero(np.diff(nodes) > 2.0 * closest)
-        if columns_deg is not None:
-            few = samples.nodes[1 - axis][:: max(1, samples.nodes[1 - axis].size // PROBES)]
-            halves = halves[_missed(table(), light, 0.5 * (nodes[halves] + nodes[halves + 1]), few, axis)[0]]
+        if axis == 1:
+            return np.diff(nodes) > times * CLOSEST_COLUMNS_DEG
+        closest = np.full(nodes.size - 1, closest_rows_deg)
+        for one in breaks:
+            away = np.abs(0.5 * (nodes[1:] + nodes[:-1]) - one)
+            closest = np.minimum(closest, np.maximum(CLOSEST_TO_BREAK * away, CLOSEST_ROWS_AT_BREAK_DEG))
+        return np.diff(nodes) > times * closest
+
+    def halve(halves: np.ndarray, axis: int) -> None:
+        """Nodes between those that begin at some places, and between these where the table missed them."""
         while halves.size and samples.nodes[axis].size < most[axis]:
             nodes = samples.nodes[axis]
-            missed, answer = _missed(table(), samples.asked, 0.5 * (nodes[halves] + nodes[halves + 1]), None, axis)
-            samples.insert(halves + 1, 0.5 * (nodes[halves] + nodes[halves + 1]), answer, axis)
-            place = (halves + np.arange(halves.size))[missed]
+            middle = 0.5 * (nodes[halves] + nodes[halves + 1])
+            miss, answer = _misses(table(), samples.asked, middle, None, axis)
+            samples.insert(halves + 1, middle, answer, axis)
+            place = halves + np.arange(halves.size)
+            room = max(0, most[axis] - samples.nodes[axis].size)
+            worst = np.sort(np.argsort(-miss)[: max(1, room // 2)])
+            place = place[worst[miss[worst] > 1.0]]
             halves = (place[:, None] + np.arange(2)).ravel()
-            halves = halves[np.diff(samples.nodes[axis])[halves] > closest]
-    return _checked(table(), light)
+            halves = halves[far_apart(axis)[halves]]
+
+    def look_again(axis: int) -> None:
+        """Halve where lines of sight across a few of the other nodes miss."""
+        nodes, few = samples.nodes[axis], samples.nodes[1 - axis]
+        halves = np.flatnonzero(far_apart(axis, 2.0))
+        few = few[:: max(1, few.size // PROBES)]
+        miss, _ = _misses(table(), samples.asked, 0.5 * (nodes[halves] + nodes[halves + 1]), few, axis)
+        halve(halves[miss > 1.0], axis)
+
+    if not refine:
+        return table()
+    for axis in (0, 1):
+        if columns_deg is None:
+            halve(np.flatnonzero(far_apart(axis, 2.0)), axis)
+        else:
+            look_again(axis)
+    return _checked(table(), light, breaks)
 
 
-def _missed(
+def _misses(
     table: SkyTable, light: Light, nodes: np.ndarray, across: np.ndarray | None, axis: int
 ) -> tuple[np.ndarray, Answer]:
-    """Which new rows (axis 0) or columns (axis 1) a table misses, and their light; across: nodes of the other axis,
-    None: those of the table."""
+    """How far a table misses new rows (axis 0) or columns (axis 1), over what it may, and their light; across: nodes of
+    the other axis, None: those of the table."""
     if across is None:
         across = table.azimuth_deg if axis == 0 else table.elevation_deg
     if not nodes.size:
-        return np.zeros(0, bool), Answer(np.zeros((0, 0, 0)))
+        return np.zeros(0), Answer(np.zeros((0, 0, 0)))
     grid = (nodes, across) if axis == 0 else (across, nodes)
     answer = light(*grid)
-    least = FAINT * np.exp(table.smooth[0].max(axis=(0, 1)))
-    error = np.abs(table.on_grid(*grid) - answer.radiance) / np.maximum(answer.radiance, np.maximum(least, 1e-37))
-    each = np.moveaxis(error, axis, 0).reshape(nodes.size, -1)
-    return (np.percentile(each, 95, axis=1) > USUAL_MISS) | (each.max(axis=1) > LARGEST_MISS), answer
+    each = _errors(table, answer.radiance, *grid)
+    # a break's rows are beside it, where only they know the light
+    smooth = (np.diff(grid[0], prepend=-np.inf) > 0.0) & (np.diff(grid[0], append=np.inf) > 0.0)
+    each = np.moveaxis(each[smooth], axis, 0).reshape(nodes.size, -1)
+    return np.maximum(np.percentile(each, 95, axis=1) / USUAL_MISS, each.max(axis=1) / LARGEST_MISS), answer
 
 
-def _checked(table: SkyTable, light: Light) -> SkyTable:
-    """The table with its error, beside light in directions drawn at random."""
-    random = np.random.default_rng(1)
-    rows = table.elevation_deg
-    e = np.sort(rows[0] + (rows[-1] - rows[0]) * random.uniform(size=CHECKS[0]) ** 2)
-    a = np.sort(random.uniform(table.azimuth_deg[0], table.azimuth_deg[-1], CHECKS[1]))
-    radiance = light(e, a).radiance
+def _errors(table: SkyTable, radiance: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+    """Relative errors of a table beside light on rows and columns, (E, A, W)."""
     least = np.maximum(FAINT * np.exp(table.smooth[0].max(axis=(0, 1))), 1e-37)
-    error = np.abs(table.on_grid(e, a) - radiance) / np.maximum(radiance, least)
+    return np.abs(table.on_grid(elevation_deg, azimuth_deg) - radiance) / np.maximum(radiance, least)
+
+
+def _checked(table: SkyTable, light: Light, breaks_deg: np.ndarray) -> SkyTable:
+    """The table with its error, beside light where eyes look: about the visible horizon and the edges of layers below
+    the observer, about the sun, opposite to it, and over the sky."""
+    random, rows, columns = np.random.default_rng(1), table.elevation_deg, table.azimuth_deg
+    lowest = breaks_deg if breaks_deg.size else rows[:1]
+    near = [edge + 10.0 ** random.uniform(*NEAR_HORIZON, CHECKS[0]) for edge in lowest]
+    near += [edge - 10.0 ** random.uniform(*NEAR_HORIZON, CHECKS[0]) for edge in breaks_deg]
+    high = np.degrees(np.arcsin(random.uniform(np.sin(np.radians(lowest[0])), 1.0, CHECKS[0])))
+    sun = table.apparent_sun_deg[0] + random.normal(0.0, 3.0, CHECKS[0] // 2)
+    # rows are closest where light changes most
+    gaps = np.diff(rows)
+    closest = np.argsort(gaps + 180.0 * (gaps < 3.0 * CLOSEST_ROWS_AT_BREAK_DEG))[: CHECKS[0]]
+    between = 0.5 * (rows[closest] + rows[closest + 1])
+    e = np.unique(np.concatenate([*near, high, sun, between]).clip(rows[0], rows[-1]))
+    away = np.abs(random.normal(0.0, 15.0, CHECKS[1]))
+    a = np.concatenate([away, 180.0 - away[::2], random.uniform(0.0, 180.0, CHECKS[1])])
+    a = np.unique(a.clip(columns[0], columns[-1]))
+    error = _errors(table, light(e, a).radiance, e, a)
     return replace(table, error=float(np.percentile(error, 95)), worst=float(error.max()))
 
 

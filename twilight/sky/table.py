@@ -279,8 +279,9 @@ class SkyTable:
     def of_samples(cls, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, values: np.ndarray) -> SkyTable:
         """The table of plain samples (E, A, K) >= 0 over the whole circle.
 
-        Logarithms are interpolated where all samples are positive.  Below the first row a straight line goes on by half
-        a row, beyond the last one the rows of the other side of the zenith follow.
+        Logarithms are interpolated where all samples are positive.  Rows as close as those beside a break of
+        `plain_grid` are one: a slope across it would swing on both sides.  Below the first row a straight line goes on
+        by half a row, beyond the last one the rows of the other side of the zenith follow.
         """
         logarithmic = bool((values > 0.0).all())
         table = cls.of_signed(elevation_deg, azimuth_deg, np.log(values) if logarithmic else values)
@@ -290,6 +291,10 @@ class SkyTable:
     def of_signed(cls, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, values: np.ndarray) -> SkyTable:
         """The same of values of either sign, as of Stokes parameters that refer to the vertical."""
         rows, layer = elevation_deg, values
+        pair = np.flatnonzero(np.diff(rows) < 2.5 * BESIDE_BREAK_DEG)
+        if pair.size:
+            rows = rows.astype(float)
+            rows[pair] = rows[pair + 1] = 0.5 * (rows[pair] + rows[pair + 1])
         if rows.size > 1 and rows[-1] < 90.0:
             columns = np.concatenate([azimuth_deg[-2:] - 360.0, azimuth_deg, azimuth_deg[:2] + 360.0])
             around = np.concatenate([layer[-2:, -2:], layer[-2:], layer[-2:, :2]], axis=1)[::-1]
@@ -457,8 +462,15 @@ CLOSEST_PLAIN_DEG = 0.08
 FAINT = 1e-3
 """Light, of the brightest at a wavelength, whose errors count as if it were so bright."""
 
-BESIDE_BREAK_DEG = 1e-3
-"""How far on either side of a break the rows of `plain_grid` stand [deg]."""
+PLAIN_TO_BREAK = 0.3
+"""Rows of `plain_grid` closer than this part of their distance from a break are not halved."""
+
+BESIDE_BREAK_DEG = 3e-4
+"""How far at most on either side of a break the rows of `plain_grid` stand [deg]: rows of plain samples that are no
+farther apart are a break."""
+
+CLOSEST_TO_BREAK_DEG = 1e-3
+"""Least distance of the other rows of `plain_grid` from a break [deg]."""
 
 
 def plain_grid(table: SkyTable) -> tuple[np.ndarray, np.ndarray]:
@@ -466,23 +478,40 @@ def plain_grid(table: SkyTable) -> tuple[np.ndarray, np.ndarray]:
 
     They are those of the table and others between them: close at the horizon and the sun.
     """
-    rows = table.elevation_deg.copy()
-    twice = np.flatnonzero(np.diff(rows) == 0.0)
-    rows[twice] -= BESIDE_BREAK_DEG
-    rows[twice + 1] += BESIDE_BREAK_DEG
-    columns = table.azimuth_deg
-    rows = _halved(rows, lambda more: table.on_grid(more, columns), 0)
+    rows, columns = table.elevation_deg.copy(), table.azimuth_deg
+    breaks = rows[1:][np.diff(rows) == 0.0]
+
+    def away(rows_deg: np.ndarray) -> np.ndarray:
+        return np.abs(rows_deg[:, None] - breaks).min(axis=1, initial=np.inf)
+
+    def closest(rows_deg: np.ndarray) -> np.ndarray:
+        return np.clip(PLAIN_TO_BREAK * away(rows_deg), CLOSEST_TO_BREAK_DEG, CLOSEST_PLAIN_DEG)
+
+    rows = rows[away(rows) > CLOSEST_TO_BREAK_DEG]
+    beside = np.minimum(BESIDE_BREAK_DEG, 0.25 * np.diff(breaks).min(initial=np.inf))
+    rows = np.sort(np.concatenate([rows, breaks - beside, breaks + beside]))
+    rows = _halved(rows, lambda more: table.on_grid(more, columns), 0, closest)
     columns = _halved(columns, lambda more: table.on_grid(rows, more), 1)
     if table.mirrored:
         columns = np.concatenate([columns, 360.0 - columns[-2:0:-1]])
     return rows, columns
 
 
-def _halved(nodes: np.ndarray, light: Callable[[np.ndarray], np.ndarray], axis: int) -> np.ndarray:
-    """Nodes with more between them, until the light of `light` (E, A, W) is straight along an axis."""
+def _halved(
+    nodes: np.ndarray,
+    light: Callable[[np.ndarray], np.ndarray],
+    axis: int,
+    closest: Callable[[np.ndarray], np.ndarray] = lambda middle: np.full(middle.size, CLOSEST_PLAIN_DEG),
+) -> np.ndarray:
+    """Nodes with more between them, until the light of `light` (E, A, W) is straight along an axis; closest: the least
+    distance of nodes about others [deg]."""
+
+    def far_apart() -> np.ndarray:
+        return np.diff(nodes) > 2.0 * closest(0.5 * (nodes[1:] + nodes[:-1]))
+
     values = np.moveaxis(light(nodes), axis, 0)
     least = FAINT * values.max(axis=(0, 1))
-    pending = np.flatnonzero(np.diff(nodes) > 2.0 * CLOSEST_PLAIN_DEG)
+    pending = np.flatnonzero(far_apart())
     while pending.size:
         between = 0.5 * (nodes[pending] + nodes[pending + 1])
         between_values = np.moveaxis(light(between), axis, 0)
@@ -494,6 +523,6 @@ def _halved(nodes: np.ndarray, light: Callable[[np.ndarray], np.ndarray], axis: 
         place = pending[missed]
         nodes = np.insert(nodes, place + 1, between[missed])
         values = np.insert(values, place + 1, between_values[missed], axis=0)
-        again = (place + np.arange(place.size))[:, None] + np.arange(2)
-        pending = again.ravel()[np.diff(nodes)[again.ravel()] > 2.0 * CLOSEST_PLAIN_DEG]
+        again = ((place + np.arange(place.size))[:, None] + np.arange(2)).ravel()
+        pending = again[far_apart()[again]]
     return nodes

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
@@ -44,6 +45,16 @@ LOWEST_OBSERVER_KM = 1e-4
 """Distance of an observer from a boundary of the shells within which it is taken as on it [km]."""
 
 
+EDGE_WITHIN_KM = 0.02
+"""Distance of an edge of a layer from a boundary of the shells within which it is taken as there [km]."""
+
+BELOW_EDGE = 1.0 - np.array([0.35, 0.18, 0.08, 0.03, 0.008, 0.001, 0.0])
+"""Where lines through the limb are lowest below an edge, under which their path rises as the root of the depth: parts
+of the layer's thickness."""
+
+SUDDEN_FALL = 0.2
+"""Part of the extinction that is lost within a hundredth of a kilometre where a layer has an edge."""
+
 ON_GROUND_KM = 0.1
 """Height up to which an observer sees no air between himself and the ground [km]."""
 
@@ -53,8 +64,8 @@ WIDENED_DEG = 8.0
 WIDENING_COUNT = 24
 """Angles at which the widening is measured."""
 
-LEAST_OF_LIMB = 1e-12
-"""Light along lines through the limb, of the brightest, that stands for none."""
+LEAST_OF_LIMB = 1e-5
+"""Light along lines through the limb, of the brightest at an azimuth and a wavelength, that stands for none."""
 
 FULL_WIDENING_SUN_DEG = 3.0
 """Apparent elevation from which a sun's aureole is widened as measured [deg]; it fades to nothing at the horizon, so
@@ -62,6 +73,14 @@ that tables of suns on either side of it may be read between them."""
 
 MOST_WIDENING = 1.5
 """Largest change of the logarithm of the aureole by widening."""
+
+
+def sudden_edges(medium: Medium) -> tuple[np.ndarray, np.ndarray]:
+    """Altitudes [km] at which extinction falls suddenly upwards, and by how much [km^-1]."""
+    z, extinction = medium.altitude_km, medium.extinction_per_km.max(axis=1)
+    fall = extinction[:-1] - extinction[1:]
+    sudden = (np.diff(z) <= 0.01) & (fall > SUDDEN_FALL * extinction[:-1])
+    return 0.5 * (z[1:] + z[:-1])[sudden], fall[sudden]
 
 
 class ShellsBelow(Shells):
@@ -78,6 +97,12 @@ class ShellsBelow(Shells):
         """n r in the middle of each layer below the observer, and at him [km]."""
         middle = 0.5 * (self._boundary_x[1:] + self._boundary_x[:-1])
         return np.append(middle[: self.first], self._boundary_x[self.first])
+
+    def below_edges_km(self, edges: list[int]) -> np.ndarray:
+        """n r of lines that are lowest close below some boundaries under the observer [km]."""
+        x = self._boundary_x
+        each = [x[k - 1] + (x[k] - x[k - 1]) * BELOW_EDGE for k in edges if 0 < k < self.first]
+        return np.concatenate(each) if each else np.empty(0)
 
     def invariant_km(self, elevation_deg: np.ndarray, above_km: float) -> tuple[np.ndarray, np.ndarray]:
         """n r sin(zenith angle) of lines of sight by their elevations at an observer so far above the boundary that is
@@ -141,6 +166,12 @@ class ScatteredOnce:
         self._above_km = max(height - float(BOUNDARY_KM[-1]), 0.0)
         if self._above_km == 0.0 and np.abs(boundary - height).min() > LOWEST_OBSERVER_KM:
             boundary = np.sort(np.append(boundary, height))
+        edges = sudden_edges(medium)[0] - medium.bottom_km
+        for edge in edges[(edges > 0.0) & (edges < BOUNDARY_KM[-1])]:
+            nearest = int(np.abs(boundary - edge).argmin())
+            if abs(boundary[nearest] - edge) > EDGE_WITHIN_KM:
+                boundary = np.insert(boundary, int(np.searchsorted(boundary, edge)), edge)
+        self._edges = [int(np.abs(boundary - edge).argmin()) for edge in edges if edge < BOUNDARY_KM[-1]]
         wavelengths = terms.n_wavelengths if aerosol else 1
         shape = (len(self._phases), boundary.size - 1, wavelengths)
         scatters, rest, peak = np.zeros(shape), np.zeros(shape[1:]), np.zeros(shape[1:])
@@ -213,9 +244,11 @@ class ScatteredOnce:
         self, sun_elevation_deg: float, invariant_km: np.ndarray, before_rad: np.ndarray, azimuth_deg: np.ndarray
     ) -> np.ndarray:
         """`ShellsBelow.scattered_once_below`, through the limb between lines that are lowest in the middle of a
-        layer: at its edges the path has a root of the height, which neither of a table's layers can hold."""
+        layer: at its edges the path has a root of the height, which neither of a table's layers can hold.  Logarithms
+        between them stay between those of both neighbours: cubics swing where the shadow of the ground begins."""
         middle = self._shells.middles_km
         limb = invariant_km > middle[0]
+        middle = np.sort(np.append(middle, self._shells.below_edges_km(self._edges)))
         out = np.empty((len(self._phases), invariant_km.size, azimuth_deg.size, self._shells.extinction.shape[1]))
         if not limb.all():
             straight = invariant_km[~limb], before_rad[~limb]
@@ -224,9 +257,10 @@ class ScatteredOnce:
             order = np.argsort(invariant_km)
             before = np.interp(middle, invariant_km[order], before_rad[order])
             found = self._shells.scattered_once_below(sun_elevation_deg, middle, before, azimuth_deg)
-            logarithm = np.log(np.maximum(found, LEAST_OF_LIMB * found.max() + 1e-300))
-            between = hermite_matrix(middle, invariant_km[limb])
-            out[:, limb] = np.exp(np.einsum("em,smaw->seaw", between, logarithm))
+            least = LEAST_OF_LIMB * found.max(axis=1, keepdims=True) + 1e-300
+            rising = np.diff(np.maximum.accumulate(middle), prepend=-np.inf) > 0.0
+            between = PchipInterpolator(middle[rising], np.log(found + least)[:, rising], axis=1)
+            out[:, limb] = np.exp(between(np.minimum(invariant_km[limb], middle[rising][-1])))
         return out
 
     def light(self, sun_elevation_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray | None:
@@ -237,7 +271,8 @@ class ScatteredOnce:
         """
         if self.log_phase is None:
             return None
-        up = np.full(elevation_deg.shape, self._above_km == 0.0) & ((elevation_deg >= 0.0) | (not self._looks_down))
+        in_air = self._shells.first < self._shells.boundary_km.size - 1
+        up = np.full(elevation_deg.shape, in_air) & ((elevation_deg >= 0.0) | (not self._looks_down))
         shape = (len(self._phases), elevation_deg.size, azimuth_deg.size, self._shells.extinction.shape[1])
         factors = np.zeros(shape)
         if up.any():
