@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
+from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.block import Answer, Block, check_question, join
@@ -37,6 +38,7 @@ SKY_FACTS = ("sun_azimuth_deg", "distance_au", "latitude_deg", "longitude_deg", 
 """Fields of `Sky` that a field does not know itself."""
 
 
+@in_units
 @dataclass(frozen=True, repr=False)
 class Field:
     """Some or all wavelengths of a scene, solved."""

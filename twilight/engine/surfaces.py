@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 
 from twilight.base import cache
+from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.engine.field import Field
@@ -52,6 +53,7 @@ ZENITH_DEG = 90.0 - 1e-9
 """Elevation from which on a direction is the zenith, whatever its azimuth [deg]."""
 
 
+@in_units
 @dataclass(frozen=True)
 class Surface:
     """A surface.
@@ -115,6 +117,7 @@ class Surface:
         return self.kind == "plane" and 0.0 < self.tilt_deg < 180.0
 
 
+@in_units
 @dataclass(frozen=True)
 class Direction:
     """A line of sight: elevation_deg 0 to 90; azimuth_deg from north, or from the sun where from_sun is true."""

@@ -91,16 +91,18 @@ def _contents(sky: Sky) -> _Contents:
     coords: dict = {
         "wavelength": ("wavelength", sky.wavelength_nm, attributes("wavelength") | {"bounds": "wavelength_bnds"}),
         "elevation": ("elevation", sky.elevation_deg, attributes("elevation") | {"bounds": "elevation_bnds"}),
-        "azimuth": ("azimuth", sky.azimuth_deg, attributes("azimuth")),
+        "azimuth": ("azimuth", sky.azimuth_deg, attributes("azimuth") | {"bounds": "azimuth_bnds"}),
     }
     coords |= coordinates_of(sky)
     if sky.time is not None:
         about = {"calendar": "standard", "units_metadata": "leap_seconds: none", "axis": "T"}
         coords["time"] = ((), sky.time.timestamp(), attributes("time") | about)
-    edges = sky.elevation_edges_deg
+    edges, azimuth = sky.elevation_edges_deg, sky.azimuth_deg
+    turns = 0.5 * (azimuth + np.append(azimuth[1:], azimuth[0] + 360.0))
     variables: dict = {
         "wavelength_bnds": (("wavelength", "nv"), wavelength_bounds(sky.wavelength_nm, sky.solar_spectrum)),
         "elevation_bnds": (("elevation", "nv"), np.stack([edges[:-1], edges[1:]], axis=1)),
+        "azimuth_bnds": (("azimuth", "nv"), np.stack([np.append(turns[-1] - 360.0, turns[:-1]), turns], axis=1)),
     }
     for name, dims, values in (
         ("radiance", _GRID, sky.radiance),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError
 from twilight.sky.sky import Sky
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     import xarray
 
 
+@in_units
 class SkySeries(Sequence[Sky]):
     """Skies of several suns in their order.
 
