@@ -19,6 +19,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
+from twilight.config import Config
 from twilight.engine.block import Answer, Block, check_question, join
 from twilight.engine.one_sun import SunLight, warn_of_black
 from twilight.engine.problem import Problem, plan
@@ -26,7 +27,7 @@ from twilight.engine.sun_tables import SunTables
 from twilight.engine.sunbeam import Direct, join_direct, make_disc
 from twilight.numerics.directions import hemisphere, texture_centres
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
-from twilight.scene.scene import Scene
+from twilight.scene.scene import Scene, resolve
 from twilight.sky.disc import Disc
 from twilight.sky.quantities.measure import Quantity, Spectra, check_covered, check_of, quantity
 from twilight.sky.quantities.responses import ResponseLike
@@ -64,6 +65,13 @@ class Field:
             f"  for {which}\n"
             f"  radiance(sun, elevation, azimuth) [sr^-1], sky(sun), direct(sun), view()>"
         )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What another process makes the field of: the scene's configuration, solved there or taken from its cache."""
+        config = self.scene.config
+        if config is None or not self._is_whole:
+            raise TwilightError("this field cannot go to another process; hand over the climate and solve it there")
+        return _solved_again, (config, self.problem.sun_elevations_deg, self.cached)
 
     @property
     def scene(self) -> Scene:
@@ -416,6 +424,11 @@ class Field:
     if TYPE_CHECKING:  # the viewer stands above this room: `twilight.api.calls` attaches it
 
         def view(self, **options: Any) -> BrowserPage: ...
+
+
+def _solved_again(config: Config, sun_elevations_deg: tuple[float, ...] | None, cached: bool) -> Field:
+    """The field of a configuration, in the process that reads it."""
+    return solve(resolve(config), sun_elevations_deg, cached=cached)
 
 
 def solve(

@@ -11,7 +11,6 @@ import hashlib
 import re
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -226,7 +225,7 @@ class OverSuns:
                 # one line is enough for the zenith
                 computed = np.concatenate([grid[:-1].reshape(-1, grid.shape[-1]), grid[-1, :1]]).astype(np.float32)
                 if self._key:
-                    cache.store(cache.SKIES, name, lambda path: _save(path, computed))
+                    cache.store_arrays(cache.SKIES, name, {"lines": computed})
                 stored = computed
             self._lines[k] = stored.astype(float)
         return self._lines[k]
@@ -240,23 +239,11 @@ def _turns(surface: Surface) -> np.ndarray:
     return np.arange(0.0, 180.5, TURN_DEG) if surface.turns else np.zeros(1)
 
 
-def _save(path: Path, lines: np.ndarray) -> None:
-    with open(path, "wb") as stream:
-        np.savez(stream, lines=lines)
-
-
 def _stored(name: str, wavelengths: int) -> np.ndarray | None:
     """Lines of the cache; None where there are none, or damaged ones."""
-    path = cache.find(cache.SKIES, name)
-    if path is None:
-        return None
-    try:
-        with np.load(path) as file:
-            lines: np.ndarray = file["lines"]
-    except (OSError, ValueError, KeyError, EOFError):
-        lines = np.zeros(0)
+    lines = (cache.read_arrays(cache.SKIES, name) or {}).get("lines", np.zeros(0))
     if lines.ndim != 2 or lines.shape[1] != wavelengths or not np.isfinite(lines).all():
-        cache.discard(path)
+        cache.discard(cache.path_of(cache.SKIES, name))
         return None
     return lines
 

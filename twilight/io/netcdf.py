@@ -234,6 +234,28 @@ def read_sky(path: str | Path) -> Sky:
             raise TwilightError(f"{path}: {error}") from None
 
 
+def check_self_contained(path: str | Path) -> None:
+    """TwilightError for a file of HDF5 whose data are in other files, which it names: by links, external storage or
+    virtual datasets."""
+    import h5py  # start-up
+
+    def check(group: Any) -> None:
+        for name in group:
+            link = group.get(name, getlink=True)
+            if isinstance(link, h5py.ExternalLink | h5py.SoftLink):
+                raise TwilightError(
+                    f"{path}: '{name}' is a link to {getattr(link, 'filename', link.path)}; not followed"
+                )
+            found = group[name]
+            if isinstance(found, h5py.Dataset) and (found.external or found.is_virtual):
+                raise TwilightError(f"{path}: the values of '{name}' are in another file, which is not read")
+            if isinstance(found, h5py.Group):
+                check(found)
+
+    with h5py.File(path, "r") as file:
+        check(file)
+
+
 class _Stored(NamedTuple):
     """A variable of a file: its dimensions and values."""
 
@@ -250,6 +272,7 @@ class _File(NamedTuple):
 
 def _load(path: Path) -> _File:
     """All of a file; through h5netcdf alone, as it is written."""
+    check_self_contained(path)
     with interruptible_h5netcdf().File(path, "r", phony_dims="sort") as opened:
         sizes = [np.prod(v.shape, dtype=float) * getattr(v.dtype, "itemsize", 8) for v in opened.variables.values()]
         check_expansion(path, sum(sizes))

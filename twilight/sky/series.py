@@ -52,6 +52,10 @@ class SkySeries(Sequence[Sky]):
         self.sun_elevation_deg = np.array(sun_elevation_deg, float)
         self.times = None if times is None else tuple(times)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What another process makes the series of: its skies, which are computed for it."""
+        return SkySeries, (list(self), self.sun_elevation_deg, self.times)
+
     def __len__(self) -> int:
         return self.sun_elevation_deg.size
 
