@@ -27,7 +27,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import IO, Any, ClassVar
+from typing import IO, Any
 
 import llvmlite.binding as llvm
 import numpy as np
@@ -162,7 +162,7 @@ class _NotKept(_InTree):
 
 
 class _Files(CompileResultCacheImpl):
-    _locator_classes: ClassVar[list[Any]] = [_UserProvided, _InTree, _InCacheFolder, *_others, _NotKept]
+    _locator_classes = [_UserProvided, _InTree, _InCacheFolder, *_others, _NotKept]  # noqa: RUF012 - numba's own
 
     def rebuild(self, target_context: Any, payload: Any) -> Any:
         """A kernel from what was kept of it."""
