@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import re
+import shutil
 import warnings
 from pathlib import Path
 from types import UnionType
@@ -238,7 +239,7 @@ def test_folders_of_a_series_are_told_apart_and_not_too_long(tmp_path):
 
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-        (tmp_path / name / "x.yaml").write_text("base: pure-air\n")
+        shutil.copy(Path(__file__).parents[2] / "climates" / "pure-air.yaml", tmp_path / name / "x.yaml")
     files = [str(tmp_path / name / "x.yaml") for name in ("a", "b")]
     many = [list(range(400, 700)), list(range(400, 702, 2))]
     config = {"version": 1, "vary": {"climate": files, "wavelengths.list_nm": many}}

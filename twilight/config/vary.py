@@ -1,6 +1,7 @@
 """The `vary:` section: which keys take which values, as axes whose product is the series; keys that are drawn."""
 
 import hashlib
+import os
 import random
 import re
 from collections.abc import Callable, Mapping
@@ -109,9 +110,10 @@ def _folder_name(text: str) -> str:
 
 def _told_apart(axis: Axis) -> Axis:
     """The axis, where climates' files of one name in several folders are called by these too."""
-    folders = [Path(c).parent if isinstance(c := point.get("climate"), str) else None for point in axis.points]
+    folders = [os.path.dirname(c) if isinstance(c := point.get("climate"), str) else "" for point in axis.points]
+    common = len(os.path.commonpath(map(os.path.abspath, folders)))
     labels = [
-        _folder_name("-".join((*folder.parts, text))) if folder and axis.labels.count(text) > 1 else text
+        _folder_name(f"{os.path.abspath(folder)[common:]}-{text}") if axis.labels.count(text) > 1 else text
         for text, folder in zip(axis.labels, folders, strict=True)
     ]
     return replace(axis, labels=tuple(labels))

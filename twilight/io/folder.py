@@ -284,6 +284,7 @@ def write_outputs(
     except OSError as error:
         raise TwilightError(f"{folder}: the folder cannot be made ({error.strerror or error})") from error
     rendered = Rendered(sky, o.polariser_deg, view)
+    chosen = tuple(sorted(chosen, key=list(FORMATS).index))  # the map before those who refer to it
     written = [path for name in chosen for path in FORMATS.load(name)(rendered, folder, o)]
     for path in written:
         if path.name not in file_names():
