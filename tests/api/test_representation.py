@@ -215,6 +215,57 @@ def test_half_skies_are_whole_ones_where_they_are_interpolated(sky):
     assert np.allclose(one_side.sky.interp(azimuth=-20, elevation=15)[u], -data[u].sel(azimuth=20, elevation=15))
 
 
+METHODS = {
+    "interp": lambda d: d.sky.interp(elevation=22.0, azimuth=[-40.0, 3.0, 200.0]).luminance,
+    "luminance_at": lambda d: d.sky.luminance_at(22.0, 200.0),
+    "magnitude": lambda d: d.sky.magnitude("V", 22.0, 200.0),
+    "radiance_in": lambda d: d.sky.radiance_in("photopic", 22.0, 200.0),
+    "illuminance_lux": lambda d: d.sky.illuminance_lux(),
+    "measure": lambda d: d.sky.measure("luminance", 22.0, 200.0),
+    "scene": lambda d: d.sky.scene().luminance_at(22.0, 200.0),
+}
+"""Every method that reads a sky between its samples."""
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_knows_the_whole_sky_of_a_dataset_or_refuses(sky, method):
+    """Azimuths from -180 to 180, rows downwards or chunks would be another sky, a part of it the whole."""
+    asked, whole = METHODS[method], sky.to_xarray()
+    right = np.asarray(asked(whole), float)
+    turned = whole.assign_coords(azimuth=(whole.azimuth + 180) % 360 - 180)
+    foreign = whole.drop_vars(["azimuth_bnds", "elevation_bnds"])
+    same = {
+        "turned": turned,
+        "turned and sorted": turned.sortby("azimuth"),
+        "rolled": whole.roll(azimuth=5, roll_coords=True),
+        "downwards": whole.sortby("elevation", ascending=False),
+        "without bounds": foreign.assign_coords(azimuth=(foreign.azimuth + 180) % 360 - 180).sortby("azimuth"),
+        "in radians": whole.assign_coords(azimuth=("azimuth", np.radians(whole.azimuth.data), {"units": "radian"})),
+        "chunks": whole.chunk(elevation=2, azimuth=7, wavelength=1),
+    }
+    for name, data in same.items():
+        np.testing.assert_allclose(np.asarray(asked(data), float), right, rtol=1e-6, err_msg=name)
+    half = whole.isel(azimuth=slice(0, 19)).assign_attrs(azimuth_count="36")
+    parts = (
+        whole.isel(azimuth=[0]), whole.isel(azimuth=[0, 18]), whole.isel(azimuth=slice(0, 30)),
+        whole.isel(azimuth=slice(None, None, 2)), whole.isel(elevation=slice(0, 4)), whole.isel(elevation=[3]),
+        whole.sel(elevation=slice(20, 90)), half.isel(azimuth=slice(0, 12)), foreign.isel(azimuth=slice(0, 30)),
+        foreign.isel(azimuth=[0]), foreign.isel(elevation=slice(3, 6)),
+    )  # fmt: skip
+    for data in parts:
+        with pytest.raises(TwilightError, match="a part of its sky"):
+            asked(data)
+    with pytest.raises(TwilightError, match="are its angles degrees"):
+        asked(whole.assign_coords(azimuth=np.radians(whole.azimuth.data)))
+
+
+def test_luminance_is_that_of_each_sample(sky):
+    """A part of a sky would have no luminance in its own directions."""
+    whole = sky.to_xarray()
+    np.testing.assert_allclose(whole.sky.luminance(), sky.luminance())
+    np.testing.assert_allclose(whole.isel(azimuth=[3, 5]).sky.luminance(), sky.luminance()[:, [3, 5]])
+
+
 def test_skies_are_subtracted_and_divided(sky, drawing):
     """A difference would be labelled, drawn or interpolated wrongly."""
     brighter = replace(sky, sun_normalised_radiance=2.0 * sky.sun_normalised_radiance, sun_elevation_deg=7.0)

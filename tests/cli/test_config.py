@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import re
+import shutil
 import warnings
 from pathlib import Path
 from types import UnionType
@@ -230,3 +231,21 @@ def test_the_command_line_says_a_slip_once(monkeypatch):
     assert result.stderr.splitlines() == [
         "twilight: gases.ozone.column_du is 3 DU, less than has ever been measured; 3 mm of ozone are 300 DU"
     ]
+
+
+def test_folders_of_a_series_are_told_apart_and_not_too_long(tmp_path):
+    """Two climates of one name in two folders would be one, a list of wavelengths a name that no disk takes."""
+    from twilight.config.load import load_series
+
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        shutil.copy(Path(__file__).parents[2] / "climates" / "pure-air.yaml", tmp_path / name / "x.yaml")
+    files = [str(tmp_path / name / "x.yaml") for name in ("a", "b")]
+    many = [list(range(400, 700)), list(range(400, 702, 2))]
+    config = {"version": 1, "vary": {"climate": files, "wavelengths.list_nm": many}}
+    for case in load_series(config), load_series({"version": 1, "vary": {"list": [{"climate": f} for f in files]}}):
+        names = [one.name for one in case]
+        assert len(set(names)) == len(names) and all("x" in name for name in names)
+        assert max(len(part) for name in names for part in name.split("/")) <= 130
+    with pytest.raises(TwilightError, match="lists the same value twice"):
+        load_series({"version": 1, "vary": {"climate": [files[0]] * 2}})

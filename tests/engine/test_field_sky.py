@@ -65,13 +65,16 @@ def test_a_field_and_a_page_say_what_they_are_in_five_lines(field):
 @pytest.mark.parametrize(
     ("question", "message"),
     [
-        (lambda f: f.sky("low"), "sun_elevation_deg: must be a number between -90 and 90, got 'low'"),
-        (lambda f: f.sky([-4.0, -5.0]), r"sun_elevation_deg: .* got \[-4.0, -5.0\]"),
+        (lambda f: f.sky("low"), "sun_elevation_deg: must be a number or an array of numbers, got 'low'"),
+        (lambda f: f.sky([-4.0, -5.0]), r"sun_elevation_deg: must be one number, got \[-4.0, -5.0\]"),
         (lambda f: f.sky(-4.0, sun_azimuth=3.0), "sky: sun_azimuth is no argument; allowed are sun_azimuth_deg"),
         (lambda f: f.radiance(95.0, 10.0, 0.0), "sun_elevation_deg: must be a number between -90 and 90, got 95"),
         (lambda f: f.radiance(-4.0, 95.0, 0.0), "elevation_deg: must be numbers between -90 and 90"),
-        (lambda f: f.radiance(-4.0, np.nan, 0.0), "elevation_deg: must be numbers"),
-        (lambda f: f.radiance(-4.0, 10.0, "north"), "azimuth_deg: must be finite numbers"),
+        (lambda f: f.radiance(-4.0, np.nan, 0.0), "elevation_deg: must be finite, got nan"),
+        (
+            lambda f: f.radiance(-4.0, 10.0, "north"),
+            "azimuth_deg: must be a number or an array of numbers, got 'north'",
+        ),
     ],
 )
 def test_wrong_questions_are_one_sentence(field, question, message):

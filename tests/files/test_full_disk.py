@@ -34,8 +34,6 @@ WHOLE = {"whole_file", "whole_content", "whole_folder", "unfinished"}
 WRITERS = {"write_text", "write_bytes", "savez", "savez_compressed", "savefig", "to_netcdf", "to_zarr", "copyfile",
            "tofile", "imwrite", "imsave", "writelines"}  # fmt: skip
 ELSEWHERE = {
-    "engine/sun_tables.py": "handed to the cache, which writes it whole",
-    "engine/surfaces.py": "handed to the cache, which writes it whole",
     "base/cache.py": "handed to store(), which writes it whole",
     "show/sliders.py": "in memory, for a page that is written whole",
     "cli/__init__.py": "/dev/null",

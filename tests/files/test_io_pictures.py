@@ -1,6 +1,7 @@
 """Where things stand in pictures and environment maps, and what else is in the files."""
 
 import json
+import re
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 
@@ -10,9 +11,10 @@ import pytest
 from toy_sky import GLOW_ELEVATION, SUN_AZIMUTH, brightest_uv, glow_sky, spot, unit_vector
 
 from twilight.base.errors import TwilightError
-from twilight.io import read_latlong_exr, read_spectral_exr, write_hdr, write_rgb_exr, write_spectral_exr
+from twilight.io import exr, read_latlong_exr, read_spectral_exr, write_hdr, write_rgb_exr, write_spectral_exr
 from twilight.io.environment import RENDERERS, environment_directions
 from twilight.io.environment_files import to_rgbe
+from twilight.io.folder import write_outputs
 from twilight.sky import colour
 from twilight.sky.sky import Sky
 
@@ -258,3 +260,55 @@ def test_rgb_file_is_not_taken_for_a_spectral_one(tmp_path):
     """RGB would be read as a spectrum."""
     with pytest.raises(TwilightError, match="Fichet"):
         read_spectral_exr(write_rgb_exr(glow_sky(), tmp_path / "a.exr", width=64))
+
+
+@pytest.mark.parametrize("primaries", ["acescg", "rec2020"])
+@pytest.mark.parametrize("renderer", ["openexr", "mitsuba"])
+def test_other_primaries_are_the_same_light(tmp_path, primaries, renderer):
+    """A map of other primaries would have other colours, and white would not be neutral."""
+    sky = glow_sky(step_deg=10.0)
+    plain = read_latlong_exr(write_rgb_exr(sky, tmp_path / "a.exr", renderer=renderer, width=64))
+    path = write_rgb_exr(sky, tmp_path / "b.exr", renderer=renderer, width=64, primaries=primaries)
+    other = read_latlong_exr(path)
+    if renderer == "openexr":
+        np.testing.assert_allclose(other.rgb, plain.rgb, rtol=1e-4, atol=1e-6)
+    assert other.attributes["chromaticities"] == pytest.approx(exr.PRIMARIES[primaries])
+    np.testing.assert_allclose(exr.from_rec709(primaries) @ np.ones(3), 1.0, atol=2e-3)
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        raw = np.stack([file.channels()[name].pixels for name in "RGB"], axis=-1)
+    assert renderer == "openexr" or raw.min() >= 0.0
+    # OCIO's matrix of ACES from linear Rec. 709
+    known = [[0.6131, 0.3395, 0.0474], [0.0702, 0.9164, 0.0135], [0.0206, 0.1096, 0.8698]]
+    assert primaries != "acescg" or np.abs(exr.from_rec709("acescg") - known).max() < 5e-4
+
+
+def test_half_floats_hold_the_light_or_are_not_taken(tmp_path, monkeypatch):
+    """A large map would be four bytes a sample, or deep twilight lose its last bits without a word."""
+    monkeypatch.setattr(exr, "HALF_FROM_WIDTH", 64)
+    day = replace(glow_sky(step_deg=10.0), ground_albedo=np.full(7, 0.2))
+    dark = replace(day, sun_normalised_radiance=1e-7 * day.sun_normalised_radiance)
+    exact = read_latlong_exr(write_rgb_exr(day, tmp_path / "a.exr", width=64, exr="float")).rgb
+    for asked in ("half", None):
+        found = read_latlong_exr(write_rgb_exr(day, tmp_path / "b.exr", width=64, exr=asked)).rgb
+        assert found.dtype == np.float16 and exact.dtype == np.float32
+        assert np.abs(found - exact).max() <= 1e-3 * exact.max()
+    assert read_latlong_exr(write_rgb_exr(dark, tmp_path / "c.exr", width=64)).rgb.dtype == np.float32
+    assert read_latlong_exr(write_rgb_exr(day, tmp_path / "c.exr", width=32)).rgb.dtype == np.float32
+    with pytest.raises(TwilightError, match="half floats hold light from"):
+        write_rgb_exr(dark, tmp_path / "d.exr", width=64, exr="half")
+    assert not (tmp_path / "d.exr").exists()
+
+
+def test_the_usd_file_has_the_map_and_the_sun_where_they_are(tmp_path):
+    """Light of the scene would come from elsewhere than in the map."""
+    sky = replace(glow_sky(step_deg=10.0, sun_azimuth_deg=235.0), direct_irradiance=np.full(7, 0.3))
+    write_outputs(sky, tmp_path, files=("sun", "rgb"), width=64)
+    text, facts = (tmp_path / "sky.usda").read_text(), json.loads((tmp_path / "sun.json").read_text())
+    x, y = map(float, re.search(r"rotateXYZ = \((\S+), (\S+), 0\)", text).groups())
+    a, b = np.radians([x, y])
+    towards = [np.sin(b) * np.cos(a), -np.sin(a), np.cos(b) * np.cos(a)]  # +Z turned about X, then Y
+    np.testing.assert_allclose(towards, -np.array(facts["mitsuba"]["direction"]), atol=1e-6)
+    assert "@./sky.rgb.exr@" in text and text.count("{") == text.count("}") and 20 <= text.count("\n") <= 32
+    assert f"EV100 {facts['exposure_ev100']:.2f}" in text
+    write_outputs(sky, tmp_path / "alone", files=("sun",), width=64)
+    assert "DomeLight" not in (tmp_path / "alone" / "sky.usda").read_text()

@@ -120,3 +120,24 @@ def test_a_sweep_that_the_disk_cannot_hold_is_refused(toy, tmp_path, monkeypatch
     with pytest.raises(TwilightError, match=r"3 skies need at least .* GB, and 0.001 GB are free"):
         with open_store(tmp_path / "a.zarr", planned({"sun.elevation_deg": SUNS})):
             pass
+
+
+def test_a_second_sweep_that_begins_at_the_same_time_is_told_so(toy, tmp_path, monkeypatch):
+    """Of two sweeps that make the same dataset at once, one would be told that its folder is not empty."""
+    from twilight.studies.sweep import store
+
+    made, path = planned({"solver.factor": [1, 2], "sun.elevation_deg": SUNS}), tmp_path / "a.zarr"
+    create, first = store._create, []
+
+    def meanwhile(*arguments):
+        monkeypatch.setattr(store, "_create", create)
+        first.append(open_store(path, made))
+        first[0].__enter__()
+        create(*arguments)
+
+    monkeypatch.setattr(store, "_create", meanwhile)
+    with pytest.raises(TwilightError, match="another sweep is writing it"), open_store(path, made):
+        pass
+    first[0].__exit__(None, None, None)
+    with open_store(path, made) as again:
+        assert not again.done

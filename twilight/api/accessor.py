@@ -11,18 +11,21 @@ ds.sky.interp(elevation=20, azimuth=358.5)         # between the last azimuth an
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 import xarray
 from numpy.typing import ArrayLike
 
 from twilight.api.arguments import PlotOptions
+from twilight.base.arguments import in_units, plain
 from twilight.base.errors import TwilightError
 from twilight.io.labels import attributes
 from twilight.io.provenance import fields_from, provenance_from_fields
+from twilight.numerics.spectrum import solar_irradiance
 from twilight.sky.quantities.measure import quantity, unit_of
 from twilight.sky.quantities.responses import ResponseLike, response
+from twilight.sky.quantities.sky_light import luminance
 from twilight.sky.sky import Sky
 from twilight.sky.table import SkyTable
 
@@ -40,6 +43,7 @@ _DEFAULT_SPECTRUM = "astm_g173_etr"
 
 
 @xarray.register_dataset_accessor("sky")
+@in_units
 class SkyAccessor:
     """`.sky` of a dataset that holds `sun_normalised_radiance` over elevation, azimuth, wavelength and any others.
 
@@ -72,12 +76,12 @@ class SkyAccessor:
             raise TwilightError(
                 f".sky.scene: this scene {'was refused by its solver' if refused else 'is not computed yet'}"
             )
-        azimuth, column = _whole(chosen)
+        where = _Grid.of(chosen)
 
         def grid(name: str) -> np.ndarray | None:
             if name not in chosen or np.isnan(chosen[name]).all():
                 return None
-            return chosen[name].transpose(*_GRID).values[:, column]
+            return where.whole(chosen[name].transpose(*_GRID).values)
 
         def one(*names: str) -> float | None:
             number = next((float(chosen[name]) for name in names if name in chosen), None)
@@ -87,8 +91,7 @@ class SkyAccessor:
             both = grid(q), grid(u)
             if both[0] is None or both[1] is None:
                 return None
-            mirrored = (azimuth > 180.0) & (chosen.azimuth.values[column] <= 180.0)
-            sign = 1.0 if "error" in u else np.where(mirrored, -1.0, 1.0)[:, None]
+            sign = 1.0 if "error" in u else np.where(where.mirrored, -1.0, 1.0)[:, None]
             return np.stack([both[0], both[1] * sign], axis=2).astype(float)
 
         radiance = grid(_RADIANCE)
@@ -103,8 +106,8 @@ class SkyAccessor:
         direct = "direct_irradiance_factor"
         return Sky(
             wavelength_nm=chosen.wavelength.values,
-            elevation_deg=chosen.elevation.values,
-            azimuth_deg=azimuth,
+            elevation_deg=where.elevation,
+            azimuth_deg=where.azimuth,
             sun_normalised_radiance=radiance.astype(float),
             ground_albedo=chosen["surface_albedo"].values if "surface_albedo" in chosen else None,
             standard_error=grid("standard_error"),
@@ -144,7 +147,7 @@ class SkyAccessor:
         given = {"elevation": elevation, "azimuth": azimuth}
         wanted = {name: _coordinate(name, data[name] if v is None else v) for name, v in given.items()}
         towards = _Towards(data, wanted["elevation"], wanted["azimuth"])
-        kept = data.drop_vars(["elevation_bnds", *_DERIVED], errors="ignore")
+        kept = data.drop_vars(["elevation_bnds", "azimuth_bnds", *_DERIVED], errors="ignore")
         result = kept.drop_dims(["elevation", "azimuth"])
         result = result.assign({str(n): towards.read(v) for n, v in kept.data_vars.items() if _over_sky(v)})
         for name, values in wanted.items():
@@ -156,9 +159,7 @@ class SkyAccessor:
 
     def luminance(self) -> xarray.DataArray:
         """Luminance [cd m^-2] in every direction of the dataset."""
-        count = self._dataset.sizes["azimuth"]
-        dims = ("elevation", "azimuth")
-        return self._each("luminance", lambda sky: sky.luminance()[:, :count], "cd m-2", "luminance of the sky", dims)
+        return self._each("luminance", _Samples.luminance, "cd m-2", "luminance of the sky", _GRID[:2])
 
     def luminance_at(self, elevation_deg: float = 90.0, azimuth_deg: float = 0.0) -> xarray.DataArray:
         """Luminance [cd m^-2] in one direction; azimuth relative to the sun."""
@@ -199,26 +200,29 @@ class SkyAccessor:
         return self.scene().plot(projection, ax, **options)
 
     def _each(
-        self, name: str, figure: Callable[[Sky], ArrayLike], unit: str, about: str, dims: tuple[str, ...] = ()
+        self, name: str, figure: Callable[[Any], ArrayLike], unit: str, about: str, dims: tuple[str, ...] = ()
     ) -> xarray.DataArray:
-        """A figure of every sky."""
+        """A figure of every sky, or of every sample of it along dims."""
         data = self._dataset
-        azimuth, column = _whole(data)
+        where = None if dims else _Grid.of(data)
         spectrum = str(data.attrs.get("solar_spectrum", _DEFAULT_SPECTRUM))
         night = [data["night_radiance"]] if "night_radiance" in data else []
 
         def one(radiance: np.ndarray, distance_au: float, sun_elevation_deg: float, *night: np.ndarray) -> np.ndarray:
             if np.isnan(radiance).any():
                 return np.full(radiance.shape[: len(dims)], np.nan)
+            samples = _Samples(data.wavelength.values, spectrum, float(distance_au), radiance, *night)
+            if where is None:
+                return np.asarray(figure(samples), float)
             sky = Sky(
-                wavelength_nm=data.wavelength.values,
-                elevation_deg=data.elevation.values,
-                azimuth_deg=azimuth,
-                sun_normalised_radiance=radiance[:, column],
+                wavelength_nm=samples.wavelength_nm,
+                elevation_deg=where.elevation,
+                azimuth_deg=where.azimuth,
+                sun_normalised_radiance=where.whole(radiance),
                 sun_elevation_deg=float(sun_elevation_deg),
-                distance_au=float(distance_au),
+                distance_au=samples.distance_au,
                 solar_spectrum=spectrum,
-                night_radiance=night[0][:, column] if night else None,
+                night_radiance=where.whole(night[0]) if night else None,
             )
             return np.asarray(figure(sky), float)
 
@@ -233,16 +237,17 @@ class SkyAccessor:
             vectorize=True,
             dask="parallelized",
             output_dtypes=[float],
+            dask_gufunc_kwargs={"allow_rechunk": True},
         )
         return result.rename(name).assign_attrs(units=unit, long_name=about)
 
 
 def _coordinate(name: str, values: Any) -> xarray.DataArray:
     """Angles as a DataArray: numbers without a dimension, arrays along their own name."""
+    numbers = np.asarray(plain(values, name, "deg"), float)
     if isinstance(values, xarray.DataArray):
-        return values.drop_vars(list(values.coords)).astype(float)
-    array = np.asarray(values, float)
-    return xarray.DataArray(array, dims=[name] if array.ndim else [])
+        return xarray.DataArray(numbers, dims=values.dims)
+    return xarray.DataArray(numbers, dims=[name] if numbers.ndim else [])
 
 
 def _over_sky(values: xarray.DataArray) -> bool:
@@ -257,10 +262,8 @@ class _Towards:
         self._dims, self._shape = [str(d) for d in both[0].dims], both[0].shape
         self._sizes = dict(zip(self._dims, self._shape, strict=True))
         self._elevation, self._turn = both[0].values.ravel(), both[1].values.ravel()
-        self._rows = data.elevation.values
-        self._columns, self._place = _whole(data)
-        self._mirrored = (self._columns > 180.0) & (data.azimuth.values[self._place] <= 180.0)
-        first = self._rows[:2]
+        self._grid = _Grid.of(data)
+        first = self._grid.elevation[:2]
         low = 0.0 if first.size > 1 and 0.0 < first[0] <= first[1] - first[0] else float(first[0])
         self._outside = ~((self._elevation >= low) & (self._elevation <= 90.0))
 
@@ -270,15 +273,16 @@ class _Towards:
         flips = values.name == _U[0]
 
         def one(skies: np.ndarray) -> np.ndarray:
-            whole = np.moveaxis(skies[..., self._place].reshape(-1, self._rows.size, self._place.size), 0, 2)
+            rows, columns = self._grid.elevation, self._grid.azimuth
+            whole = self._grid.whole(np.moveaxis(skies.reshape(-1, *skies.shape[-2:]), 0, 2))
             if flips:
-                whole = np.where(self._mirrored[:, None], -whole, whole)
+                whole = np.where(self._grid.mirrored[:, None], -whole, whole)
             out = np.full((self._elevation.size, whole.shape[2]), np.nan)
             negative, positive = (whole < 0.0).any(axis=(0, 1)) | signed, (whole > 0.0).all(axis=(0, 1))
             kinds = (positive & ~negative, SkyTable.of_samples), (negative, SkyTable.of_signed)
             for which, table in (*kinds, (~positive & ~negative, SkyTable.of_samples)):
                 if which.any():
-                    sky_table = table(self._rows, self._columns, whole[..., which])
+                    sky_table = table(rows, columns, whole[..., which])
                     out[:, which] = sky_table.light(self._elevation, self._turn)
             out[self._outside] = np.nan
             return out.T.reshape((*skies.shape[:-2], *self._shape)).astype(skies.dtype)
@@ -309,11 +313,82 @@ def _with_polarisation(dataset: xarray.Dataset) -> xarray.Dataset:
     return dataset
 
 
-def _whole(data: xarray.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Azimuths over the whole circle [deg], and the column of the dataset that each one is in."""
-    own = data.azimuth.values
-    if "azimuth_count" not in data.attrs:
-        return own, np.arange(own.size)
-    count = int(data.attrs["azimuth_count"])
-    azimuth = np.arange(count) * (360.0 / count)
-    return azimuth, np.abs(np.minimum(azimuth, 360.0 - azimuth)[:, None] - own).argmin(axis=1)
+class _Samples(NamedTuple):
+    """Samples of a sky in directions (E, A, W) that need not be the whole of it."""
+
+    wavelength_nm: np.ndarray
+    solar_spectrum: str
+    distance_au: float
+    radiance: np.ndarray
+    night: np.ndarray | float = 0.0
+
+    def luminance(self) -> np.ndarray:
+        """Luminance [cd m^-2], (E, A)."""
+        sun = solar_irradiance(self.wavelength_nm, self.solar_spectrum, self.distance_au)
+        return luminance(self.radiance + self.night / sun, self.wavelength_nm, self.solar_spectrum, self.distance_au)
+
+
+class _Grid(NamedTuple):
+    """The directions of the whole sky that a dataset holds.
+
+    elevation (E,), azimuth (A,): increasing, azimuths within 0 to 360 [deg]; row (E,), column (A,): of the dataset;
+    mirrored (A,): columns that are those of the other side of the sun.
+    """
+
+    elevation: np.ndarray
+    azimuth: np.ndarray
+    row: np.ndarray
+    column: np.ndarray
+    mirrored: np.ndarray
+
+    def whole(self, values: np.ndarray) -> np.ndarray:
+        """Values of the dataset, (E', A', ...), in all directions, (E, A, ...)."""
+        return values[self.row[:, None], self.column]
+
+    @classmethod
+    def of(cls, data: xarray.Dataset) -> _Grid:
+        """That of a dataset with azimuths from any direction on, a half sky (`azimuth_count`) or rows downwards.
+
+        Errors: TwilightError for a part of a sky, which says nothing of the rest.
+        """
+        elevation, turn = (_coordinate(n, data[n]).values for n in _GRID[:2])
+        row = np.argsort(elevation, kind="stable")
+        low, high = _edges(data, "elevation", elevation, 180.0)
+        if low > 1e-6 or high < 90.0 - 1e-6:
+            raise TwilightError(f".sky: the dataset holds elevations from {low:g} to {high:g} deg, a part of its sky")
+        if "azimuth_count" in data.attrs:
+            count = int(data.attrs["azimuth_count"])
+            azimuth = np.arange(count) * (360.0 / count)
+            apart = [np.abs((azimuth[:, None] - sign * turn + 180.0) % 360.0 - 180.0) for sign in (1.0, -1.0)]
+            nearest = np.minimum(*apart)
+            column = nearest.argmin(axis=1)
+            mirrored = apart[0][range(count), column] > apart[1][range(count), column] + 1e-9
+            covered = 360.0 * (nearest.min(axis=1) < 1e-3).mean()
+        else:
+            azimuth, column = np.unique(turn % 360.0, return_index=True)
+            mirrored = np.zeros(azimuth.size, bool)
+            low, high = _edges(data, "azimuth", turn, 360.0)
+            covered = high - low
+        if covered < 360.0 - 1e-3:
+            raise TwilightError(f".sky: the dataset's azimuths cover {covered:.3g} of 360 deg, a part of its sky")
+        return cls(elevation[row], azimuth, row, column, mirrored)
+
+
+def _edges(data: xarray.Dataset, name: str, values: np.ndarray, most: float) -> tuple[float, float]:
+    """From where to where directions [deg] cover the sky: from the lowest edge by the sum of all bins; where a dataset
+    has no bounds, azimuths with a gap of twice the others end there, and equal steps half a step beyond the last."""
+    bounds = data.get(f"{name}_bnds")
+    if bounds is None and name == "azimuth":
+        gaps = np.sort(np.diff(np.sort(values), append=values.min() + 360.0))
+        return 0.0, 360.0 - (gaps[-1] if values.size < 3 or gaps[-1] > 1.9 * gaps[-2] else 0.0)
+    if bounds is None:
+        steps = np.diff(np.sort(values))
+        equal = values.size == 1 or float(np.ptp(steps)) < 1e-6
+        half = 0.5 * float(steps[0]) if steps.size else 0.0
+        return (values.min() - half, values.max() + half) if equal else (min(0.0, values.min()), 90.0)
+    edges = bounds.isel({d: 0 for d in bounds.dims if d not in (name, "nv")}).transpose(name, "nv").values
+    widths = np.abs(np.diff(edges)[:, 0])
+    apart = np.abs((values - edges.mean(axis=1) + 0.5 * most) % most - 0.5 * most)
+    if (outside := apart > widths + 1e-6).any():
+        raise TwilightError(f".sky: {name} {values[outside][0]:g} deg is outside {name}_bnds; are its angles degrees?")
+    return float(edges.min()), float(edges.min() + widths.sum())

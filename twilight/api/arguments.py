@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, TypedDict,
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from twilight.base.arguments import plain
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
 from twilight.config import Config, load
@@ -43,19 +44,16 @@ def config_of(
     return load(scene if isinstance(scene, Mapping) else str(scene), keys)
 
 
-def numbers(values: ArrayLike, name: str) -> list[float]:
+def numbers(values: object, name: str) -> list[float]:
     """A number or several as a list; `name`: of the argument, for the TwilightError."""
-    try:
-        return [float(value) for value in np.atleast_1d(values)]
-    except (TypeError, ValueError):
-        raise TwilightError(f"{name}: must be a number or a list of numbers, got {values!r}") from None
+    return np.atleast_1d(plain(values, name)).astype(float).ravel().tolist()
 
 
 class GivenPlace(NamedTuple):
     """What a call says of a place; None: nothing.  Latitude and longitude [deg] are north and east positive."""
 
-    latitude_deg: float | None
-    longitude_deg: float | None
+    latitude_deg: Any
+    longitude_deg: Any
     time_zone: str | None
     altitude_km: float | None
 
@@ -71,21 +69,27 @@ def place_of(
     if place is not None:
         if latitude_deg is not None or longitude_deg is not None:
             raise TwilightError("render: takes either place or latitude_deg and longitude_deg, not both")
-        if isinstance(place, tuple | list) and len(place) == 2:
-            latitude_deg, longitude_deg = numbers(place, "place")
-        elif hasattr(place, "latitude") and hasattr(place, "longitude"):  # pvlib
+        if hasattr(place, "latitude") and hasattr(place, "longitude"):  # pvlib
             location = cast(PvlibLocation, place)
-            latitude_deg, longitude_deg = float(location.latitude), float(location.longitude)
-            altitude_km = float(getattr(location, "altitude", None) or 0.0) / 1e3
+            latitude_deg, longitude_deg = location.latitude, location.longitude
+            altitude_km = _one(getattr(location, "altitude", None) or 0.0, "place") / 1e3
             time_zone = time_zone or str(location.tz)
         elif hasattr(place, "to_geodetic"):  # astropy
-            geodetic = place.to_geodetic()
-            latitude_deg, longitude_deg = float(geodetic.lat.to_value("deg")), float(geodetic.lon.to_value("deg"))
-            altitude_km = float(geodetic.height.to_value("km"))
+            geodetic = cast(AstropyLocation, place).to_geodetic()
+            latitude_deg, longitude_deg = geodetic.lat, geodetic.lon  # type: ignore[assignment]
+            altitude_km = _one(geodetic.height.to_value("km"), "place")
+        elif isinstance(place, tuple | list | np.ndarray) and len(place) == 2:
+            latitude_deg, longitude_deg = place
         else:
             raise TwilightError(
                 "place: must be (latitude, longitude), pvlib's Location or astropy's EarthLocation, "
                 f"got {type(place).__name__}"
+            )
+        latitude_deg, longitude_deg = (_one(angle, "place", "deg") for angle in (latitude_deg, longitude_deg))
+        if not (-90.0 <= latitude_deg <= 90.0 and -180.0 <= longitude_deg <= 360.0):
+            raise TwilightError(
+                f"place: ({latitude_deg:g}, {longitude_deg:g}) is not a latitude from -90 to 90 and a longitude from "
+                "-180 to 360"
             )
         if altitude_km is not None:
             # at sea level, or below it by the rounding of an ellipsoid: on the ground of the scene
@@ -93,17 +97,79 @@ def place_of(
     return GivenPlace(latitude_deg, longitude_deg, time_zone, altitude_km)
 
 
-def times_of(at: TimeLike | TimesLike) -> tuple[bool, list[datetime | str]]:
-    """Whether there are several times, and each as a datetime; text stays text."""
-    several = getattr(at, "isscalar", None) is False or not (isinstance(at, str) or np.ndim(cast(Any, at)) == 0)
-    return several, [_moment(one) for one in cast(Iterable[TimeLike], at if several else [at])]
+def _one(value: object, name: str, unit: str | None = None) -> float:
+    """One number; TwilightError for several."""
+    number = plain(value, name, unit)
+    if np.ndim(number):
+        raise TwilightError(f"{name}: must have one number for each coordinate, got {np.size(number)}")
+    return float(number)
 
 
-def _moment(at: TimeLike) -> datetime | str:
-    if hasattr(at, "to_datetime") and hasattr(at, "scale"):  # astropy's Time
-        return cast(AstropyTime, at).utc.to_datetime(timezone=UTC)
-    if isinstance(at, np.datetime64):
-        return at.astype("datetime64[us]").item()
+def places_of(place: object, time_zone: str | None) -> tuple[bool, list[GivenPlace]]:
+    """Whether there are several places, and each: in a list, in rows of an array, or as (latitudes, longitudes).
+
+    A tuple of two pairs is two places.  Errors: TwilightError for two lists of two numbers, which may be either.
+    """
+    given: Any = place
+    if given is None:
+        raise TwilightError("place: none is given")
+    if not isinstance(given, Iterable) or isinstance(given, str | Mapping) or getattr(given, "isscalar", False):
+        return False, [place_of(given, time_zone=time_zone)]
+    items = list(given)
+    if len(items) == 2 and not any(_is_place(item) for item in items):
+        if not any(isinstance(item, list | tuple) or getattr(item, "ndim", 0) for item in items):
+            return False, [place_of(tuple(items), time_zone=time_zone)]
+        if isinstance(given, tuple) and not all(isinstance(item, tuple) for item in items):
+            columns = [np.atleast_1d(plain(item, "place", "deg")) for item in items]
+            if columns[0].shape != columns[1].shape or columns[0].ndim != 1:
+                raise TwilightError("place: latitudes and longitudes must be as many as each other")
+            if columns[0].size == 2 and any(isinstance(item, list) for item in items):
+                raise TwilightError(
+                    "place: two lists of two numbers may be two places or latitudes and longitudes; give "
+                    "[(latitude, longitude), ...], or arrays of numpy's"
+                )
+            items = list(zip(*(column.tolist() for column in columns), strict=True))
+    if not items:
+        raise TwilightError("place: none is given")
+    return True, [place_of(item, time_zone=time_zone) for item in items]
+
+
+def _is_place(value: object) -> bool:
+    return hasattr(value, "latitude") or hasattr(value, "to_geodetic")
+
+
+def times_of(at: TimeLike | TimesLike, name: str = "time") -> tuple[bool, list[datetime | str]]:
+    """Whether there are several times, and each as a datetime; text stays text.  `name`: of the argument.
+
+    Errors: TwilightError for NaT, what is masked, and more than one dimension.
+    """
+    given: Any = at
+    if hasattr(given, "dims") or hasattr(given, "dask"):
+        given = np.asarray(given)
+    mask = getattr(given, "mask", None)
+    if mask is not None and not callable(mask) and np.any(mask):
+        raise TwilightError(f"{name}: holds masked times; leave them out")
+    shape = getattr(given, "shape", None)
+    several = isinstance(given, Iterable) and not isinstance(given, str | datetime)
+    dimensions = int(several) if shape is None else len(shape)
+    if dimensions > 1:
+        raise TwilightError(f"{name}: times must have one dimension, got {dimensions}")
+    return dimensions == 1, [_moment(one, name) for one in (given if dimensions else [given])]
+
+
+def _moment(at: Any, name: str) -> datetime | str:
+    if hasattr(at, "dims") or isinstance(at, np.ndarray):
+        at = np.asarray(at)[()]
+    try:
+        if hasattr(at, "to_datetime") and hasattr(at, "scale"):  # astropy's Time
+            at = at.utc.to_datetime(timezone=UTC)
+        elif isinstance(at, np.datetime64):
+            at = at.astype("datetime64[us]").item()
+        missing = at is None or at is np.ma.masked or bool(at != at)  # NaT is not itself
+    except (TypeError, ValueError, OverflowError) as error:
+        raise TwilightError(f"{name}: {' '.join(str(at).split())[:60]} is no time ({error})") from None
+    if missing or isinstance(at, int):
+        raise TwilightError(f"{name}: holds {'a time that is missing (NaT)' if missing else f'{at}, which is no time'}")
     if isinstance(at, datetime):
         # pandas' Timestamp is one, with nanoseconds
         return datetime.fromisoformat(at.isoformat(timespec="microseconds"))
@@ -199,8 +265,8 @@ class RenderOptions(TypedDict, total=False):
     """Arguments of `twilight.render` beside the scene and the suns."""
 
     place: PlaceLike | None
-    latitude_deg: float | None
-    longitude_deg: float | None
+    latitude_deg: Any
+    longitude_deg: Any
     time_zone: str | None
     altitude_km: float | None
     wavelength_nm: Sequence[float] | NDArray[np.float64] | None

@@ -14,6 +14,7 @@ from twilight import solvers
 from twilight.api import arguments
 from twilight.api.representation import Sky, SkySeries
 from twilight.atmosphere.medium import Medium
+from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.sections import unknown
 from twilight.config import Climate, load_climate
@@ -52,6 +53,7 @@ def render(
 def render(scene: arguments.SceneLike, **options: Unpack[arguments.RenderOptions]) -> Sky | SkySeries: ...
 
 
+@in_units
 def render(
     scene: arguments.SceneLike,
     *,
@@ -143,6 +145,7 @@ def render(
     return SkySeries(skies, resolved.sun_elevations_deg, times or None)
 
 
+@in_units
 def solve(
     scene: arguments.SceneLike,
     *,
@@ -181,6 +184,7 @@ def solve(
     return solve_scene(resolve(config), suns)
 
 
+@in_units
 def medium(
     climate: str | PathLike[str] | Climate,
     wavelength_nm: Sequence[float] | NDArray[np.float64],
@@ -251,7 +255,7 @@ Field.view = view  # type: ignore[method-assign]
 
 def _times(at: arguments.TimeLike | arguments.TimesLike) -> dict[str, object]:
     """The keys of a `sun` section for one time or for several."""
-    several, moments = arguments.times_of(at)
+    several, moments = arguments.times_of(at, "at")
     if several and len({isinstance(one, datetime) and one.tzinfo is None for one in moments}) > 1:
         raise TwilightError("at: several times must be all with or all without an offset")
     if any(isinstance(a, datetime) and isinstance(b, datetime) and b <= a for a, b in itertools.pairwise(moments)):

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, Unpack, overload
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from twilight.api import arguments
+from twilight.base.arguments import by_dimension, in_units, plain
 from twilight.base.errors import TwilightError
 from twilight.base.extras import require
 from twilight.base.progress import Progress, part_of, silent
@@ -60,6 +61,7 @@ def light(
 ) -> pandas.Series | pandas.DataFrame | Astropy: ...
 
 
+@in_units
 def light(
     place: arguments.PlaceLike | Sequence[arguments.PlaceLike],
     time: arguments.TimeLike | arguments.TimesLike,
@@ -86,7 +88,8 @@ def light(
     Parameters
     ----------
     place
-        (latitude, longitude) [deg], north and east positive; pvlib's Location or astropy's EarthLocation; or several.
+        (latitude, longitude) [deg], north and east positive; pvlib's Location or astropy's EarthLocation; or several:
+        a list of them, rows of an array, or arrays (latitudes, longitudes).
     time
         As of `twilight.render`, or an event such as "2026-06-21 civil dusk"; several give the dimension `time`.
     towards
@@ -117,7 +120,8 @@ def light(
     -------
     xarray.DataArray, xarray.Dataset, pandas.Series, pandas.DataFrame or astropy.units.Quantity
         A dataset (a mapping, for astropy) where several quantities are asked for.  Dimensions `place`, `time` (UTC),
-        `direction` or `surface`, those of which there are several.
+        `direction` or `surface`, those of which there are several.  Events and times of the clock are those of each
+        place: of several, the coordinate `moment` (place, time) has them.
 
     Raises
     ------
@@ -131,8 +135,11 @@ def light(
     """
     names = [quantity] if isinstance(quantity, str | Quantity) else list(quantity)
     quantities = [quantity_of(name) for name in names]
-    places = _Places.of(place, time_zone)
-    altitude_km = places.altitude_km if altitude_km is None else altitude_km
+    several_places, places = arguments.places_of(place, time_zone)
+    altitudes = {one.altitude_km for one in places}
+    if altitude_km is None and len(altitudes) > 1:
+        raise TwilightError("place: several places must have one altitude; give altitude_km")
+    altitude_km = altitudes.pop() if altitude_km is None else altitude_km
     several_times, times = _times(time, places, altitude_km)
     aim = _Aim.of_targets(towards)
     for item in quantities:
@@ -145,15 +152,15 @@ def light(
     tell = progress or silent
     chosen = field_for(config, quantities, part_of(tell, 0.0, 0.5))
     solved = chosen.field
-    count, n_places = len(times), len(places.latitude_deg)
+    count, n_places = len(times[0]), len(places)
     moments = moments_at(
-        np.repeat(places.latitude_deg, count).tolist(),
-        np.repeat(places.longitude_deg, count).tolist(),
-        times * n_places,
+        [one.latitude_deg for one in places for _ in range(count)],
+        [one.longitude_deg for one in places for _ in range(count)],
+        [moment for row in times for moment in row],
         solved.solved.scene.altitude_km,
     )
     values = _values(solved, moments, aim, quantities, sources, count, part_of(tell, 0.5, 0.5))
-    sizes = {"place": (n_places, places.several), "time": (count, several_times), aim.of: (aim.size, aim.several)}
+    sizes = {"place": (n_places, several_places), "time": (count, several_times), aim.of: (aim.size, aim.several)}
     dims = {name: size for name, (size, several) in sizes.items() if several}
     arrays = {item.variable: v.reshape(list(dims.values())) for item, v in zip(quantities, values, strict=True)}
     if returns == "astropy":
@@ -162,7 +169,7 @@ def light(
     dataset.attrs["climate"] = solved.solved.scene.configuration.climate.name
     dataset.attrs["solver"] = chosen.solver or solved.solved.scene.solver_name
     if returns == "pandas":
-        return frame_of(dataset, time, [item.variable for item in quantities], places.time_zone)
+        return frame_of(dataset, time, [item.variable for item in quantities], places[0].time_zone)
     return dataset[quantities[0].variable] if isinstance(quantity, str | Quantity) else dataset
 
 
@@ -200,7 +207,7 @@ class _Aim:
         several = isinstance(given, list | tuple)
         each = given if several else [given]
         if isinstance(given, tuple) and len(each) == 2 and not any(isinstance(t, _TARGETS) for t in each):
-            return cls._of_angles(*(_degrees(values) for values in each))
+            return cls._of_angles(*each)
         chosen = [towards(t) if isinstance(t, str) else t for t in each]
         surfaces = [t for t in chosen if isinstance(t, Surface)]
         directions = [t for t in chosen if isinstance(t, Direction)]
@@ -213,24 +220,27 @@ class _Aim:
 
     @classmethod
     def _of_angles(cls, elevation: Any, azimuth: Any) -> _Aim:
-        along = [getattr(values, "dims", None) for values in (elevation, azimuth)]
-        if any(dims is not None and "time" in dims for dims in along):
-            import xarray  # optional
-
-            both = [v if hasattr(v, "dims") else xarray.DataArray(np.asarray(v, float)) for v in (elevation, azimuth)]
-            first, second = xarray.broadcast(*both)
-            others = [d for d in first.dims if d != "time"]
-            if len(others) > 1:
+        given = by_dimension({"elevation_deg": elevation, "azimuth_deg": azimuth})
+        e: np.ndarray
+        a: np.ndarray
+        numbers = [np.asarray(plain(values, name)) for name, values in given.items()]
+        dims = next((v.dims for v in given.values() if "time" in getattr(v, "dims", ())), ())
+        if dims:
+            if len(dims) > 2:
                 raise TwilightError("towards: DataArrays may have the dimension time and one other")
-            e, a = (v.transpose("time", *others).values.reshape(first.sizes["time"], -1) for v in (first, second))
-            several = bool(others)
+            along_time = (np.moveaxis(both, dims.index("time"), 0) for both in np.broadcast_arrays(*numbers))
+            e, a = (both.reshape(both.shape[0], -1) for both in along_time)
+            several = len(dims) > 1
         else:
-            e, a = np.broadcast_arrays(np.asarray(elevation, float), np.asarray(azimuth, float))
+            try:
+                e, a = np.broadcast_arrays(*numbers)
+            except ValueError:
+                raise TwilightError("towards: elevation and azimuth must be as many as each other") from None
             if e.ndim > 1:
                 raise TwilightError("towards: elevation and azimuth must be numbers or have one dimension")
-            several, e, a = e.ndim == 1, e.ravel(), a.ravel()
-        if not ((e >= 0.0) & (e <= 90.0)).all() or not np.isfinite(a).all():
-            raise TwilightError("towards: elevations must be from 0 to 90 deg, and azimuths finite")
+            several, e, a = e.ndim == 1, np.ravel(e), np.ravel(a)
+        if not ((e >= 0.0) & (e <= 90.0)).all():
+            raise TwilightError("towards: elevations must be from 0 to 90 deg")
         return cls("direction", several, (), (), e, a)
 
     def angles(self, moments: Moments, first: int, times: int) -> tuple[np.ndarray, np.ndarray]:
@@ -277,14 +287,14 @@ def _dataset(
     found: Sequence[Quantity],
     aim: _Aim,
     dims: Mapping[str, int],
-    places: _Places,
-    times: Sequence[datetime],
+    places: Sequence[arguments.GivenPlace],
+    times: Sequence[Sequence[datetime]],
     moments: Moments,
 ) -> xarray.Dataset:
     import xarray  # optional
 
-    moment = np.array([t.astimezone(UTC).replace(tzinfo=None) for t in times], "datetime64[us]").astype(
-        "datetime64[ns]"
+    moment: np.ndarray = np.array(
+        [[t.astimezone(UTC).replace(tzinfo=None) for t in row] for row in times], "datetime64[ns]"
     )
     sky = [d for d in dims if d in ("place", "time")]
     shape = [dims[d] for d in sky]
@@ -293,12 +303,15 @@ def _dataset(
         return (name, values) if name in dims else values[0]
 
     coords: dict[str, Any] = {
-        "latitude": along("place", places.latitude_deg),
-        "longitude": along("place", places.longitude_deg),
-        "time": along("time", moment),
+        "latitude": along("place", [one.latitude_deg for one in places]),
+        "longitude": along("place", [one.longitude_deg for one in places]),
         "solar_elevation_angle": (sky, moments.sun_elevation_deg.reshape(shape)),
         "solar_azimuth_angle": (sky, moments.sun_azimuth_deg.reshape(shape)),
     }
+    if (moment == moment[0]).all():
+        coords["time"] = along("time", moment[0])
+    else:  # an event or a clock's time is another moment at each place
+        coords["moment" if "time" in dims else "time"] = (sky, moment.reshape(shape))
     for name, values in aim.labels.items():
         if np.ndim(values) == 2:
             coords[name] = (["time", "direction"], values) if aim.several else ("time", np.asarray(values)[:, 0])
@@ -323,60 +336,20 @@ def _dataset(
     return dataset
 
 
-def _degrees(values: arguments.AnglesLike) -> ArrayLike:
-    """Numbers of astropy's angles; others as they are."""
-    return np.asarray(values.to_value("deg")) if hasattr(values, "to_value") else values
-
-
-class _Places(NamedTuple):
-    """Latitudes and longitudes (P,) [deg], whether there are `several`, their time zone and altitude [km]."""
-
-    several: bool
-    latitude_deg: np.ndarray
-    longitude_deg: np.ndarray
-    time_zone: str | None
-    altitude_km: float | None
-
-    @classmethod
-    def of(cls, place: Any, time_zone: str | None) -> _Places:
-        several = isinstance(place, list) or (isinstance(place, tuple) and not all(map(_is_number, place)))
-        if several and isinstance(place, tuple) and len(place) == 2 and all(np.ndim(p) == 1 for p in place):
-            place = list(zip(*(arguments.numbers(p, "place") for p in place), strict=True))
-        listed = [arguments.place_of(item, time_zone=time_zone) for item in (place if several else [place])]
-        if not listed or any(item.latitude_deg is None for item in listed):
-            raise TwilightError("place: none is given")
-        angles = np.array([(item.latitude_deg, item.longitude_deg) for item in listed])
-        for latitude, longitude in angles:
-            if not (-90.0 <= latitude <= 90.0 and -180.0 <= longitude <= 360.0):
-                raise TwilightError(
-                    f"place: ({latitude:g}, {longitude:g}) is not a latitude from -90 to 90 and a longitude from -180 "
-                    "to 360"
-                )
-        if len({item.altitude_km for item in listed}) > 1:
-            raise TwilightError("place: several places must have one altitude; give altitude_km")
-        return cls(several, angles[:, 0], angles[:, 1], listed[0].time_zone, listed[0].altitude_km)
-
-
-def _is_number(value: Any) -> bool:
-    """Whether a value is a coordinate, not a place or several coordinates."""
-    return np.ndim(value) == 0 and not hasattr(value, "latitude") and not hasattr(value, "to_geodetic")
-
-
 def _times(
-    time: arguments.TimeLike | arguments.TimesLike, places: _Places, altitude_km: float | None
-) -> tuple[bool, list[datetime]]:
-    zone = places.time_zone
-
-    def one(moment: datetime | str) -> datetime:
-        if isinstance(moment, str):
-            return moment_of(moment, places.latitude_deg[0], places.longitude_deg[0], zone, altitude_km or 0.0)
-        return parse_time(moment, zone)
-
+    time: arguments.TimeLike | arguments.TimesLike, places: Sequence[arguments.GivenPlace], altitude_km: float | None
+) -> tuple[bool, list[list[datetime]]]:
+    """Whether there are several times, and those of each place: by its own clocks, its own dusk."""
     several, moments = arguments.times_of(time)
-    moments_of = [one(moment) for moment in moments]
-    if not moments_of:
+    if not moments:
         raise TwilightError("time: none is given")
-    return several, moments_of
+
+    def one(moment: datetime | str, place: arguments.GivenPlace) -> datetime:
+        if isinstance(moment, str):
+            return moment_of(moment, place.latitude_deg, place.longitude_deg, place.time_zone, altitude_km or 0.0)
+        return parse_time(moment, place.time_zone)
+
+    return several, [[one(moment, place) for moment in moments] for place in places]
 
 
 def quantities_of(

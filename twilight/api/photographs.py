@@ -11,6 +11,7 @@ import numpy as np
 
 from twilight.api.arguments import SceneLike, config_of
 from twilight.api.representation import Sky
+from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.progress import Progress, silent
 from twilight.base.sections import unknown
@@ -29,6 +30,7 @@ TYPES = ("continental_average", "maritime_clean", "desert", "urban")
 """Aerosol types that are tried."""
 
 
+@in_units
 def estimate(
     picture: str | Path | Photograph | Sequence[str | Path | Photograph],
     scene: SceneLike = "continental-average",
@@ -155,6 +157,7 @@ def estimate(
     return estimated
 
 
+@in_units
 def read_sky(
     path: str | Path,
     *,

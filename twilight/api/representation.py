@@ -24,7 +24,7 @@ from twilight.base.extras import require
 from twilight.base.reading import first_line
 from twilight.base.whole_files import whole_file
 from twilight.io.labels import attributes
-from twilight.io.netcdf import interruptible_h5netcdf, read_sky, sky_to_dataset
+from twilight.io.netcdf import check_self_contained, interruptible_h5netcdf, read_sky, sky_to_dataset
 from twilight.io.picture import SHAPES, label_of, render_view, to_bytes, view_directions, width_of
 from twilight.io.series import series_to_dataset
 from twilight.sky.comparison import SkyComparison
@@ -310,6 +310,7 @@ def open_dataset(path: str) -> xarray.Dataset:
         if Path(path).is_dir():
             return xarray.open_zarr(path)
         interruptible_h5netcdf()
+        check_self_contained(path)
         return xarray.open_dataset(path, engine="h5netcdf")
     except (OSError, ValueError, KeyError) as error:
         raise TwilightError(f"{path}: is neither a sky.h5, a series.nc nor a sweep ({first_line(error)})") from None

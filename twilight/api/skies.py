@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twilight.api import arguments
+from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError
 from twilight.base.threads import in_slices, one_blas_thread
 from twilight.engine import Field, solve
@@ -25,6 +26,7 @@ class SkyArrays(NamedTuple):
     relative_error: NDArray[np.float64]
 
 
+@in_units
 def skies(
     scenes: Sequence[arguments.SceneLike],
     sun_elevation_deg: Sequence[float] | NDArray[np.float64],

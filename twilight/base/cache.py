@@ -3,6 +3,7 @@
     FOLDER/fields/KEY.h5       solved fields                        together at most TWILIGHT_CACHE_GB; the files that
     FOLDER/skies/KEY.npz       skies that a study has computed      were used longest ago go first
     FOLDER/optics/KEY.f8       optics of particles by Mie theory    small, not limited
+    FOLDER/kernels/            machine code, where TWILIGHT_CACHE_DIR is set and the package cannot be written
 
 FOLDER is TWILIGHT_CACHE_DIR, else the platform's cache folder for `twilight`.  A folder that is full or cannot be
 written is no error: what was computed is used, a warning of one sentence says that it is not there for the next time.
@@ -15,7 +16,9 @@ import math
 import os
 import shutil
 import warnings
-from collections.abc import Callable, Iterator
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -141,6 +144,29 @@ def store_array(kind: FileKind, key: str, values: np.ndarray) -> None:
     store(kind, key, lambda path: path.write_bytes(hashlib.sha256(payload).digest() + payload))
 
 
+def read_arrays(kind: FileKind, key: str) -> dict[str, np.ndarray] | None:
+    """The arrays that `store_arrays` left under a key; None where there are none, and damaged ones are removed."""
+    path = find(kind, key)
+    if path is None:
+        return None
+    try:
+        with np.load(path) as file:
+            return dict(file)
+    except (OSError, ValueError, KeyError, EOFError, TypeError, NotImplementedError, zipfile.BadZipFile, zlib.error):
+        discard(path)
+        return None
+
+
+def store_arrays(kind: FileKind, key: str, arrays: Mapping[str, np.ndarray]) -> None:
+    """Leave arrays under a key, each with a checksum."""
+
+    def write(path: Path) -> None:
+        with open(path, "wb") as stream:
+            np.savez(stream, **arrays)  # type: ignore[arg-type]
+
+    store(kind, key, write)
+
+
 def cached_files() -> Iterator[CachedFile]:
     """All files of the cache."""
     for kind in KINDS:
@@ -152,8 +178,8 @@ def cached_files() -> Iterator[CachedFile]:
 
 def clear() -> None:
     """Remove all files of the cache."""
-    for kind in KINDS:
-        shutil.rmtree(cache_folder() / kind.folder, ignore_errors=True)
+    for folder in (*(kind.folder for kind in KINDS), "kernels"):
+        shutil.rmtree(cache_folder() / folder, ignore_errors=True)
 
 
 def _make_room(newest: Path) -> None:

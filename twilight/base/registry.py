@@ -92,7 +92,7 @@ FORMATS = Registry(
 )
 OF_A_SKY = (
     "sky.png", "sky.wide.png", "sky.panorama.png", "sky.fisheye.png", "sky.luminance.json", "sky.rgb.exr",
-    "sky.rgb.hdr", "sky.spectral.exr", "sky.h5", "sky.polarisation.png", "sun.json", "moon.json", "sun.png",
+    "sky.rgb.hdr", "sky.spectral.exr", "sky.h5", "sky.polarisation.png", "sun.json", "sky.usda", "moon.json", "sun.png",
     "sky.view.png", "sky.view.exr",
 )  # fmt: skip
 """Names of all files that the program's own formats write."""
@@ -102,7 +102,7 @@ WHERE_DISC = ("disc",)
 """Files that are written by themselves for skies that know the sun's disc."""
 WHERE_MOON = ("moon",)
 """Files that are written by themselves for skies that know the moon."""
-WITH_VIEW = ("h5", "view")
+WITH_VIEW = ("h5", "view", "sun")
 """Files that are written by themselves where the observer has a view, and nothing else is."""
 
 

@@ -18,7 +18,9 @@ def main() -> None:
     try:
         _check_surroundings()
         from twilight.cli.app import app
+        from twilight.cli.words import as_meant
 
+        sys.argv[1:] = as_meant(sys.argv[1:])
         try:
             app()
         except SystemExit as left:

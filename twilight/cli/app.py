@@ -23,6 +23,7 @@ from twilight.cli import (
     view,
 )
 from twilight.cli.terminal import with_errors_as_sentences
+from twilight.cli.words import QUOTES
 
 PANELS: dict[str, tuple[Callable[..., None] | typer.Typer, ...]] = {
     "Skies and light": (
@@ -47,6 +48,15 @@ PANELS: dict[str, tuple[Callable[..., None] | typer.Typer, ...]] = {
 
 class PanelledHelp(TyperGroup):
     """Help that lists the commands by `PANELS`."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command; an error of words that are too many says that words need quotes."""
+        try:
+            return super().invoke(ctx)
+        except Exception as error:
+            if "unexpected extra argument" in str(getattr(error, "message", "")):
+                error.message += QUOTES  # type: ignore[attr-defined]
+            raise
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands."""

@@ -29,6 +29,9 @@ HELD_OUT_TURBIDITIES = (2.5, 4.5, 5.5)
 HELD_OUT_SUN_ZENITH_DEG = (12.0, 43.0, 66.0, 81.0)
 """Solar zenith angles [deg], between those of the fit, in which its error is reported."""
 
+PER_SKY_COLUMNS = ("sky", "quantity", "A", "B", "C", "D", "E", "zenith", "median_error", "p95_error")
+"""Of the table of several skies; zenith: cd m^-2, or x and y of it; errors of |model / sky - 1| by solid angle."""
+
 
 def perez(
     scene: Annotated[
@@ -132,12 +135,13 @@ def _error_cells(error: Any) -> list[str]:
 
 
 def _each_sky(scene: str, chosen: dict[str, Any], names: dict[str, str], output: Path | None) -> None:
+    from twilight.base.whole_files import write_csv
     from twilight.studies.fit.perez import fit_sky, single_set
     from twilight.studies.fit.truth import from_sky, write_set
 
     title, skies = _skies(scene, chosen, names)
-    _path(output, title)
-    rows, sets = [], []
+    path = _path(output, title)
+    rows, sets, numbers = [], [], []
     for label, sky in skies:
         colours = from_sky(sky)
         fits = fit_sky(colours)
@@ -146,20 +150,20 @@ def _each_sky(scene: str, chosen: dict[str, Any], names: dict[str, str], output:
             zenith = f"{fit.zenith:.4g}" + (" cd/m^2" if fit.quantity == "luminance" else "")
             error = f"{100 * fit.median_error:.2f} / {100 * fit.p95_error:.1f} %"
             rows.append([label, fit.quantity, *values, zenith, error])
+            numbers.append([label, fit.quantity, *fit.parameters, fit.zenith, fit.median_error, fit.p95_error])
         facts = {
             "sky": label,
             "errors": {f.quantity: {"median": round(f.median_error, 5), "p95": round(f.p95_error, 5)} for f in fits},
         }
         sets.append((single_set(colours, fits, label, f"twilight fit perez --per-sky {scene}"), facts))
-    written = []
-    for number, (one, facts) in enumerate(sets, start=1):
-        path = _path(output, title)
-        path = path if len(sets) == 1 else path.with_stem(f"{path.stem}_{number:0{len(str(len(sets)))}d}")
-        write_set(one, facts, path)
-        written.append(path)
+    if len(sets) == 1:
+        write_set(*sets[0], path)
+    else:
+        path = path.with_suffix(".csv")
+        write_csv(path, PER_SKY_COLUMNS, numbers, f"twilight fit perez --per-sky {scene}")
     print_table(["sky", "quantity", "A", "B", "C", "D", "E", "zenith", "error"], rows, right=tuple(range(2, 9)))
     print("error: median / 95th percentile of |model / sky - 1| by solid angle, without the aureole")
-    print(f"wrote {written[0]}" + (f" to {written[-1].name}, in the order of the table" if len(written) > 1 else ""))
+    print(f"wrote {path}")
 
 
 def _skies(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[str, Iterator[tuple[str, Any]]]:
@@ -234,10 +238,12 @@ def _skies_of_set(path: Path) -> Iterator[tuple[str, Any]]:
     there = [(one, place) for one, place in scenes if int(one.get("status", 1)) == 1]
     suns = [float(one["solar_elevation_angle"]) for one, _ in there]
     _say_below([sun for sun in suns if sun < 0.0], sum(sun >= 0.0 for sun in suns))
-    for (one, place), sun in zip(there, suns, strict=True):
-        if sun >= 0.0:
-            label = " ".join(f"{dim} {_value(one, dim, i)}" for dim, i in place.items())
-            yield label or path.stem, one.sky.scene()
+    with progress_bar() as bar:
+        for n, ((one, place), sun) in enumerate(zip(there, suns, strict=True)):
+            if sun >= 0.0:
+                label = " ".join(f"{dim} {_value(one, dim, i)}" for dim, i in place.items()) or path.stem
+                bar(f"fitting {label}", n / len(suns))
+                yield label, one.sky.scene()
 
 
 def _value(scene: Any, dim: str, number: int) -> str:

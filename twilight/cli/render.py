@@ -9,6 +9,7 @@ from twilight.base.errors import TwilightError
 from twilight.cli import options
 from twilight.cli.options import flag, option
 from twilight.cli.terminal import print_table, time_of
+from twilight.cli.words import perhaps_a_decimal_comma
 from twilight.numerics.projections import PERSPECTIVE_UP_DEG, PROJECTIONS, usual_width
 
 
@@ -45,6 +46,7 @@ def render(
     width: Annotated[
         int | None, option("PIXELS", "Of sky.rgb.exr, a multiple of 4 up to 16384; without it, 1024.")
     ] = None,
+    primaries: Annotated[str | None, option("NAME", "Colours of sky.rgb.exr: rec709, acescg or rec2020.")] = None,
     exposure: Annotated[
         str | None,
         option("EV100|series", "Of the pictures: a value, or one for all of a series; without it, by each sky."),
@@ -93,6 +95,7 @@ def render(
         "solver.quality": (quality, "--quality"),
         "output.renderer": (renderer, "--renderer"),
         "output.width": (width, "--width"),
+        "output.primaries": (primaries, "--primaries"),
         exposure_key: (exposure_value, "--exposure"),
         "output.files": (files, "--only"),
         "observer.view": (view, "--projection" if size is None else "--projection, --size"),
@@ -203,6 +206,9 @@ def _sun(
     given = {key: value for key, value in place.items() if value is not None}
     if elevation is not None:
         suns = options.parse_numbers(elevation, "--sun-elevation", -90.0, 90.0)
+        if perhaps_a_decimal_comma(elevation):
+            both = " and ".join(f"{sun:g}" for sun in suns)
+            print(f"twilight: --sun-elevation {elevation}: suns at {both} deg; decimals have a point", file=sys.stderr)
         if at is not None and _DATE.fullmatch(at.strip()) and len(suns) == 1:
             side = "" if at.strip()[-1].isalpha() else " dusk"
             return _sun(None, f"{at.strip()}{side} {suns[0]:.10g}", latitude, longitude, zone)

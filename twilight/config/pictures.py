@@ -61,6 +61,10 @@ class Output(Section):
     )
     disc: Flag = key(False, "whether the sun's disc is in the environment maps; it needs sun.disc")
     width: Integer = key(1024, "of sky.rgb.exr", unit="pixel", ge=8, le=16384)
+    primaries: Literal["rec709", "acescg", "rec2020"] = key("rec709", "red, green and blue of sky.rgb.exr")
+    exr: Literal["float", "half"] | None = key(
+        None, "samples of sky.rgb.exr, 32 or 16 bits; unset: half from a width of 4096 on, where it holds the light"
+    )
     spectral_width: Integer = key(256, "of sky.spectral.exr", unit="pixel", ge=8, le=16384)
     views: tuple[Literal["wide", "panorama", "fisheye"], ...] = key(
         ("wide",),

@@ -1,9 +1,11 @@
 """The `vary:` section: which keys take which values, as axes whose product is the series; keys that are drawn."""
 
+import hashlib
+import os
 import random
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,8 @@ VALIDATION = 0.1
 SCALES = ("linear", "log")
 MAX_POINTS = 100_000
 """Most points of one axis."""
+LONGEST_LABEL = 60
+"""Characters of the folder of one value: two of them and the name of a file stay below the 255 of file systems."""
 LARGEST = 1e150
 """Largest end of a range; a whole number may be too large for a float, a ratio or difference of two floats as well."""
 
@@ -70,6 +74,7 @@ def axes_of(vary: Any, where: str, drawing: Mapping[str, Any] | None = None) -> 
     elif drawing:
         key = next(iter(drawing))
         raise TwilightError(f"{where}: {key}: nothing in vary is drawn; give a key e.g. {{uniform: [0.02, 0.6]}}")
+    axes = [axis if len(set(axis.labels)) == len(axis.labels) else _told_apart(axis) for axis in axes]
     for axis in axes:
         if len(set(axis.labels)) < len(axis.labels):
             raise TwilightError(f"{where}: vary lists the same value twice ({axis.name})")
@@ -92,7 +97,26 @@ def label(name: str, value: Any) -> str:
         text = "_".join(label(k, v) for k, v in value.items())
     else:
         text = f"{name.rsplit('.', 1)[-1]}={value}"
-    return re.sub(r"[^\w.=+-]+", "-", text).strip("-.") or "case"
+    return _folder_name(text)
+
+
+def _folder_name(text: str) -> str:
+    """A text as the name of a folder; a long one ends in its hash."""
+    name = re.sub(r"[^\w.=+-]+", "-", text).strip("-.") or "case"
+    if len(name) <= LONGEST_LABEL:
+        return name
+    return f"{name[: LONGEST_LABEL - 9]}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+
+
+def _told_apart(axis: Axis) -> Axis:
+    """The axis, where climates' files of one name in several folders are called by these too."""
+    folders = [os.path.dirname(c) if isinstance(c := point.get("climate"), str) else "" for point in axis.points]
+    common = len(os.path.commonpath(map(os.path.abspath, folders)))
+    labels = [
+        _folder_name(f"{os.path.abspath(folder)[common:]}-{text}") if axis.labels.count(text) > 1 else text
+        for text, folder in zip(axis.labels, folders, strict=True)
+    ]
+    return replace(axis, labels=tuple(labels))
 
 
 def _values(value: Any, where: str) -> list[Any]:

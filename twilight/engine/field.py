@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike
 
 from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
+from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
+from twilight.config import Config
 from twilight.engine.block import Answer, Block, check_question, join
 from twilight.engine.one_sun import SunLight, warn_of_black, warn_of_error
 from twilight.engine.problem import Problem, plan
@@ -26,7 +28,7 @@ from twilight.engine.sunbeam import Direct, join_direct, make_disc
 from twilight.engine.table import row_breaks
 from twilight.numerics.directions import hemisphere, texture_centres
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
-from twilight.scene.scene import Scene
+from twilight.scene.scene import Scene, resolve
 from twilight.sky.disc import Disc
 from twilight.sky.quantities.measure import Quantity, Spectra, check_covered, check_of, quantity
 from twilight.sky.quantities.responses import ResponseLike
@@ -42,6 +44,7 @@ SKY_FACTS = ("sun_azimuth_deg", "distance_au", "latitude_deg", "longitude_deg", 
 """Fields of `Sky` that a field does not know itself."""
 
 
+@in_units
 @dataclass(frozen=True, repr=False)
 class Field:
     """Some or all wavelengths of a scene, solved."""
@@ -67,6 +70,13 @@ class Field:
             f"  for {which}\n"
             f"  radiance(sun, elevation, azimuth) [sr^-1], sky(sun), direct(sun), view()>"
         )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What another process makes the field of: the scene's configuration, solved there or taken from its cache."""
+        config = self.scene.config
+        if config is None or not self._is_whole:
+            raise TwilightError("this field cannot go to another process; hand over the climate and solve it there")
+        return _solved_again, (config, self.problem.sun_elevations_deg, self.cached)
 
     @property
     def scene(self) -> Scene:
@@ -423,6 +433,11 @@ class Field:
     if TYPE_CHECKING:  # the viewer stands above this room: `twilight.api.calls` attaches it
 
         def view(self, **options: Any) -> BrowserPage: ...
+
+
+def _solved_again(config: Config, sun_elevations_deg: tuple[float, ...] | None, cached: bool) -> Field:
+    """The field of a configuration, in the process that reads it."""
+    return solve(resolve(config), sun_elevations_deg, cached=cached)
 
 
 def solve(

@@ -6,7 +6,6 @@ shows or measures many suns takes one `SkyTable` of some of them (:meth:`SunTabl
 """
 
 import hashlib
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -177,9 +176,8 @@ class SunTables:
                 nodes = {"rows_deg": self.rows_deg, "columns_deg": self.columns_deg}
                 shared = float(np.clip(AUREOLE_SUN_DEG, *self.suns_deg[[0, -1]]))
                 fresh = self.solved.table(sun, self.altitude_km, **nodes, aureole_sun_deg=shared, refine=False)
-                table = fresh
                 if self._key:
-                    cache.store(cache.SKIES, name, lambda path: _save(path, table))
+                    cache.store_arrays(cache.SKIES, name, fresh.arrays())
             self._made[k] = fresh
         return self._made[k]
 
@@ -188,19 +186,11 @@ class SunTables:
         return hashlib.sha256(f"{self._key} {self.suns_deg[k]!r} {nodes}".encode()).hexdigest()
 
 
-def _save(path: Path, table: SkyTable) -> None:
-    with open(path, "wb") as stream:
-        np.savez(stream, **table.arrays())  # type: ignore[arg-type]
-
-
 def _stored(name: str) -> SkyTable | None:
     """A table of the cache; None where there is none, or a damaged one."""
-    path = cache.find(cache.SKIES, name)
-    if path is None:
-        return None
+    arrays = cache.read_arrays(cache.SKIES, name)
     try:
-        with np.load(path) as file:
-            return SkyTable.of_arrays(dict(file))
-    except (OSError, ValueError, KeyError, EOFError, TypeError):
-        cache.discard(path)
+        return None if arrays is None else SkyTable.of_arrays(arrays)
+    except (ValueError, KeyError, TypeError):
+        cache.discard(cache.path_of(cache.SKIES, name))
         return None

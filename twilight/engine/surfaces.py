@@ -11,12 +11,12 @@ import hashlib
 import re
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from twilight.base import cache
+from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.engine.field import Field
@@ -52,6 +52,7 @@ ZENITH_DEG = 90.0 - 1e-9
 """Elevation from which on a direction is the zenith, whatever its azimuth [deg]."""
 
 
+@in_units
 @dataclass(frozen=True)
 class Surface:
     """A surface.
@@ -115,6 +116,7 @@ class Surface:
         return self.kind == "plane" and 0.0 < self.tilt_deg < 180.0
 
 
+@in_units
 @dataclass(frozen=True)
 class Direction:
     """A line of sight: elevation_deg 0 to 90; azimuth_deg from north, or from the sun where from_sun is true."""
@@ -223,7 +225,7 @@ class OverSuns:
                 # one line is enough for the zenith
                 computed = np.concatenate([grid[:-1].reshape(-1, grid.shape[-1]), grid[-1, :1]]).astype(np.float32)
                 if self._key:
-                    cache.store(cache.SKIES, name, lambda path: _save(path, computed))
+                    cache.store_arrays(cache.SKIES, name, {"lines": computed})
                 stored = computed
             self._lines[k] = stored.astype(float)
         return self._lines[k]
@@ -237,23 +239,11 @@ def _turns(surface: Surface) -> np.ndarray:
     return np.arange(0.0, 180.5, TURN_DEG) if surface.turns else np.zeros(1)
 
 
-def _save(path: Path, lines: np.ndarray) -> None:
-    with open(path, "wb") as stream:
-        np.savez(stream, lines=lines)
-
-
 def _stored(name: str, wavelengths: int) -> np.ndarray | None:
     """Lines of the cache; None where there are none, or damaged ones."""
-    path = cache.find(cache.SKIES, name)
-    if path is None:
-        return None
-    try:
-        with np.load(path) as file:
-            lines: np.ndarray = file["lines"]
-    except (OSError, ValueError, KeyError, EOFError):
-        lines = np.zeros(0)
+    lines = (cache.read_arrays(cache.SKIES, name) or {}).get("lines", np.zeros(0))
     if lines.ndim != 2 or lines.shape[1] != wavelengths or not np.isfinite(lines).all():
-        cache.discard(path)
+        cache.discard(cache.path_of(cache.SKIES, name))
         return None
     return lines
 

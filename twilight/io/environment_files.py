@@ -18,7 +18,8 @@ from twilight.sky.sky import Sky
 def write_rgb(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
     """``sky.rgb.exr``, and ``sky.rgb.hdr`` for Radiance, whose tools read no EXR."""
     chosen = _map_options(options, options.width)
-    written = [write_rgb_exr(rendered.seen, folder / "sky.rgb.exr", **chosen)]
+    more: dict[str, Any] = {"primaries": options.primaries, "exr": options.exr}
+    written = [write_rgb_exr(rendered.seen, folder / "sky.rgb.exr", **chosen, **more)]
     if options.renderer == "radiance":
         written.append(write_hdr(rendered.seen, folder / "sky.rgb.hdr", **chosen))
     return written

@@ -2,24 +2,37 @@
 
 import re
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, check_known
 from twilight.base.reading import check_expansion, reading
 from twilight.base.whole_files import whole_file
 from twilight.io.disc import add_to_map_factor, add_to_map_xyz
 from twilight.io.environment import environment, environment_directions, ground_factor
 from twilight.io.provenance import PREFIX, header_of, provenance_fields
 from twilight.numerics import spectrum
-from twilight.numerics.spectrum import to_rec709
+from twilight.numerics.spectrum import rgb_to_xyz, to_rec709
 from twilight.sky import colour
 from twilight.sky.sky import Sky
 
 REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 """x, y of red, green, blue and white (ITU-R BT.709)."""
+PRIMARIES = {
+    "rec709": REC709_CHROMATICITIES,
+    "rec2020": (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290),
+    "acescg": (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767),
+}
+"""x, y of red, green, blue and white: ITU-R BT.709, BT.2020; AP1 of ACES (S-2014-004)."""
+BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+"""XYZ to the cones' responses of Lam's (1985) adaptation, by which ACES comes from D65."""
+HALF_FROM_WIDTH = 4096
+"""Width of maps [pixel] from which on they are in half floats, where these hold their light."""
+HALF_RANGE = (2.0**-14, 65504.0)
+"""Least normal and largest half float: between them a value is kept to 1/2048."""
 OPAQUE = 0.99
 """Pixels with a smaller opacity than this show nothing."""
 LARGEST = float(np.finfo(np.float32).max)
@@ -68,17 +81,46 @@ def _header(sky: Sky, renderer: str, observer: str, disc: bool = False) -> dict[
     return header
 
 
-def write_channels(path: str | Path, channels: dict[str, np.ndarray], attributes: dict[str, Any] | None = None) -> Path:
-    """Write planes (H, W) as a float32 EXR, whole or not at all; values beyond float32 are clipped.
+@cache
+def from_rec709(primaries: str) -> np.ndarray:
+    """Matrix (3, 3) from linear Rec. 709 to the RGB of a name of `PRIMARIES`, whites onto each other (Bradford)."""
+    check_known("primaries", primaries, tuple(PRIMARIES))
+    to_xyz = [rgb_to_xyz(PRIMARIES[name]) for name in ("rec709", primaries)]
+    before, after = (BRADFORD @ matrix.sum(axis=1) for matrix in to_xyz)
+    adapted = np.linalg.solve(BRADFORD, (after / before)[:, None] * BRADFORD)
+    return np.asarray(np.linalg.solve(to_xyz[1], adapted @ to_xyz[0]))
 
-    Red, green and blue are linear Rec. 709.  Errors: TwilightError.
+
+def write_channels(
+    path: str | Path, channels: dict[str, np.ndarray], attributes: dict[str, Any] | None = None, *, half: bool = False
+) -> Path:
+    """Write planes (H, W) as a float32 EXR or in half floats, whole or not at all; values beyond these are clipped.
+
+    Red, green and blue are linear Rec. 709 where attributes do not say others.  Errors: TwilightError.
     """
-    planes = {k: np.ascontiguousarray(np.clip(v, -LARGEST, LARGEST), dtype=np.float32) for k, v in channels.items()}
+    largest, kind = (HALF_RANGE[1], np.float16) if half else (LARGEST, np.float32)
+    planes = {k: np.ascontiguousarray(np.clip(v, -largest, largest), dtype=kind) for k, v in channels.items()}
     return _write(path, planes, attributes or {})
 
 
+def _is_half(rgb: np.ndarray, asked: str | None, path: str | Path) -> bool:
+    """Whether a map is in half floats.  Errors: TwilightError where it is to be, and these do not hold its light."""
+    if asked == "float" or (asked is None and rgb.shape[1] < HALF_FROM_WIDTH):
+        return False
+    brightest = rgb.max(axis=-1)
+    low, high = float(np.min(brightest, where=brightest > 0.0, initial=np.inf)), float(brightest.max())
+    if HALF_RANGE[0] <= low and high <= HALF_RANGE[1]:
+        return True
+    if asked is None:
+        return False
+    raise TwilightError(
+        f"{path}: half floats hold light from {HALF_RANGE[0]:.2g} to {HALF_RANGE[1]:g}, and this map has "
+        f"{low:.2g} to {high:.2g}; output.exr: float does"
+    )
+
+
 def _write(path: str | Path, planes: dict[str, np.ndarray], attributes: dict[str, Any]) -> Path:
-    """Write planes (H, W) of float32 as they are."""
+    """Write planes (H, W) of float32 or float16 as they are."""
     import OpenEXR  # start-up
 
     header = {
@@ -93,8 +135,10 @@ def _write(path: str | Path, planes: dict[str, np.ndarray], attributes: dict[str
     return Path(path)
 
 
-def environment_rgb(sky: Sky, renderer: str, width: int, observer: str, *, disc: bool = False) -> np.ndarray:
-    """Linear Rec. 709 in units of ``spectrum.LUMINOUS_EFFICACY_LM_PER_W`` cd m^-2, (height, width', 3).
+def environment_rgb(
+    sky: Sky, renderer: str, width: int, observer: str, *, disc: bool = False, primaries: str = "rec709"
+) -> np.ndarray:
+    """Linear RGB of primaries in units of ``spectrum.LUMINOUS_EFFICACY_LM_PER_W`` cd m^-2, (height, width', 3).
 
     Colours outside the gamut keep their negative values with ``openexr``; for a renderer they are moved into it
     (``colour.into_gamut``): negative light makes Mitsuba warn at every sample.
@@ -104,8 +148,11 @@ def environment_rgb(sky: Sky, renderer: str, width: int, observer: str, *, disc:
     picture = environment(sky, xyz, ground, renderer, width)
     if disc:
         add_to_map_xyz(sky, picture, renderer, width, observer)
-    rgb = colour.xyz_to_linear_rgb(picture) / spectrum.LUMINOUS_EFFICACY_LM_PER_W
-    return rgb if renderer == "openexr" else colour.into_gamut(rgb)
+    matrix = from_rec709(primaries) @ spectrum.xyz_to_rgb_matrix("cie1931_2deg") / spectrum.LUMINOUS_EFFICACY_LM_PER_W
+    rgb = picture @ matrix.T.astype(picture.dtype)
+    if renderer == "openexr":
+        return rgb
+    return colour.into_gamut(rgb, colour.REC709_LUMINANCE @ np.linalg.inv(from_rec709(primaries)))
 
 
 def write_rgb_exr(
@@ -116,8 +163,10 @@ def write_rgb_exr(
     width: int = 1024,
     observer: str = colour.DEFAULT_OBSERVER,
     disc: bool = False,
+    primaries: str = "rec709",
+    exr: str | None = None,
 ) -> Path:
-    """Write the environment map as linear Rec. 709 (D65), float32, channels R, G, B and nothing else.
+    """Write the environment map as linear Rec. 709 (D65) or of other primaries, channels R, G, B and nothing else.
 
     1 stands for 683 cd m^-2 (header ``whiteLuminance``), so that the values are radiances weighted with V(lambda),
     W m^-2 sr^-1, a handful by day.  Colours outside the gamut keep their negative values with ``openexr`` and are moved
@@ -127,12 +176,16 @@ def write_rgb_exr(
     path: of the file, which is written whole or not at all.  renderer: whose axes the map has, a name of `RENDERERS` of
     `twilight.io.environment`.  width: of the picture [pixel], a multiple of 4; that of a square for `pbrt` is half of
     it.  observer: colour matching functions, a name of `twilight.numerics.spectrum.OBSERVERS`.  disc: whether the discs
-    of sun and moon (of `Sky`) are in it, their light in the pixels that it comes from.
+    of sun and moon (of `Sky`) are in it, their light in the pixels that it comes from.  primaries: a name of
+    `PRIMARIES`.  exr: float or half; None: half for maps of `HALF_FROM_WIDTH` and more whose light that holds.
     Errors: TwilightError for an unknown renderer or observer, another width, and a file that cannot be written.
     """
-    rgb = environment_rgb(sky, renderer, width, observer, disc=disc)
+    rgb = environment_rgb(sky, renderer, width, observer, disc=disc, primaries=primaries)
     planes = {name: rgb[..., i] for i, name in enumerate("RGB")}
-    return write_channels(path, planes, _header(sky, renderer, observer, disc))
+    header = _header(sky, renderer, observer, disc)
+    if primaries != "rec709":
+        header |= {"chromaticities": PRIMARIES[primaries], f"{PREFIX}Primaries": primaries}
+    return write_channels(path, planes, header, half=_is_half(rgb, exr, path))
 
 
 def write_picture_exr(planes: np.ndarray, path: str | Path, sky: Sky, observer: str) -> Path:
@@ -273,7 +326,9 @@ def read_latlong_exr(path: str | Path) -> LatLong:
     if header.get("envmap") == OpenEXR.ENVMAP_CUBE:
         raise TwilightError(f"{path}: is a map of six sides of a cube; latitude-longitude ones are read")
     rgb = np.stack([channels[name] for name in "RGB"], axis=-1)
-    if "chromaticities" in header:
+    if (own := header.get(f"{PREFIX}Primaries")) in PRIMARIES:
+        rgb = rgb.astype(np.float32) @ np.linalg.inv(from_rec709(str(own))).T.astype(np.float32)
+    elif "chromaticities" in header:
         try:
             matrix = to_rec709(tuple(header["chromaticities"]))
         except ValueError:

@@ -83,15 +83,18 @@ def open_folder(
     render, or where another process writes it.
     """
     with writing(root):
-        finished = {} if overwrite else check_folder_content(root, wanted, code)
+        if not overwrite:
+            check_folder_content(root, wanted, code)
         root.mkdir(parents=True, exist_ok=True)
-        try:
-            with open_journal(root / JOURNAL, "another render") as journal:
+        with open_journal(root / JOURNAL, "another render") as journal:
+            try:
                 if overwrite:
                     _clear(root)
+                # again: another render may have ended meanwhile
+                finished = {} if overwrite else check_folder_content(root, wanted, code)
                 yield RenderFolder(root, code, finished, journal)
-        finally:
-            _remove_if_no_sky(root)
+            finally:
+                _remove_if_no_sky(root)
 
 
 def check_folder_content(root: Path, wanted: Mapping[str, RequestedSky], code: str) -> dict[str, dict[str, Any]]:
@@ -281,6 +284,7 @@ def write_outputs(
     except OSError as error:
         raise TwilightError(f"{folder}: the folder cannot be made ({error.strerror or error})") from error
     rendered = Rendered(sky, o.polariser_deg, view)
+    chosen = tuple(sorted(chosen, key=list(FORMATS).index))  # the map before those who refer to it
     written = [path for name in chosen for path in FORMATS.load(name)(rendered, folder, o)]
     for path in written:
         if path.name not in file_names():

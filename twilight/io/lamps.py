@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.base.whole_files import write_json
+from twilight.base.whole_files import whole_file, write_json
 from twilight.io.provenance import provenance_fields
 from twilight.io.rendered import Options, Rendered
 from twilight.numerics import spectrum
@@ -48,6 +48,7 @@ def sun_facts(sky: Sky, observer: str = colour.DEFAULT_OBSERVER, *, in_map: bool
         lower, upper = disc.edges_deg()
         visible = bool(np.isfinite(lower))
         facts["lower_edge_deg"], facts["upper_edge_deg"] = (lower, upper) if visible else (None, None)
+    facts["exposure_ev100"] = colour.auto_exposure_ev100(sky.luminance(), sky.solid_angle_sr())
     facts["wavelength_nm"] = sky.wavelength_nm.tolist()
     if factor is None:
         rgb = None
@@ -91,10 +92,55 @@ def _mitsuba(elevation_deg: float, azimuth_deg: float, rgb: np.ndarray | None) -
     }
 
 
+USD = """#usda 1.0
+(
+    defaultPrim = "Sky"
+    metersPerUnit = 1
+    upAxis = "Y"
+    doc = "+Z north, -X east; light in W m^-2 weighted with V, times 683 lm; exposure EV100 {ev100:.2f}"
+)
+
+def Xform "Sky"
+{{{lights}
+}}
+"""
+"""``sky.usda``; lights: of it."""
+USD_DOME = """
+    def DomeLight "Dome"
+    {
+        asset inputs:texture:file = @./sky.rgb.exr@
+        token inputs:texture:format = "latlong"
+    }
+"""
+"""The environment map, in the axes of `openexr` and `mitsuba`."""
+USD_SUN = """
+    def DistantLight "Sun"
+    {{
+        float inputs:intensity = {energy:.9g}
+        color3f inputs:color = ({color[0]:.9g}, {color[1]:.9g}, {color[2]:.9g})
+        float inputs:angle = {angular_diameter_deg:.9g}
+        bool inputs:normalize = 1
+        double3 xformOp:rotateXYZ = ({x:.9g}, {y:.9g}, 0)
+        uniform token[] xformOpOrder = ["xformOp:rotateXYZ"]
+    }}
+"""
+"""The sun's beam, from the disc's middle; its intensity is the irradiance."""
+
+
+def usd_text(facts: dict[str, Any], *, dome: bool) -> str:
+    """``sky.usda`` for what `sun_facts` gives: the map, where it is there, and the sun, where the map has none."""
+    x, y = -facts["apparent_elevation_deg"], -(facts["azimuth_deg"] or 0.0)
+    sun = "" if facts["in_environment_map"] and dome else USD_SUN.format(**facts, **facts["blender"], x=x, y=y)
+    return USD.format(ev100=facts["exposure_ev100"], lights=((USD_DOME if dome else "") + sun).rstrip())
+
+
 def write_sun(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
-    """``sun.json``, whole or not at all."""
+    """``sun.json``, and ``sky.usda`` beside it: map and sun for programs that read USD; each whole or not at all."""
     facts = sun_facts(rendered.seen, options.observer, in_map=options.disc and rendered.seen.disc is not None)
-    return [write_json(folder / "sun.json", facts)]
+    dome = options.renderer in ("openexr", "mitsuba") and (folder / "sky.rgb.exr").is_file()
+    with whole_file(folder / "sky.usda") as temporary:
+        temporary.write_text(usd_text(facts, dome=dome), encoding="utf-8")
+    return [write_json(folder / "sun.json", facts), folder / "sky.usda"]
 
 
 SOURCE = "Kieffer and Stone 2005 (ROLO 311g), without libration; beyond 97 deg of phase continued by Allen 1976"

@@ -91,16 +91,18 @@ def _contents(sky: Sky) -> _Contents:
     coords: dict = {
         "wavelength": ("wavelength", sky.wavelength_nm, attributes("wavelength") | {"bounds": "wavelength_bnds"}),
         "elevation": ("elevation", sky.elevation_deg, attributes("elevation") | {"bounds": "elevation_bnds"}),
-        "azimuth": ("azimuth", sky.azimuth_deg, attributes("azimuth")),
+        "azimuth": ("azimuth", sky.azimuth_deg, attributes("azimuth") | {"bounds": "azimuth_bnds"}),
     }
     coords |= coordinates_of(sky)
     if sky.time is not None:
         about = {"calendar": "standard", "units_metadata": "leap_seconds: none", "axis": "T"}
         coords["time"] = ((), sky.time.timestamp(), attributes("time") | about)
-    edges = sky.elevation_edges_deg
+    edges, azimuth = sky.elevation_edges_deg, sky.azimuth_deg
+    turns = 0.5 * (azimuth + np.append(azimuth[1:], azimuth[0] + 360.0))
     variables: dict = {
         "wavelength_bnds": (("wavelength", "nv"), wavelength_bounds(sky.wavelength_nm, sky.solar_spectrum)),
         "elevation_bnds": (("elevation", "nv"), np.stack([edges[:-1], edges[1:]], axis=1)),
+        "azimuth_bnds": (("azimuth", "nv"), np.stack([np.append(turns[-1] - 360.0, turns[:-1]), turns], axis=1)),
     }
     for name, dims, values in (
         ("radiance", _GRID, sky.radiance),
@@ -232,6 +234,28 @@ def read_sky(path: str | Path) -> Sky:
             raise TwilightError(f"{path}: {error}") from None
 
 
+def check_self_contained(path: str | Path) -> None:
+    """TwilightError for a file of HDF5 whose data are in other files, which it names: by links, external storage or
+    virtual datasets."""
+    import h5py  # start-up
+
+    def check(group: Any) -> None:
+        for name in group:
+            link = group.get(name, getlink=True)
+            if isinstance(link, h5py.ExternalLink | h5py.SoftLink):
+                raise TwilightError(
+                    f"{path}: '{name}' is a link to {getattr(link, 'filename', link.path)}; not followed"
+                )
+            found = group[name]
+            if isinstance(found, h5py.Dataset) and (found.external or found.is_virtual):
+                raise TwilightError(f"{path}: the values of '{name}' are in another file, which is not read")
+            if isinstance(found, h5py.Group):
+                check(found)
+
+    with h5py.File(path, "r") as file:
+        check(file)
+
+
 class _Stored(NamedTuple):
     """A variable of a file: its dimensions and values."""
 
@@ -248,6 +272,7 @@ class _File(NamedTuple):
 
 def _load(path: Path) -> _File:
     """All of a file; through h5netcdf alone, as it is written."""
+    check_self_contained(path)
     with interruptible_h5netcdf().File(path, "r", phony_dims="sort") as opened:
         sizes = [np.prod(v.shape, dtype=float) * getattr(v.dtype, "itemsize", 8) for v in opened.variables.values()]
         check_expansion(path, sum(sizes))

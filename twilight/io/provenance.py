@@ -4,9 +4,11 @@ A new number about a sky is a field of `Sky` and an entry of `FACTS`; `sky.h5`, 
 A journal is a file of JSON lines, one for each finished part of a long job, so that the job can be continued.
 """
 
+import errno
 import hashlib
 import json
 import os
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import date, datetime
@@ -18,7 +20,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 
 from twilight import __version__
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.io.labels import attributes
 from twilight.sky.sky import Sky
 
@@ -187,16 +189,27 @@ def read_journal(path: Path) -> Iterator[dict[str, Any]]:
 
 @contextmanager
 def locked(path: Path, what: str) -> Iterator[IO[str]]:
-    """A file to add text to, by this process alone; where the system has no locks (Windows) this is left to the user.
+    """A file to add text to, by this process alone; where the system (Windows) or the file system has no locks this is
+    left to the user.
 
     what: who may hold it, e.g. `another film`.  Errors: TwilightError where that is so; OSError.
     """
     with open(path, "a", encoding="utf-8") as file:
-        with suppress(ImportError):
+        try:
             import fcntl  # optional: not on Windows
 
-            try:
-                fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
+            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except ImportError:
+            pass
+        except OSError as error:
+            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
                 raise TwilightError(f"{path.parent}: {what} is writing it") from None
+            warnings.warn(
+                f"{path.parent}: the file system has no locks ({error.strerror}); see to it that {what} does not write "
+                "there",
+                TwilightWarning,
+                stacklevel=2,
+            )
+        if not path.exists() or not os.path.samestat(os.fstat(file.fileno()), path.stat()):
+            raise TwilightError(f"{path.parent}: {what} has just ended there; try again")
         yield file

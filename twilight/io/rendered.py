@@ -20,8 +20,8 @@ class Options:
     views: of the pictures (``io.picture``); renderer, width, spectral_width: of the environment maps
     (``io.environment``); exposure, tone_mapping, observer: of the pictures and colours; polariser_deg: axis of a
     polariser before the pictures and the RGB environment map (``Sky.through_polariser``), None: there is none; disc:
-    whether the sun's disc is in the environment maps; tone_settings: of the tones `eye` and `camera`
-    (`twilight.sky.tone`).
+    whether the sun's disc is in the environment maps; primaries, exr: of ``sky.rgb.exr`` (``io.exr``); tone_settings:
+    of the tones `eye` and `camera` (`twilight.sky.tone`).
     """
 
     views: tuple[str, ...]
@@ -33,6 +33,8 @@ class Options:
     observer: str = colour.DEFAULT_OBSERVER
     polariser_deg: float | None = None
     disc: bool = False
+    primaries: str = "rec709"
+    exr: str | None = None
     tone_settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 

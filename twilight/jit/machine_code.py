@@ -20,10 +20,11 @@ from __future__ import annotations
 import functools
 import gc
 import hashlib
+import os
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import IO, Any
@@ -36,6 +37,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult
 from numba.core.runtime import rtsys
 
+from twilight.base.cache import FOLDER_VARIABLE, cache_folder
 from twilight.base.errors import TwilightWarning
 
 try:
@@ -124,7 +126,44 @@ class _LinkingContext:
         return _LinkedLibrary.read(self._context.codegen(), state[0], state[2])
 
 
+_UserProvided: Any
+_InTree: Any
+_UserProvided, _InTree, *_others = CompileResultCacheImpl._locator_classes
+"""Where numba keeps files: NUMBA_CACHE_DIR; beside the module; in the user's folder."""
+
+
+class _InCacheFolder(_UserProvided):
+    """Files in TWILIGHT_CACHE_DIR, where the package's folder cannot be written."""
+
+    def __init__(self, py_func: Any, py_file: str) -> None:
+        super().__init__(py_func, py_file)
+        self._cache_path = str(cache_folder() / "kernels" / self.get_suitable_cache_subpath(py_file))
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> Any:
+        """The files of a function; None where there is no such folder, or none that can be written."""
+        made = cls(py_func, py_file)
+        try:
+            if not os.environ.get(FOLDER_VARIABLE):
+                return None
+            made.ensure_cache_path()
+        except OSError:
+            return None
+        return made
+
+
+class _NotKept(_InTree):
+    """Files in the package's folder, which are read there and cannot be written, where nothing can."""
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> Any:
+        """The files of a function."""
+        return cls(py_func, py_file)
+
+
 class _Files(CompileResultCacheImpl):
+    _locator_classes = [_UserProvided, _InTree, _InCacheFolder, *_others, _NotKept]  # noqa: RUF012 - numba's own
+
     def rebuild(self, target_context: Any, payload: Any) -> Any:
         """A kernel from what was kept of it."""
         if payload[0][1] != _LINKED:
@@ -137,7 +176,8 @@ class KernelCache(FunctionCache):
     """What is kept of one kernel, by what it was made of.
 
     A kernel runs though its machine code cannot be kept, on a disk that is full, or not be read, for another version
-    kept it, whose modules had other names.
+    kept it, whose modules had other names.  It is kept beside its module, else in TWILIGHT_CACHE_DIR, else in numba's
+    folder of the user; where none can be written, in none.
     """
 
     _impl_class = _Files
@@ -145,13 +185,15 @@ class KernelCache(FunctionCache):
     def __init__(self, dispatcher: Any) -> None:
         super().__init__(dispatcher.py_func)
         self._dispatcher = dispatcher
+        beside = Path(dispatcher.py_func.__code__.co_filename).parent / "__pycache__"
+        self._shipped = IndexDataCacheFile(str(beside), self._impl.filename_base, None)
         self._is_stamped = False
         self._compiling: dict[str, IO[str]] = {}
 
     def _stamp(self) -> None:
         """Say what the kernel is made of: at the first call, when all modules are imported."""
         if not self._is_stamped:
-            self._cache_file._source_stamp = digest_of(self._dispatcher)
+            self._cache_file._source_stamp = self._shipped._source_stamp = digest_of(self._dispatcher)
             self._is_stamped = True
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -161,7 +203,8 @@ class KernelCache(FunctionCache):
         found = self._read(sig, target_context)
         if found is None and locks:
             file = self._lock_file(sig).open("w")
-            fcntl.flock(file, fcntl.LOCK_EX)
+            with suppress(OSError):  # a file system without locks: it is compiled here too
+                fcntl.flock(file, fcntl.LOCK_EX)
             found = self._read(sig, target_context)
             if found is None:
                 self._compiling[str(sig)] = file
@@ -174,7 +217,7 @@ class KernelCache(FunctionCache):
         if found is not None or not _has_baseline():
             return found
         kinds, (triple, *_), code = self._index_key(sig, target_context.codegen())
-        payload = self._cache_file.load((kinds, (triple, BASELINE, ""), code))
+        payload = self._shipped.load((kinds, (triple, BASELINE, ""), code))
         return None if payload is None else self._impl.rebuild(target_context, payload)
 
     def _read(self, sig: Any, target_context: Any) -> Any:
@@ -192,8 +235,10 @@ class KernelCache(FunctionCache):
         with self._lock_file(sig).open("w") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
+            except BlockingIOError:
                 return True
+            except OSError:
+                return False
         return False
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -211,7 +256,7 @@ class KernelCache(FunctionCache):
                 _warned.append(True)
                 warnings.warn(
                     f"compiled kernels cannot be kept in {self.cache_path} ({error.strerror or error}): they are "
-                    "compiled again the next time; NUMBA_CACHE_DIR names another folder",
+                    "compiled again the next time; TWILIGHT_CACHE_DIR or NUMBA_CACHE_DIR names another folder",
                     TwilightWarning,
                     stacklevel=2,
                 )

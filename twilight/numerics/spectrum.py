@@ -302,6 +302,11 @@ def to_rec709(chromaticities: tuple[float, ...]) -> np.ndarray | None:
 
     ValueError where these are no primaries.
     """
+    return from_xyz(rgb_to_xyz(chromaticities))
+
+
+def rgb_to_xyz(chromaticities: tuple[float, ...]) -> np.ndarray:
+    """Matrix (3, 3) to XYZ from linear RGB of primaries; arguments and errors as `to_rec709`."""
     x, y = np.reshape(np.asarray(chromaticities, dtype=float), (4, 2)).T
     if not np.isfinite([x, y]).all() or y[3] <= 0.0:
         raise ValueError("no chromaticities")
@@ -309,7 +314,7 @@ def to_rec709(chromaticities: tuple[float, ...]) -> np.ndarray | None:
     white = np.array([x[3], y[3], 1.0 - x[3] - y[3]]) / y[3]
     if abs(np.linalg.det(primaries)) < 1e-6:
         raise ValueError("primaries on one line")
-    return from_xyz(primaries * np.linalg.solve(primaries, white))
+    return np.asarray(primaries * np.linalg.solve(primaries, white))
 
 
 def from_xyz(rgb_to_xyz: np.ndarray) -> np.ndarray | None:

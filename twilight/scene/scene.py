@@ -89,7 +89,8 @@ def suns_of(config: Config) -> Iterator[SceneSun]:
             above = config.observer.altitude_km  # within what views have
             at = sun_position(moment, sun.latitude_deg, sun.longitude_deg, above, highest_km=max(above, 100.0))
             finest = "%H%M%S.%f" if moment.microsecond else "%H%M%S" if moment.second else "%H%M"
-            name = moment.strftime(f"%Y-%m-%dT{finest}")
+            twice = moment.replace(fold=0).utcoffset() != moment.replace(fold=1).utcoffset()  # as summer time ends
+            name = moment.strftime(f"%Y-%m-%dT{finest}{'%z' if twice else ''}")
             yield SceneSun(name, one_at, float(at.elevation_deg), float(at.azimuth_deg), float(at.distance_au), moment)
 
 

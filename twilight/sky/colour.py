@@ -207,14 +207,16 @@ def expose(rgb: np.ndarray, ev100: float) -> np.ndarray:
     return np.asarray(rgb) * (MIDDLE_GREY / (GREY_LUMINANCE_AT_EV100_0 * 2.0**ev100))
 
 
-def into_gamut(rgb: np.ndarray) -> np.ndarray:
-    """Move colours with a negative channel towards the grey of the same luminance until no channel is negative."""
-    rgb = np.asarray(rgb, float)
+def into_gamut(rgb: np.ndarray, luminance: np.ndarray = REC709_LUMINANCE) -> np.ndarray:
+    """Move colours with a negative channel towards the grey of the same luminance until no channel is negative.
+
+    luminance (3,): of red, green and blue.
+    """
     outside = _over_channels(np.minimum, rgb) < 0
     if not outside.any():
         return rgb
     mapped = rgb.copy()
-    mapped[outside] = _towards_grey(rgb[outside])
+    mapped[outside] = _towards_grey(rgb[outside], luminance)
     return mapped
 
 
@@ -223,8 +225,8 @@ def _over_channels(pick: np.ufunc, rgb: np.ndarray) -> np.ndarray:
     return pick(pick(rgb[..., 0], rgb[..., 1]), rgb[..., 2])
 
 
-def _towards_grey(rgb: np.ndarray) -> np.ndarray:
-    grey = np.maximum(rgb @ REC709_LUMINANCE, 0.0)[..., None]
+def _towards_grey(rgb: np.ndarray, luminance: np.ndarray = REC709_LUMINANCE) -> np.ndarray:
+    grey = np.maximum(rgb @ luminance, 0.0)[..., None]
     lowest = rgb.min(axis=-1, keepdims=True)
     return np.maximum(grey + grey / (grey - lowest) * (rgb - grey), 0.0)
 

@@ -13,7 +13,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from twilight.base.conventions import YEARS
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.numerics.directions import azimuth_elevation
 
 
@@ -63,6 +63,13 @@ def parse_time(time: dt.datetime | str, time_zone: str | None = None) -> dt.date
         moment = moment.replace(tzinfo=zone)
         check_year(moment, f"'{time}'")
         utc = moment.astimezone(dt.UTC)
+        if moment.replace(fold=1).astimezone(dt.UTC) > utc:
+            first = moment.isoformat(timespec="minutes")
+            warnings.warn(
+                f"time: {time} is shown twice by the clocks of {time_zone}: the first, {first}, is taken",
+                TwilightWarning,
+                stacklevel=2,
+            )
         if utc.astimezone(zone).replace(tzinfo=None) != moment.replace(tzinfo=None):
             raise TwilightError(f"time: {time} does not exist in {time_zone}, the clocks skip it")
     check_year(moment, f"'{time}'")

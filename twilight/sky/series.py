@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError
 from twilight.sky.sky import Sky
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     import xarray
 
 
+@in_units
 class SkySeries(Sequence[Sky]):
     """Skies of several suns in their order.
 
@@ -49,6 +51,10 @@ class SkySeries(Sequence[Sky]):
         self._error: TwilightError | None = None
         self.sun_elevation_deg = np.array(sun_elevation_deg, float)
         self.times = None if times is None else tuple(times)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What another process makes the series of: its skies, which are computed for it."""
+        return SkySeries, (list(self), self.sun_elevation_deg, self.times)
 
     def __len__(self) -> int:
         return self.sun_elevation_deg.size

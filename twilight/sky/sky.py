@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twilight.base.arguments import in_units, plain
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
 from twilight.sky.comparison import SkyComparison
@@ -31,6 +32,7 @@ class BrowserPage(Protocol):
         """Write the page as one HTML file that needs no network, whole or not at all."""
 
 
+@in_units
 @dataclass(frozen=True, eq=False)
 class Sky(SkyLight):
     """Radiance of the sky over directions and wavelengths, E x A x W.
@@ -88,7 +90,7 @@ class Sky(SkyLight):
     def __post_init__(self):
         for key in ("wavelength_nm", "elevation_deg", "azimuth_deg"):
             object.__setattr__(self, key, np.atleast_1d(np.asarray(getattr(self, key), dtype=float)))
-        radiance = np.asarray(self.sun_normalised_radiance)
+        radiance = np.asarray(plain(self.sun_normalised_radiance, "sun_normalised_radiance"))
         if radiance.dtype != np.float32:
             radiance = radiance.astype(float, copy=False)
         object.__setattr__(self, "sun_normalised_radiance", radiance)
@@ -96,8 +98,8 @@ class Sky(SkyLight):
         shape = (elevation.size, azimuth.size, wavelength.size)
         if radiance.shape != shape or 0 in shape:
             raise TwilightError(f"sky: sun_normalised_radiance has shape {radiance.shape}, the grid has {shape}")
-        if not (np.isfinite(radiance).all() and (radiance >= 0).all()):
-            raise TwilightError("sky: sun_normalised_radiance must be finite and not negative")
+        if not (radiance >= 0).all():
+            raise TwilightError("sky: sun_normalised_radiance must not be negative")
         if wavelength[0] <= 0 or np.any(np.diff(wavelength) <= 0):
             raise TwilightError("sky: wavelength_nm must be positive and increase")
         if np.any(np.diff(elevation) <= 0) or elevation[0] < -90 or elevation[-1] > 90:
@@ -116,12 +118,12 @@ class Sky(SkyLight):
             ("polarisation_error", stokes, -np.inf),
         ):
             if (value := getattr(self, key)) is not None:
-                value = np.asarray(value)
-                if value.shape != expected or not np.isfinite(value).all() or (value < lowest).any():
-                    sign = " and not negative" if lowest == 0.0 else ""
-                    raise TwilightError(f"sky: {key} must have shape {expected} and be finite{sign}")
+                value = np.asarray(plain(value, key))
+                if value.shape != expected or (value < lowest).any():
+                    sign = " and not be negative" if lowest == 0.0 else ""
+                    raise TwilightError(f"sky: {key} must have shape {expected}{sign}")
                 object.__setattr__(self, key, value)
-        albedo = np.zeros(wavelength.size) if self.ground_albedo is None else np.asarray(self.ground_albedo, float)
+        albedo = np.zeros(wavelength.size) if self.ground_albedo is None else plain(self.ground_albedo, "ground_albedo")
         albedo = np.broadcast_to(albedo, (wavelength.size,)).copy()
         if not ((albedo >= 0) & (albedo <= 1)).all():
             raise TwilightError("sky: ground_albedo must be between 0 and 1")
@@ -325,8 +327,6 @@ class Sky(SkyLight):
             raise TwilightError(
                 f"sample: elevation_deg is {beyond[0]:g}; allowed in this sky is {lower:g} to 90{below}"
             )
-        if not np.isfinite(azimuth).all():
-            raise TwilightError("sample: azimuth_deg must be finite")
         return self.smooth(values, elevation, azimuth)
 
     def resample(self, elevation_deg, azimuth_deg) -> Sky:

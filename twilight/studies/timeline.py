@@ -184,7 +184,9 @@ def condition(text: str) -> Condition:
     """The condition of a text such as `V@zenith > 21`; TwilightError for another."""
     match = _CONDITION.fullmatch(text)
     if match is None:
-        raise TwilightError(f"--when: '{text}' is not QUANTITY[@WHERE] < VALUE or > VALUE, e.g. 'V@zenith > 21'")
+        raise TwilightError(
+            f"--when: '{text}' is not QUANTITY[@WHERE] < VALUE or > VALUE in quotes, e.g. 'V@zenith > 21'"
+        )
     try:
         value = float(match["value"])
     except ValueError:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twilight.atmosphere.csv_columns import as_number, delimiter_of, fields_of, numbered_lines
+from twilight.base.arguments import in_units, plain
 from twilight.base.errors import TwilightError
 from twilight.base.extras import is_installed, missing
 from twilight.base.shipped_data import data_numbers, data_rows
@@ -33,6 +34,7 @@ SCOTOPIC_EFFICACY_LM_PER_W = 1700.06
 """Luminous efficacy at the maximum of V'(lambda), 683 lm/W at 555.016 nm (CIE 018:2019)."""
 
 
+@in_units
 @dataclass(frozen=True, eq=False)
 class Response:
     """A relative spectral response, linear between its samples and 0 beyond them.
@@ -49,7 +51,8 @@ class Response:
     source: str = ""
 
     def __post_init__(self) -> None:
-        nm, value = np.asarray(self.wavelength_nm, float), np.asarray(self.value, float)
+        # a change of unit leaves a rounding beside whole numbers
+        nm, value = np.round(np.asarray(self.wavelength_nm, float), 6), np.asarray(self.value, float)
         object.__setattr__(self, "wavelength_nm", nm)
         object.__setattr__(self, "value", value)
         what = f"response {self.name}"
@@ -69,8 +72,10 @@ class Response:
     def grid_nm(self) -> np.ndarray:
         """Whole nanometres over which it is integrated, (G,), within the solar spectrum."""
         solar, _ = spectrum.solar_spectrum()
-        low, high = max(np.floor(self.wavelength_nm[0]), solar[0]), min(np.ceil(self.wavelength_nm[-1]), solar[-1])
-        return np.arange(low, high + 1.0)
+        first, last = np.round(
+            self.wavelength_nm[[0, -1]], 6
+        )  # a change of unit leaves a rounding beside whole numbers
+        return np.arange(max(np.floor(first), solar[0]), min(np.ceil(last), solar[-1]) + 1.0)
 
     def on_grid(self) -> np.ndarray:
         """`value` at `grid_nm`, (G,)."""
@@ -163,7 +168,7 @@ def response(which: Any) -> Response:
     if isinstance(which, str | Path):
         return _named(str(which))
     if isinstance(which, tuple | list) and len(which) == 2:
-        return Response("own", np.asarray(which[0], float), np.asarray(which[1], float), source="given")
+        return Response("own", plain(which[0], "wavelength_nm"), plain(which[1], "response"), source="given")
     raise TwilightError(f"response: must be a name, a CSV file, or (wavelengths, values), got {type(which).__name__}")
 
 

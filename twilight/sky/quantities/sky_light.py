@@ -32,13 +32,7 @@ class SkyLight:
 
     def _luminous(self, factor: np.ndarray) -> np.ndarray:
         """683 lm/W times the integral of factor x solar spectrum x V(lambda), for factors (..., W) of any coverage."""
-        return spectrum.integrate(
-            factor,
-            self.wavelength_nm,
-            spectrum.LUMINOUS_EFFICACY_LM_PER_W
-            * spectrum.solar_at_visible(self.solar_spectrum, self.distance_au)
-            * spectrum.colour_matching_functions("cie1931_2deg")[:, 1],
-        )
+        return luminance(factor, self.wavelength_nm, self.solar_spectrum, self.distance_au)
 
     def luminance(self) -> np.ndarray:
         """Luminance [cd m^-2], (E, A): V(lambda) of the 2 deg observer, integrated at 1 nm."""
@@ -159,6 +153,13 @@ class SkyLight:
         if elevation_deg is None:
             return _number(asked.value(self._spectra(self.irradiance_factor(horizontal, direct))))
         return _number(asked.value(self._spectra(self.sample(elevation_deg, azimuth_deg))))
+
+
+def luminance(factor: np.ndarray, wavelength_nm: np.ndarray, solar_spectrum: str, distance_au: float) -> np.ndarray:
+    """Luminance [cd m^-2] of radiances over F0, (..., W): V(lambda) of the 2 deg observer, integrated at 1 nm."""
+    sun = spectrum.solar_at_visible(solar_spectrum, distance_au)
+    weight = spectrum.LUMINOUS_EFFICACY_LM_PER_W * sun * spectrum.colour_matching_functions("cie1931_2deg")[:, 1]
+    return spectrum.integrate(factor, wavelength_nm, weight)
 
 
 def _number(value: np.ndarray) -> Any:

@@ -23,6 +23,10 @@ MAX_ROW_BYTES = 200_000_000
 """Largest file of cached results that is read."""
 
 
+WORKER = "import sys; sys.path.append({package!r}); from twilight.studies.compare.worker import main; sys.exit(main())"
+"""Program of a worker process; package: the folder that `twilight` is in."""
+
+
 @dataclass
 class Bench:
     """folder: where results are cached; time_limit_s: of one worker, after which it is ended."""
@@ -132,7 +136,8 @@ class _Worker:
     def answers(self) -> Any:
         # a session of its own: Ctrl-C reaches this process alone, which then ends the worker
         process = subprocess.Popen(
-            [sys.executable, "-m", "twilight.studies.compare.worker"],
+            # without the working folder on its path, whose random.py it would run
+            [sys.executable, "-P", "-c", WORKER.format(package=str(Path(__file__).parents[3]))],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

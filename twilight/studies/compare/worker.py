@@ -1,4 +1,4 @@
-"""Runs one job in a process of its own, so that peak memory means something: python -m twilight.studies.compare.worker
+"""Runs one job in a process of its own, so that peak memory means something.
 
 Reads a job (JSON) from standard input and writes one JSON object a line to standard output:
 {"progress": [words, fraction]}, {"sun": deg, "timing": {...}}, {"sun": deg, "radiance": [[...]]}, {"sun": deg,
@@ -252,7 +252,3 @@ def forget_peak() -> None:
             ctypes.CDLL(None).malloc_trim(0)
     with suppress(OSError), open("/proc/self/clear_refs", "w", encoding="ascii") as file:
         file.write("5")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -122,10 +122,13 @@ def open_store(path: Path, sweep: Sweep) -> Iterator[Store]:
     """
     import zarr  # optional
 
-    if path.exists():
-        _check_same(path, sweep)
-    else:
-        _create(path, sweep)
+    if not path.exists():
+        try:
+            _create(path, sweep)
+        except TwilightError:
+            if not path.exists():
+                raise  # else another sweep has just begun it
+    _check_same(path, sweep)
     with (
         writing(path),
         open_journal(path / JOURNAL, "another sweep") as journal,
