@@ -193,7 +193,7 @@ def read_sky(
         path, camera if camera is None or isinstance(camera, CameraModel) else read_camera(camera)
     )
     if sun_elevation_deg is None:
-        sun_elevation_deg = photograph.sun.true_elevation_deg
+        sun_elevation_deg = photograph.sun.disc_elevation_deg
         if sun_elevation_deg is None:
             raise TwilightError(f"{path}: shows no disc of the sun; give sun_elevation_deg")
     return photograph.sky(sun_elevation_deg, sun_azimuth_deg, cd_per_m2)

@@ -64,6 +64,11 @@ def photo(
         chosen["output.polariser_deg"], names["output.polariser_deg"] = polariser, "--polariser"
     loaded = options.load_one_scene(config, chosen, names, "validate photo")
     options.check_polarised(loaded)
+    from twilight.studies.validate.photographs.estimating import with_file
+
+    loaded, said = with_file(image.name, photograph, loaded)
+    for line in said:
+        print(line)
     folder = options.output_folder(output, "photo", image.stem, "photo")
     folder.mkdir(parents=True, exist_ok=True)
     compare_with_sky(image, photograph, loaded, sun_azimuth, white_balance, folder)
@@ -160,7 +165,7 @@ def _with_disc(config: Any, photograph: Any, sun_azimuth: float | None) -> tuple
 
     if not isinstance(config.sun, SunElevations) or sun_azimuth is not None:
         return config, None
-    elevation_deg = photograph.sun.true_elevation_deg
+    elevation_deg = photograph.sun.disc_elevation_deg
     if elevation_deg is None:
         return config, None
     disc = round(float(elevation_deg), 2)
@@ -185,7 +190,7 @@ def _chosen(rows: list[Any], taken: float, disc: float | None) -> str:
 
 def _disc_differs(photograph: Any, sun_azimuth: float | None, sky: Any) -> str:
     """A sentence where the disc in the photograph stands elsewhere than the scene's only sun, else an empty one."""
-    disc = None if sun_azimuth is not None else photograph.sun.true_elevation_deg
+    disc = None if sun_azimuth is not None else photograph.sun.disc_elevation_deg
     if disc is None or abs(disc - sky.sun_elevation_deg) < DISC_AWAY_DEG:
         return ""
     return (

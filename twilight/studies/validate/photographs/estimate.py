@@ -145,6 +145,7 @@ class Options:
     """types: of aerosol; own_type: the scene's, which is taken where it cannot be told from the best
     low_deg, high_deg: suns between which it is sought where a frame does not know its own
     freedom: what may differ besides the air
+    altitude_known: of the camera; else the aerosol's interval holds what may lie below it
     """
 
     types: Sequence[str]
@@ -152,6 +153,7 @@ class Options:
     low_deg: float = SUN_DEG[0]
     high_deg: float = SUN_DEG[1]
     freedom: Freedom = field(default_factory=Freedom)
+    altitude_known: bool = True
 
 
 def find_air(
@@ -201,7 +203,8 @@ def find_air(
     alike = [fit for fit in fits if fit.chi2 - best.chi2 < EQUIVALENT]
     taken = next((fit for fit in alike if fit.skies.aerosol_type == options.own_type), best)
     progress(f"intervals of {taken.skies.aerosol_type}", 0.9)
-    made = [described(fit, best) if fit is taken else plain(fit, best) for fit in fits]
+    lifted = None if options.altitude_known else airs.lifted_ln(taken.skies.aerosol_type, DRAWN)
+    made = [described(fit, best, lifted) if fit is taken else plain(fit, best) for fit in fits]
     return sorted(made, key=lambda one: one.chi2_above_best)
 
 
@@ -330,8 +333,9 @@ def plain(fit: Fit, best: Fit) -> AirEstimate:
     )
 
 
-def described(fit: Fit, best: Fit) -> AirEstimate:
-    """The same with intervals, by curvature and profiles."""
+def described(fit: Fit, best: Fit, lifted_ln: np.ndarray | None = None) -> AirEstimate:
+    """The same with intervals, by curvature and profiles; lifted_ln (`DRAWN`,): of `Airs.lifted_ln`, for a camera of
+    unknown altitude."""
     made, x = plain(fit, best), fit.x
     covariance = _covariance(fit.jacobian)
     deviation = np.sqrt(np.diag(covariance))
@@ -344,6 +348,9 @@ def described(fit: Fit, best: Fit) -> AirEstimate:
             relative_width = float(deviation[i] * np.sqrt(12.0))
         else:
             values = drawn[:, column[i]]
+            if p.name == AEROSOL.name and lifted_ln is not None:
+                above = np.random.default_rng(2).permutation(lifted_ln)[: values.size]
+                values = np.minimum(values + above / (fit.high[i] - fit.low[i]), 1.0)
             wide = AEROSOL_WIDENED if p.name == AEROSOL.name and fit.errors.inflation > 1.0 else 1.0
             one, two = (
                 np.clip(x[i] + wide * (np.array(_densest(values, weight, part)) - x[i]), 0.0, 1.0)

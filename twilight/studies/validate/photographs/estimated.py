@@ -19,6 +19,7 @@ from twilight.studies.validate.photographs.airs import (
     OTHERS,
     SUN,
     Design,
+    aerosol_above,
     climate_settings,
     with_settings,
 )
@@ -40,6 +41,8 @@ OTHER_SUNS = {"the same air at noon (sun at 60 deg)": 60.0, "the same air with t
 """Other skies of the air of a photograph."""
 
 TYPICAL = Horizon.model_validate("typical")
+LEAST_ABOVE_KM = 0.02
+"""Height of a camera above the ground from which on what is above it is said [km]."""
 LOW_SUN_DEG = 3.0
 """Sun below which the sentences say what lies beyond the horizon."""
 
@@ -200,7 +203,17 @@ class Estimate:
         if not self.fits:
             return self.about
         told = [_sentence(p) for p in self.best.parameters if p.name not in ANGLES]
+        told[0] += self._above()
         return [*self.about, *told, *self._types(), *self._camera(), self._bands()]
+
+    def _above(self) -> str:
+        """Of the aerosol's depth, what of it is above a camera that stood above the ground."""
+        altitude_km, ground_km = self.scene.observer.altitude_km, self.given.climate.ground.altitude_km
+        if altitude_km - ground_km < LEAST_ABOVE_KM:
+            return ""
+        above = float(aerosol_above(self.scene, altitude_km)) * self.parameters["aerosol"].value
+        level = "the sea's level" if ground_km == 0.0 else "the ground"
+        return f"; from {level} up, {above:.3g} of it above the camera"
 
     def _camera(self) -> list[str]:
         """How the camera was held, what it did to the picture, and what not knowing it costs."""
@@ -258,7 +271,7 @@ class Estimate:
             elif found is not None and found.constrained:
                 lines.append(
                     f"{line}  # from the photograph: {found.low:.3g} to {found.high:.3g} (68 %), {found.low_95:.3g} to "
-                    f"{found.high_95:.3g} (95 %)"
+                    f"{found.high_95:.3g} (95 %){self._above() if found.name == 'aerosol' else ''}"
                 )
             elif name == "type" and self.settings:
                 lines.append(f"{line}  # fits the photograph best of those that were tried, or as well as the best")

@@ -53,6 +53,48 @@ LEAST_HEADING_DEG = 0.3
 """Least standard error of a sun's azimuth that was found in the picture [deg]."""
 
 
+def at_the_camera(
+    names: Sequence[str], photographs: Sequence[Photograph], given: Config
+) -> tuple[Config, bool, list[str]]:
+    """The scene seen from where the camera stood; whether its altitude is known; sentences on that.
+
+    By the scene where that gives one, else by Exif, else on the ground where the scene says how high that is.
+    """
+    ground_km = given.climate.ground.altitude_km
+    said = [one.stated.altitude_m for one in photographs if one.stated.altitude_m is not None]
+    if "altitude_km" in given.observer.model_fields_set:
+        altitude_km, by = given.observer.altitude_km, "as given"
+    elif said:
+        altitude_km, by = max(1e-3 * float(np.median(said)), ground_km), "by Exif"
+    elif "altitude_km" in given.climate.ground.model_fields_set:
+        altitude_km, by = ground_km, "on the ground"
+    else:
+        note = (
+            f"camera: {names[0]} does not say its altitude; taken for the sea's level, and the haze's interval holds "
+            "what may lie below it (--set observer.altitude_km)"
+        )
+        return given, False, [note]
+    note = f"camera: {1e3 * altitude_km:.0f} m above the sea, {by}"
+    return with_settings(given, {"observer.altitude_km": altitude_km}), True, [note]
+
+
+def with_file(name: str, photograph: Photograph, given: Config) -> tuple[Config, list[str]]:
+    """The scene with the file's time and place and the camera's altitude, where the scene says none; sentences."""
+    given, remarks = with_time(photograph, given)
+    if photograph.stated.altitude_m is not None:
+        given, _, above = at_the_camera([name], [photograph], given)
+        remarks += above
+    return given, remarks
+
+
+def with_time(photograph: Photograph, given: Config) -> tuple[Config, list[str]]:
+    """The scene with the file's time and place, where the scene has no sun; sentences."""
+    if "sun" in given.model_fields_set or photograph.stated.sun is None:
+        return given, []
+    given = with_settings(given, {"sun": photograph.stated.sun})
+    return given, [f"the sun's height: {sun_range(given)[0]:.2f} deg by Exif time and place"]
+
+
 def sun_range(config: Config) -> tuple[float, float, SunPosition | None]:
     """Lowest and highest sun [deg] of the search, equal where it is known, and its position at a place and time."""
     sun = config.sun
@@ -110,6 +152,7 @@ def estimate_air(
     capable = not says.refine or solvers.load(given.chosen_solver[0]).CAPABILITIES.screen
     if "horizon" not in given.model_fields_set and capable:
         given = with_settings(given, {"horizon": "typical"})
+    given, altitude_known, above = at_the_camera(names, photographs, given)
     placed = [_placed(*one, given, says) for one in zip(names, photographs, _suns(photographs, says), strict=True)]
     low, high = placed[0].between_deg
     if len(placed) > 1:
@@ -119,7 +162,10 @@ def estimate_air(
                 "given, or by its disc"
             )
         placed = _of_one_camera(placed)
-    shown, remarks = [one.shown for one in placed], list(dict.fromkeys(note for one in placed for note in one.remarks))
+    shown, remarks = (
+        [one.shown for one in placed],
+        list(dict.fromkeys([*(note for one in placed for note in one.remarks), *above])),
+    )
     design = Design(tuple(p for p in OTHERS if p.name in says.parameters))
     own = None if given.climate.aerosol is None else given.climate.aerosol.type
     order = [name for name in says.types if name == own] + [name for name in says.types if name != own]
@@ -147,7 +193,7 @@ def estimate_air(
             return _by_the_scene(given, design, aerosol_type, values, sun, elevation, azimuth)
 
     most = max(MOST_CELLS // len(shown), LEAST_CELLS)
-    options, known = Options(order, own, low, high, free), low == high
+    options, known = Options(order, own, low, high, free, altitude_known), low == high
     frames = [_frame(one, most, known) for one in shown]
     first = None
     if not known or max(free.pitch, free.roll) > 0.0:
@@ -191,31 +237,28 @@ def _placed(name: str, photograph: Photograph, told_deg: float | None, given: Co
     remarks = list(photograph.remarks)
     if told_deg is not None:
         low = high = told_deg
-    elif "sun" not in given.model_fields_set and photograph.stated.sun is not None:
-        scene = with_settings(given, {"sun": photograph.stated.sun})
+    else:
+        scene, said = with_time(photograph, given)
         low, high, at = sun_range(scene)
-        remarks.append(f"the sun's height: {low:.2f} deg by Exif time and place")
+        remarks += said
     known_azimuth = None if at is None else float(at.azimuth_deg)
-    azimuth, error, note, disc = place_sun(photograph, known_azimuth, says.sun_azimuth_deg, (low, high))
+    azimuth, error, note, light = place_sun(photograph, known_azimuth, says.sun_azimuth_deg, (low, high))
     remarks.append(note)
-    if disc is not None:
-        tilt = photograph.errors_deg[1]
+    if light is not None:
+        middle, tilt, by = light.true_elevation_deg or 0.0, photograph.errors_deg[1], f"its {light.method}"
         if low == high and tilt > DISC_PITCH_DEG:
-            turn = low - disc
-            photograph = photograph.turned(
-                turn, 0.0, (*photograph.errors_deg[:1], DISC_PITCH_DEG, photograph.errors_deg[2])
-            )
-            remarks.append(f"camera: turned by {turn:+.1f} deg so that the sun's disc stands where the sun does")
+            # the mean of both, by their errors
+            error_deg = max(light.elevation_error_deg, DISC_PITCH_DEG)
+            both = np.hypot(tilt, error_deg)
+            turn, held = (tilt / both) ** 2 * (low - middle), tilt * error_deg / both
+            photograph = photograph.turned(turn, 0.0, (photograph.errors_deg[0], held, photograph.errors_deg[2]))
+            remarks.append(f"camera: turned by {turn:+.1f} +- {held:.1f} deg towards where {by} has the sun")
         elif low < high:
-            found = round(disc, 2)
-            nearest = min(max(found, low), high)
-            if nearest == found:
-                remarks.append(f"the sun's height: {found:.2f} deg by its disc in the photograph")
-            else:
-                remarks.append(
-                    f"the sun's height: {nearest:g} deg, of those searched the nearest to its disc ({found:.2f})"
-                )
-            low, high = max(low, nearest - 3.0 * tilt), min(high, nearest + 3.0 * tilt)
+            found, off = round(middle, 2), 0.0 if light.method == "disc" else light.elevation_error_deg
+            nearest, reach = min(max(found, low), high), 3.0 * float(np.hypot(tilt, off))
+            apart = "" if nearest == found else f", of those searched the nearest to it ({found:.2f})"
+            remarks.append(f"the sun's height: {nearest:g}{f' +- {off:.1f}' if off else ''} deg by {by}{apart}")
+            low, high = max(low, nearest - reach), min(high, nearest + reach)
     remarks += check_sky(name, photograph, photograph.seen(azimuth, low if low == high else None))
     sun = Shown(name, photograph, low if low == high else np.nan, azimuth)
     by_time = None if photograph.camera.orientation.azimuth_deg is None else known_azimuth

@@ -136,7 +136,7 @@ class Photograph:
         if disc is not None:
             return disc
         found = find_sun_azimuth(panorama, mask.valid, by_disc)
-        if wide or found.method == "disc":
+        if wide or found.method != "symmetry":
             return found
         return replace(found, uncertainty_deg=max(found.uncertainty_deg, NARROW_ERROR_DEG))
 
@@ -209,13 +209,13 @@ def spectra_of(xyz: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
 
 
 class PlacedSun(NamedTuple):
-    """The sun's azimuth in the camera's azimuths and its standard error [deg], a sentence on where it is from, and true
-    elevation of the disc that was taken for it [deg]; None: by other means, or of no known elevation."""
+    """The sun's azimuth in the camera's azimuths and its standard error [deg], a sentence on where it is from, and the
+    light that was taken for it, which has an elevation; None: by other means."""
 
     azimuth_deg: float
     error_deg: float
     sentence: str
-    disc_elevation_deg: float | None = None
+    light: SunAzimuth | None = None
 
 
 def place_sun(
@@ -240,7 +240,7 @@ def place_sun(
     far, other = max(NO_DISC_DEG, 2.0 * photograph.errors_deg[1]), ""
     try:
         sun = photograph.sun
-        at = sun.true_elevation_deg
+        at, far = sun.true_elevation_deg, far + 2.0 * sun.elevation_error_deg
         if at is not None and not between_deg[0] - far <= at <= between_deg[1] + far:
             other = f"; the light at {at:.1f} deg is not taken for its disc, since the sun is said to stand elsewhere"
             sun = photograph._sun(False)
@@ -248,15 +248,17 @@ def place_sun(
         sun = None
         if not north:
             raise
-    if sun is None or (north and sun.method != "disc" and sun.uncertainty_deg >= NARROW_ERROR_DEG):
+    if sun is None or (north and sun.method == "symmetry" and sun.uncertainty_deg >= NARROW_ERROR_DEG):
         note = f"sun azimuth {known_deg:.1f} +- {compass:.0f} deg, by time and compass{other}"
         return PlacedSun(known_deg or 0.0, compass, note)
-    by = "the sun's disc" if sun.method == "disc" else "the symmetry of the sky"
+    by = {"disc": "the sun's disc", "aureole": "its aureole, which is at the end of the scale"}.get(
+        sun.method, "the symmetry of the sky"
+    )
     note = f"sun azimuth {sun.azimuth_deg:.2f} +- {sun.uncertainty_deg:.2f} deg by {by}"
     if sun.elevation_deg is not None:
-        note += f" (disc at elevation {sun.elevation_deg:.1f} deg)"
-    disc = sun.true_elevation_deg if sun.method == "disc" else None
-    return PlacedSun(sun.azimuth_deg, sun.uncertainty_deg, note + other, disc)
+        note += f" (its middle at elevation {sun.elevation_deg:.1f} deg)"
+    light = None if sun.elevation_deg is None else sun
+    return PlacedSun(sun.azimuth_deg, sun.uncertainty_deg, note + other, light)
 
 
 def read_photograph(
@@ -286,6 +288,8 @@ def read_photograph(
     skyline = None if profile is None else masks.read_profile(profile)
     shown = None if mask_image is None else masks.read_mask_image(mask_image)
     stated = read_stated(path)
+    for doubt in stated.doubts:
+        warnings.warn(f"{path}: {doubt}", TwilightWarning, stacklevel=2)
     unknown = camera is None
     by_focal_length = unknown and field_of_view_deg is None
     if camera is None:
