@@ -10,8 +10,8 @@ import pytest
 from photographs import eight_bit, fisheye, latlong, perspective, picture, preetham, take
 
 from twilight.base.errors import TwilightError
+from twilight.io.stored_image import read_image
 from twilight.sky import colour
-from twilight.studies.camera.image import read_image
 from twilight.studies.validate.photographs import mask as masks
 from twilight.studies.validate.photographs import photo as comparing
 from twilight.studies.validate.photographs.panorama import make_panorama, mask_image_on

@@ -15,14 +15,15 @@ from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.cli.app import app
 from twilight.config import load
 from twilight.engine import run
+from twilight.io.stored_image import write_exr
 from twilight.numerics import spectrum
 from twilight.numerics.directions import azimuth_elevation, camera_axes, texture_grid
 from twilight.scene import resolve
 from twilight.sky import colour
 from twilight.sky.sky import Sky
 from twilight.studies.camera import CameraModel, write_camera
-from twilight.studies.camera.image import write_exr
-from twilight.studies.validate.photographs.airs import OTHERS, SUN, Airs, Design, with_settings
+from twilight.studies.camera.exif import Stated
+from twilight.studies.validate.photographs.airs import OTHERS, SUN, Airs, Design, aerosol_above, with_settings
 from twilight.studies.validate.photographs.estimate import Options, find_air
 from twilight.studies.validate.photographs.estimating import sun_range
 from twilight.studies.validate.photographs.fit import Frame, Freedom
@@ -224,6 +225,30 @@ def test_the_air_of_a_drawn_picture(tmp_path):
     assert json.loads(json.dumps(found.facts()))["fits"] is True
     assert load(found.climate).climate.name == "continental-average-dusk"
     assert repr(found).startswith("<Estimate of dusk.jpg: continental_average")
+
+
+def test_the_camera_stands_at_its_altitude():
+    """Haze above a camera at 500 m would be taken for that of the sea's level, a third too little."""
+    scene = {**DUSK, "sun.elevation_deg": 15.0, "aerosol.optical_depth_550nm": 0.2, "observer.altitude_km": 0.5}
+    camera = latlong(180)
+    rgb = take(run(resolve(load("continental-average", scene))), camera, 40.0, sun=False)
+    at = Stated(altitude_m=500.0)
+    shot = Photograph(picture(rgb), camera, 3.0, min_elevation_deg=3.0, stated=at)
+    given = {"types": ["continental_average"], "parameters": [], "sun_elevation_deg": 15.0, "sun_azimuth_deg": 40.0}
+    given |= {"settings": {"ground.albedo": 0.3}}
+    by_exif = twilight.estimate(shot, **given)
+    assert by_exif.parameters["aerosol"].value == pytest.approx(0.2, rel=0.05)
+    assert any("500 m above the sea, by Exif" in line for line in by_exif.sentences())
+    above = float(aerosol_above(by_exif.scene, 0.5))
+    assert 0.68 < above < 0.78
+    said = f"from the sea's level up, {above * by_exif.parameters['aerosol'].value:.3g} of it above the camera"
+    assert said in by_exif.climate_yaml() and any(said in line for line in by_exif.sentences())
+    by_scene = twilight.estimate(replace(shot, stated=Stated()), **given | {"settings": scene})
+    assert by_scene.parameters["aerosol"].value == pytest.approx(by_exif.parameters["aerosol"].value, rel=1e-3)
+    unknown = twilight.estimate(replace(shot, stated=Stated()), **given).parameters["aerosol"]
+    assert unknown.value < 0.17 and unknown.high_95 > 0.2 and unknown.high - unknown.value > 0.01
+    with pytest.raises(TwilightError, match="observers up to 15 km"):
+        twilight.estimate(shot, **given | {"settings": scene | {"observer.altitude_km": 30.0}})
 
 
 def test_a_daylight_formula_s_sky_says_so(tmp_path):

@@ -16,8 +16,8 @@ from twilight.base.progress import Progress, silent
 from twilight.base.sections import unknown
 from twilight.config.aerosol import AerosolType
 from twilight.io.netcdf import read_sky as read_stored
+from twilight.io.stored_image import SUFFIXES
 from twilight.studies.camera import CameraModel, read_camera
-from twilight.studies.camera.image import SUFFIXES
 from twilight.studies.validate.photographs.airs import OTHERS
 from twilight.studies.validate.photographs.estimated import Estimate
 from twilight.studies.validate.photographs.estimating import Given, estimate_air

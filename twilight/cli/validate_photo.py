@@ -220,7 +220,7 @@ def response(
 ) -> None:
     """Recover a camera's response curve from a bracketed series, and merge the series into one linear picture."""
     from twilight.base.whole_files import check_file
-    from twilight.studies.camera.image import read_samples, write_exr
+    from twilight.io.stored_image import read_samples, write_exr
     from twilight.studies.camera.response import load_response, merge_bracket, recover_response, write_response
 
     if curve is not None and (merge is None or output is not None):

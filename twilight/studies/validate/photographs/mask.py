@@ -27,8 +27,8 @@ from scipy.sparse.csgraph import connected_components
 
 from twilight.atmosphere.csv_columns import read_columns
 from twilight.base.errors import TwilightError
+from twilight.io.stored_image import StoredImage, read_samples
 from twilight.sky.colour import REC709_LUMINANCE
-from twilight.studies.camera.image import StoredImage, read_samples
 from twilight.studies.camera.model import CameraModel
 from twilight.studies.validate.photographs.panorama import Panorama
 

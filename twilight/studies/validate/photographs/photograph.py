@@ -20,6 +20,7 @@ from scipy import ndimage
 
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.scene import PLACED_NM
+from twilight.io.stored_image import StoredImage, as_light, read_image, read_samples
 from twilight.numerics import spectrum
 from twilight.sky import colour
 from twilight.sky.colour import REC709_LUMINANCE
@@ -32,7 +33,6 @@ from twilight.studies.camera.exif import (
     Stated,
     read_stated,
 )
-from twilight.studies.camera.image import StoredImage, as_light, read_image, read_samples
 from twilight.studies.camera.model import CameraModel, ImageSize, Lens, Orientation
 from twilight.studies.camera.response import load_response
 from twilight.studies.validate.photographs import mask as masks
@@ -72,7 +72,7 @@ class MaskedSky:
 class Photograph:
     """A photograph and how it is to be masked.
 
-    picture: linear (``camera.image.read_image``).  camera: with its orientation; azimuths count from its own where that
+    picture: linear (``stored_image.read_image``).  camera: with its orientation; azimuths count from its own where that
     is unknown.  cell_deg: cells of the comparison.  profile, mask_image (H, W), automatic, min_elevation_deg,
     glare_deg: see ``mask.make_mask``.  errors_deg: standard errors of the camera's azimuth (from north), elevation and
     roll, 0: as told.  zoom_error: of the width of the view [%].  balanced: its colours are of the camera as described,
