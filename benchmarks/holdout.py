@@ -9,9 +9,10 @@ then by one half of its clear sky, left, right or above 30 deg; that half's air,
 other.  What cannot be fitted has a row that says why.  `holdout_residuals.csv` is ln(picture / computed) by elevation
 and azimuth from the sun, the mean and the scatter over the pictures whose sky is fitted.
 *evenings*: drawn by zones as in `phone.py`; one frame is fitted and predicts the others, exposure alone being free.
-*drawn*: ten airs by zones, with refraction, behind a clean horizon or clouds of their own and not behind the screen that
-the fit assumes, from an altitude of 0 to 1 km; in turn a phone's JPEG (`phone.py`: noise, lens, tone curve, 8 bits) and a
-panorama of eight frames, each 4 % (rms) brighter or darker than it should be and 5 % darker in its corners, with noise.
+*drawn*: ten airs by zones, with refraction, behind a clean horizon or clouds of their own and not behind the screen
+that the fit assumes, from an altitude of 0 to 1 km; in turn a phone's JPEG (`phone.py`: noise, lens, tone curve, 8 bits)
+and a panorama of eight frames, each 4 % (rms) brighter or darker than it should be and 5 % darker in its corners, with
+noise.
 """
 
 from __future__ import annotations
@@ -35,7 +36,6 @@ from twilight.io.stored_image import write_exr
 from twilight.numerics.directions import direction
 from twilight.sky.ephemeris import sun_position
 from twilight.studies.camera import CameraModel
-from twilight.studies.validate.photographs.estimate import LARGEST_MISFIT
 from twilight.studies.validate.photographs.photo import Balance, PhotoSky, balance, simulated_sky
 from twilight.studies.validate.photographs.photograph import Photograph, read_photograph
 
