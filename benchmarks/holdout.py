@@ -10,7 +10,7 @@ other.  What cannot be fitted has a row that says why.  `holdout_residuals.csv` 
 and azimuth from the sun, the mean and the scatter over the pictures whose sky is fitted.
 *evenings*: drawn by zones as in `phone.py`; one frame is fitted and predicts the others, exposure alone being free.
 *drawn*: ten airs by zones, with refraction, behind a clean horizon or clouds of their own and not behind the screen
-that the fit assumes, from an altitude of 0 to 1 km; in turn a phone's JPEG (`phone.py`: noise, lens, tone curve, 8 bits)
+that the fit assumes, from an altitude of 0 to 1 km; in turn a phone's JPEG (`phone.py`: noise, lens, curve, 8 bits)
 and a panorama of eight frames, each 4 % (rms) brighter or darker than it should be and 5 % darker in its corners, with
 noise.
 """
@@ -36,8 +36,9 @@ from twilight.io.stored_image import write_exr
 from twilight.numerics.directions import direction
 from twilight.sky.ephemeris import sun_position
 from twilight.studies.camera import CameraModel
-from twilight.studies.validate.photographs.photo import Balance, PhotoSky, balance, simulated_sky
-from twilight.studies.validate.photographs.photograph import Photograph, read_photograph
+from twilight.studies.validate.photographs.comparison import Balance, balance
+from twilight.studies.validate.photographs.picture import Photograph, read_photograph
+from twilight.studies.validate.photographs.picture_sky import PhotoSky, simulated_sky
 
 TYPES = ["continental_average"]
 """Aerosol types that are tried: one, for the time of twenty pictures."""
@@ -98,7 +99,7 @@ def panorama(path: Path) -> tuple[list[list[Any]], np.ndarray | None]:
         return [[path.stem, *[""] * (len(PANORAMAS) - 3), f"{time.process_time() - begin:.1f}", str(error)[:160]]], None
     seconds = time.process_time() - begin
     sky = whole.sky
-    seen = whole.photograph.seen(whole.sun_azimuth_deg, sky.apparent_sun_elevation_deg).sky
+    seen = whole.photograph.seen(whole.sun_azimuth_deg, sky.apparent_sun_elevation_deg)
     computed = simulated_sky(sky, seen)
     fit = errors(seen, computed, balance(seen, computed, True), seen.counts)
     happened = "fitted" if whole.fits else "the fit does not fit"
@@ -214,8 +215,8 @@ def evenings(count: int) -> None:
             shown = type(found.shown[0])(
                 "frame", replace(shot, camera=camera), float(at.elevation_deg), azimuth % 360.0
             )
-            sky = found.sky_of(shown)
-            seen = shown.photograph.seen(shown.sun_azimuth_deg, sky.apparent_sun_elevation_deg).sky
+            sky, compared = found.compared(shown)
+            seen = compared.photo
             bright = np.nan_to_num(seen.xyz[..., 1], nan=9.0) > 0.6
             seen = replace(seen, solid_angle_sr=np.where(bright, 0.0, seen.solid_angle_sr))
             computed = simulated_sky(sky, seen)

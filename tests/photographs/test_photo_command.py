@@ -17,8 +17,8 @@ from twilight.cli.app import app
 from twilight.io.stored_image import read_image, write_exr
 from twilight.sky import colour
 from twilight.studies.camera import write_camera
-from twilight.studies.validate.photographs import photo as comparing
-from twilight.studies.validate.photographs.photograph import read_photograph
+from twilight.studies.validate.photographs import comparison as comparing
+from twilight.studies.validate.photographs.picture import read_photograph
 
 PANORAMAS = Path(__file__).parents[1] / "data" / "photos"
 

@@ -23,12 +23,12 @@ from twilight.sky import colour
 from twilight.sky.sky import Sky
 from twilight.studies.camera import CameraModel, write_camera
 from twilight.studies.camera.exif import Stated
-from twilight.studies.validate.photographs.airs import OTHERS, SUN, Airs, Design, aerosol_above, with_settings
+from twilight.studies.validate.photographs.air import OTHERS, SUN, Airs, Design, aerosol_above, with_settings
 from twilight.studies.validate.photographs.estimate import Options, find_air
-from twilight.studies.validate.photographs.estimating import sun_range
 from twilight.studies.validate.photographs.fit import Frame, Freedom
-from twilight.studies.validate.photographs.photo import OBSERVER, Cells
-from twilight.studies.validate.photographs.photograph import Photograph, read_photograph
+from twilight.studies.validate.photographs.picture import Photograph, read_photograph
+from twilight.studies.validate.photographs.picture_sky import OBSERVER, Cells
+from twilight.studies.validate.photographs.series import sun_range
 
 DESIGN = Design(OTHERS)
 ELEVATION, AZIMUTH = texture_grid(3.0)
@@ -74,7 +74,7 @@ def seen(camera, truth, *, through=picture, cell_deg=6.0, change=lambda rgb: rgb
     xyz = toy(*np.meshgrid(ELEVATION, AZIMUTH, indexing="ij"), **truth)
     rgb = change(take(GRID, camera, 40.0, xyz=xyz, sun=False, **more))
     shot = Photograph(through(rgb), camera, cell_deg, min_elevation_deg=3.0)
-    return Cells.of(shot.seen(40.0, truth.get("sun", 25.0)).sky, 240)
+    return Cells.of(shot.seen(40.0, truth.get("sun", 25.0)), 240)
 
 
 def framed(cells, low=25.0, high=25.0, camera=(0.0, 0.0, 0.0)):

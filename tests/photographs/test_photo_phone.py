@@ -12,11 +12,12 @@ from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.numerics.spectrum import xyz_to_rgb_matrix
 from twilight.sky import colour
 from twilight.studies.camera.exif import read_stated
-from twilight.studies.validate.photographs.estimated import Shown
-from twilight.studies.validate.photographs.estimating import _of_one_camera, _Placed
+from twilight.studies.validate.photographs.comparison import Curve, tone_shapes
 from twilight.studies.validate.photographs.fit import Errors, Frame, Freedom
-from twilight.studies.validate.photographs.photo import OBSERVER, Cells, Curve, tone_shapes
-from twilight.studies.validate.photographs.photograph import Photograph, check_sky, check_upright, read_photograph
+from twilight.studies.validate.photographs.picture import Photograph, check_sky, check_upright, read_photograph
+from twilight.studies.validate.photographs.picture_sky import OBSERVER, Cells
+from twilight.studies.validate.photographs.report import Shown
+from twilight.studies.validate.photographs.series import of_one_camera
 
 BASE, GPS = ExifTags.Base, ExifTags.GPS
 TAKEN = {
@@ -321,10 +322,10 @@ def test_a_series_has_one_camera():
     placed = []
     for elevation, error, sun, by_time, of_heading in ((16.0, 0.5, 283.0, 280.0, 0.2), (15.2, 1.5, 285.0, 285.0, 10.0)):
         camera = perspective(azimuth_deg=280.0, elevation_deg=elevation)
-        shown = Shown("p", Photograph(flat, camera, 2.0, errors_deg=(10.0, error, 1.0)), 2.0, sun)
-        placed.append(_Placed(shown, (2.0, 2.0), of_heading, [], by_time))
-    made = _of_one_camera(placed)
-    assert [one.shown.photograph.camera.orientation.elevation_deg for one in made] == [16.0, 16.0]
-    assert [one.shown.photograph.errors_deg[1] for one in made] == [0.5, 0.5]
-    assert [one.shown.sun_azimuth_deg for one in made] == [283.0, 288.0]
+        shot = Photograph(flat, camera, 2.0, errors_deg=(10.0, error, 1.0))
+        placed.append(Shown("p", shot, 2.0, sun, (2.0, 2.0), of_heading, (), by_time))
+    made = of_one_camera(placed)
+    assert [one.photograph.camera.orientation.elevation_deg for one in made] == [16.0, 16.0]
+    assert [one.photograph.errors_deg[1] for one in made] == [0.5, 0.5]
+    assert [one.sun_azimuth_deg for one in made] == [283.0, 288.0]
     assert [one.heading_error_deg for one in made] == [0.2, 0.2]

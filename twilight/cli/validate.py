@@ -77,7 +77,7 @@ def estimate(
     from twilight.base.whole_files import check_folder, whole_file
 
     require("validate estimate", *photo_options.NEEDED)
-    from twilight.studies.validate.photographs.figure import write_json
+    from twilight.studies.validate.photographs.figure import write_json, write_report
 
     suns = None if sun_elevation is None else options.parse_numbers(sun_elevation, "--sun-elevation", -18.0, 90.0)
     chosen, names = options.settings_of(settings)
@@ -124,7 +124,10 @@ def estimate(
         for k, shown in enumerate(estimated.shown):
             where = folder if len(images) == 1 else folder / f"{k + 1:02d}-{Path(shown.name).stem}"
             where.mkdir(parents=True, exist_ok=True)
-            write_comparison(estimated, shown, where, others)
+            sky, comparison = estimated.compared(shown)
+            facts = {"photograph": shown.name, "scene": estimated.given.title, "sun_azimuth_deg": shown.sun_azimuth_deg}
+            lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {estimated.best.aerosol_type}", *estimated.about)
+            write_report(where, comparison, sky, facts, lines, others)
     for line in estimated.sentences():
         print(line)
     _print_tables(estimated)
@@ -133,31 +136,6 @@ def estimate(
 
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
-
-
-def write_comparison(estimated: Any, shown: Any, folder: Path, others: Any) -> None:
-    """Write what `twilight validate photo` writes of the estimate's own sky of one picture."""
-    from twilight.studies.validate.photographs.figure import write_dataset, write_figure, write_json, write_profiles
-
-    sky = estimated.sky if shown is estimated.shown[0] else estimated.sky_of(shown)
-    photographed, comparison = (
-        (estimated.seen, estimated.comparison) if shown is estimated.shown[0] else estimated.compared(shown, sky)
-    )
-    facts = {
-        "photograph": shown.name,
-        "scene": estimated.given.title,
-        "sun_elevation_deg": shown.sun_elevation_deg,
-        "sun_azimuth_deg": shown.sun_azimuth_deg,
-        "masked": photographed.mask.taken,
-        "figures": comparison.figures,
-        "computed_sky": sky.provenance,
-    }
-    lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {estimated.best.aerosol_type}", *estimated.about)
-    drawn = (comparison, photographed.panorama, photographed.mask)
-    write_figure(folder / "comparison.png", *drawn, title=shown.name, lines=lines, others=others)
-    write_json(folder / "figures.json", facts)
-    write_profiles(folder / "profiles.csv", comparison)
-    write_dataset(folder / "comparison.h5", comparison, facts)
 
 
 def _print_tables(estimated: Any) -> None:

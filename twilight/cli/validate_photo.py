@@ -64,7 +64,7 @@ def photo(
         chosen["output.polariser_deg"], names["output.polariser_deg"] = polariser, "--polariser"
     loaded = options.load_one_scene(config, chosen, names, "validate photo")
     options.check_polarised(loaded)
-    from twilight.studies.validate.photographs.estimating import with_file
+    from twilight.studies.validate.photographs.series import with_file
 
     loaded, said = with_file(image.name, photograph, loaded)
     for line in said:
@@ -81,16 +81,9 @@ def compare_with_sky(
     from twilight.engine import frames
     from twilight.scene import resolve
     from twilight.scene.scene import count_suns
-    from twilight.studies.validate.photographs import photo as comparing
-    from twilight.studies.validate.photographs.figure import (
-        summary,
-        write_dataset,
-        write_figure,
-        write_json,
-        write_profiles,
-        write_suns,
-    )
-    from twilight.studies.validate.photographs.photograph import place_sun
+    from twilight.studies.validate.photographs import comparison as comparing
+    from twilight.studies.validate.photographs.figure import summary, write_report, write_suns
+    from twilight.studies.validate.photographs.picture import place_sun
 
     best: Any = None
     rows = []
@@ -106,38 +99,18 @@ def compare_with_sky(
             apparent = (
                 sky.sun_elevation_deg if sky.apparent_sun_elevation_deg is None else sky.apparent_sun_elevation_deg
             )
-            photographed = photograph.seen(azimuth, apparent)
-            comparison = comparing.compare(photographed.sky, sky, white_balance=white_balance)
-            residuals = comparing.residual_vector(photographed.sky, comparison.simulated, white_balance=white_balance)
+            comparison = comparing.compare(photograph.seen(azimuth, apparent), sky, white_balance=white_balance)
+            residuals = comparing.residual_vector(comparison.photo, comparison.simulated, white_balance=white_balance)
             misfit = float(residuals @ residuals)
             rows.append((frame.name, sky.sun_elevation_deg, misfit, comparison.figures))
             of_disc = disc is not None and sky.sun_elevation_deg == disc
             if best is None or of_disc or (misfit < best[0] and best[1].sun_elevation_deg != disc):
-                best = (misfit, sky, photographed, comparison, azimuth)
+                best = (misfit, sky, comparison, azimuth)
         bar("drawing", 0.92)
-        _, sky, photographed, comparison, azimuth = best
-        facts = {
-            "photograph": image.name,
-            "scene": config.title,
-            "sun_elevation_deg": sky.sun_elevation_deg,
-            "sun_azimuth_deg": azimuth,
-            "sun_azimuth": note,
-            "masked": photographed.mask.taken,
-            "figures": comparison.figures,
-            "computed_sky": sky.provenance,
-        }
+        _, sky, comparison, azimuth = best
+        facts = {"photograph": image.name, "scene": config.title, "sun_azimuth_deg": azimuth, "sun_azimuth": note}
         lines = (f"scene: {config.title}, sun {sky.sun_elevation_deg:+.2f} deg", note)
-        write_figure(
-            folder / "comparison.png",
-            comparison,
-            photographed.panorama,
-            photographed.mask,
-            title=image.name,
-            lines=lines,
-        )
-        write_json(folder / "figures.json", facts)
-        write_profiles(folder / "profiles.csv", comparison)
-        write_dataset(folder / "comparison.h5", comparison, facts)
+        write_report(folder, comparison, sky, facts, lines)
         if count_suns(config) > 1:
             write_suns(folder / "suns.csv", rows)
     if len(rows) > 1:
@@ -148,7 +121,7 @@ def compare_with_sky(
     elif _disc_differs(photograph, sun_azimuth, sky):
         print(_disc_differs(photograph, sun_azimuth, sky))
     print(note)
-    for cause, fraction in photographed.mask.taken.items():
+    for cause, fraction in comparison.photo.mask.taken.items():
         print(f"masked, {cause}: {100 * fraction:.1f} % of the sky")
     for line in summary(comparison.figures):
         print(line)
@@ -325,7 +298,7 @@ def open_photograph(
 ) -> Any:
     """The `Photograph` of these options; errors: TwilightError for an option out of range and files that are wrong."""
     from twilight.studies.camera import read_camera
-    from twilight.studies.validate.photographs.photograph import read_photograph
+    from twilight.studies.validate.photographs.picture import read_photograph
 
     options.check_range(sun_azimuth_deg, "--sun-azimuth", -360.0, 360.0)
     photograph = read_photograph(

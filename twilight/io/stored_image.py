@@ -230,8 +230,9 @@ def _openimageio(path: Path) -> StoredImage:
     if spec.alpha_channel >= 0:
         opaque = stored[..., spec.alpha_channel] >= OPAQUE * np.iinfo(stored.dtype).max
     seconds = spec.get_float_attribute("ExposureTime")
-    more = {"grey": grey, "place": place, "orientation": orientation, "seconds": seconds}
-    return _of_integers(path, samples, opaque, colours, **more)
+    return _of_integers(
+        path, samples, opaque, colours, grey=grey, place=place, orientation=orientation, seconds=seconds
+    )
 
 
 def _check_single(path: Path, file: Any) -> None:

@@ -30,8 +30,9 @@ from scipy.optimize import least_squares
 from twilight.numerics import spectrum
 from twilight.numerics.directions import azimuth_elevation, camera_axes, direction
 from twilight.sky import colour
-from twilight.studies.validate.photographs.airs import SUN, Parameter, Skies, towards
-from twilight.studies.validate.photographs.photo import OBSERVER, Cells, Curve, residual_vector, tone_shapes
+from twilight.studies.validate.photographs.air import SUN, Parameter, Skies, towards
+from twilight.studies.validate.photographs.comparison import Curve, residual_vector, tone_shapes
+from twilight.studies.validate.photographs.picture_sky import OBSERVER, Cells
 
 NOISE_LN = (0.007, 0.005, 0.005)
 """Standard errors of one cell in ln G, ln R/G, ln B/G: noise, 8 bits, texture."""

@@ -38,7 +38,7 @@ from twilight.studies.camera.response import load_response
 from twilight.studies.validate.photographs import mask as masks
 from twilight.studies.validate.photographs.mask import SKYLINE_ERROR_DEG, TILT_ERROR_DEG, find_horizon, separation_deg
 from twilight.studies.validate.photographs.panorama import Panorama, make_panorama, mask_image_on
-from twilight.studies.validate.photographs.photo import OBSERVER, PhotoSky, photo_sky
+from twilight.studies.validate.photographs.picture_sky import OBSERVER, PhotoSky, photo_sky
 from twilight.studies.validate.photographs.sun_azimuth import SunAzimuth, burnt_disc, find_sun_azimuth
 
 FINE_CELL_DEG = 0.5
@@ -57,15 +57,6 @@ GUESSED_PITCH_DEG = 12.0
 """Elevation of such a camera's axis, about which it is sought [deg]."""
 SPECTRUM_NM = (450.0, 550.0, 620.0)
 """Where the spectra that stand for a photograph's colours have corners [nm]; they are level beyond."""
-
-
-@dataclass(frozen=True, eq=False)
-class MaskedSky:
-    """A photograph with the sun at its place: the sky to compare, and what it was made from."""
-
-    sky: PhotoSky
-    panorama: Panorama
-    mask: masks.Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,10 +132,10 @@ class Photograph:
         return replace(found, uncertainty_deg=max(found.uncertainty_deg, NARROW_ERROR_DEG))
 
     @cached_property
-    def _seen(self) -> dict[tuple[float, float | None], MaskedSky]:
+    def _seen(self) -> dict[tuple[float, float | None], PhotoSky]:
         return {}
 
-    def seen(self, sun_azimuth_deg: float, apparent_sun_elevation_deg: float | None) -> MaskedSky:
+    def seen(self, sun_azimuth_deg: float, apparent_sun_elevation_deg: float | None) -> PhotoSky:
         """The photograph on the grid of a computed sky whose sun is there; azimuth in the camera's azimuths.
 
         Errors: TwilightError as ``photo.photo_sky``.
@@ -154,7 +145,7 @@ class Photograph:
             sun = None if apparent_sun_elevation_deg is None else (0.0, apparent_sun_elevation_deg)
             panorama, mask = self._masked(sun_azimuth_deg, sun)
             self._seen.clear()  # the last one is asked for again
-            self._seen[key] = MaskedSky(photo_sky(panorama, mask.valid, self.cell_deg), panorama, mask)
+            self._seen[key] = photo_sky(panorama, mask, self.cell_deg)
         return self._seen[key]
 
     def sky(
@@ -378,7 +369,7 @@ def check_upright(name: str, photograph: Photograph) -> None:
         )
 
 
-def check_sky(name: str, photograph: Photograph, seen: MaskedSky) -> list[str]:
+def check_sky(name: str, photograph: Photograph, seen: PhotoSky) -> list[str]:
     """Sentences of warning about the sky of a photograph.  Errors: TwilightError for one that is of no use."""
     shown = seen.panorama.covered & (seen.panorama.elevation_deg > 0.0)[:, None]
     weight = np.cos(np.radians(seen.panorama.elevation_deg))[:, None] * shown
@@ -391,7 +382,7 @@ def check_sky(name: str, photograph: Photograph, seen: MaskedSky) -> list[str]:
         lines.append(f"{saturated:.0%} of the sky is over-exposed and left out: intervals are wider")
     exposure = photograph.log_exposure
     if exposure is not None:
-        luminance = float(np.nanmedian(seen.sky.xyz[..., 1][seen.sky.counts])) * float(np.exp(exposure[0]))
+        luminance = float(np.nanmedian(seen.xyz[..., 1][seen.counts])) * float(np.exp(exposure[0]))
         if luminance < NIGHT_CD_PER_M2:
             raise TwilightError(
                 f"{name}: by exposure time, aperture and sensitivity its sky has {luminance:.1g} cd/m^2: a night, or "

@@ -27,7 +27,7 @@ from twilight.scene.medium import climate_medium
 from twilight.scene.scene import screen_of
 from twilight.sky import colour
 from twilight.solvers import compact
-from twilight.studies.validate.photographs.photo import OBSERVER
+from twilight.studies.validate.photographs.picture_sky import OBSERVER
 
 WAVELENGTH_NM = np.array(PLACED_NM)
 """Wavelengths of the skies [nm]."""
