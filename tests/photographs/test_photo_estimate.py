@@ -26,8 +26,10 @@ from twilight.studies.camera.exif import Stated
 from twilight.studies.validate.photographs.air import OTHERS, SUN, Airs, Design, aerosol_above, with_settings
 from twilight.studies.validate.photographs.estimate import Options, find_air
 from twilight.studies.validate.photographs.fit import Frame, Freedom
+from twilight.studies.validate.photographs.intervals import Estimated
 from twilight.studies.validate.photographs.picture import Photograph, read_photograph
 from twilight.studies.validate.photographs.picture_sky import OBSERVER, Cells
+from twilight.studies.validate.photographs.report import sentence_of
 from twilight.studies.validate.photographs.series import sun_range
 
 DESIGN = Design(OTHERS)
@@ -117,6 +119,28 @@ def test_a_value_at_its_bound_is_not_told():
     made = found_in(seen(latlong(), TRUTH | {"aerosol": 0.005}))[0]
     aerosol = by_name(made)["aerosol"]
     assert aerosol.value == pytest.approx(aerosol.bounds[0]) and not aerosol.constrained
+
+
+def test_what_no_air_of_the_fit_has_widens_the_intervals():
+    """A sky that is fainter on one side, as haze and stitching make it, would tell its haze to a per cent."""
+
+    def one_sided(rgb):
+        beside = np.linspace(-np.pi, np.pi, rgb.shape[1], endpoint=False) - np.radians(40.0)
+        return rgb * (1.0 + 0.12 * np.sin(beside))[None, :, None]
+
+    even, uneven = (by_name(found_in(seen(latlong(), TRUTH, change=c))[0]) for c in (lambda rgb: rgb, one_sided))
+    for name, truth in TRUTH.items():
+        assert uneven[name].low_95 <= truth <= uneven[name].high_95
+    widths = [np.log(p["aerosol"].high_95 / p["aerosol"].low_95) for p in (even, uneven)]
+    assert widths[1] > 2.0 * widths[0] and widths[1] > 0.1
+
+
+def test_a_value_at_the_end_of_what_was_tried_says_what_it_stands_for():
+    """An albedo of 0 of a lawn would be read as a dark lawn."""
+    at_zero = Estimated("albedo", "1", 0.0, 0.03, 0.0, 0.03, 0.0, 0.06, (0.0, 0.6), 0.1, False)
+    said = sentence_of(at_zero)
+    assert "less than 0.06" in said and "the best is the end of what was tried, 0" in said and "no ground does" in said
+    assert "the end" not in sentence_of(replace(at_zero, value=0.02))
 
 
 def vignetted(rgb):

@@ -183,7 +183,7 @@ def _openimageio(path: Path) -> StoredImage:
     try:
         import OpenImageIO  # optional
     except ImportError:
-        raise missing("OpenImageIO", f"{path}: a photograph") from None
+        raise missing("OpenImageIO", f"{path}: a picture") from None
     OpenImageIO.attribute("limits:imagesize_MB", 0)  # our own limit, with our own sentence
     wanted = OpenImageIO.ImageSpec()
     wanted.attribute("oiio:UnassociatedAlpha", 1)  # samples as stored, not times the opacity

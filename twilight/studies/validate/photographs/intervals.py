@@ -41,11 +41,6 @@ WIDER = 1.5
 NEAR_BOUND = 0.01
 """Distance of an interval to a bound, as a fraction of the range, within which it reaches that."""
 
-AEROSOL_WIDENED = 1.9
-"""Factor on the aerosol's intervals of pictures in 8 bits, in its scale: 24 drawn pictures, which `benchmarks/phone.py`
-does not judge, are off by so many of their standard deviations, and by 5 % too much aerosol in the median; the cause of
-that is not known."""
-
 REGIONS = (4, 2)
 """Regions of a sky that pull alike: parts of its azimuths, and of its elevations, with as many cells in each."""
 
@@ -137,11 +132,7 @@ def described(fit: Fit, best: Fit, lifted_ln: np.ndarray | None = None) -> AirEs
             if p.name == AEROSOL.name and lifted_ln is not None:
                 above = random.permutation(lifted_ln)[: values.size]
                 values = np.minimum(values + above / (fit.high[i] - fit.low[i]), 1.0)
-            wide = AEROSOL_WIDENED if p.name == AEROSOL.name and fit.errors.inflation > 1.0 else 1.0
-            one, two = (
-                np.clip(x[i] + wide * (np.array(_densest(values, weight, part)) - x[i]), 0.0, 1.0)
-                for part in (0.683, 0.954)
-            )
+            one, two = (_densest(values, weight, part) for part in (0.683, 0.954))
             relative_width = float(np.sqrt(weight @ (values - weight @ values) ** 2) * np.sqrt(12.0))
         span = fit.high[i] - fit.low[i]
 

@@ -210,7 +210,7 @@ class Estimate:
         """What the photograph tells and what it does not, in words; where a fit does not fit, that comes first."""
         if not self.fits:
             return self.about
-        told = [_sentence(p) for p in self.best.parameters if p.name not in ANGLES]
+        told = [sentence_of(p) for p in self.best.parameters if p.name not in ANGLES]
         told[0] += self._above()
         return [*self.about, *told, *self._types(), *self._camera(), self._bands()]
 
@@ -346,7 +346,7 @@ def _misfit(best: AirEstimate) -> str:
     )
 
 
-def _sentence(p: Estimated) -> str:
+def sentence_of(p: Estimated) -> str:
     """What a photograph tells of one parameter."""
     words = WORDS.get(p.name, p.name)
     unit = "" if p.unit in ("", "1") else f" {p.unit}"
