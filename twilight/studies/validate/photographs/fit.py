@@ -230,9 +230,13 @@ class Errors:
 
     def covariance(self, amplitude: float, without: str = "") -> np.ndarray:
         """C of what counts; without: a kind of modes that is taken as known."""
-        free = self.deviations * [kind != without for kind in self.kinds]
-        c = self._fixed + amplitude**2 * self._sky + (self.modes * free**2) @ self.modes.T
-        return self.inflation**2 * c[np.ix_(self.used, self.used)]
+        free = self.inflation * self.deviations * [kind != without for kind in self.kinds]
+        modes = self.modes[self.used]
+        return self.of_cells(amplitude) + (modes * free**2) @ modes.T
+
+    def of_cells(self, amplitude: float) -> np.ndarray:
+        """C of what counts without the modes, which a whole picture shares."""
+        return self.inflation**2 * (self._fixed + amplitude**2 * self._sky)[np.ix_(self.used, self.used)]
 
     def take(self, amplitude: float) -> None:
         """Set the amplitude of the sky's own errors."""

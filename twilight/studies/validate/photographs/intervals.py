@@ -218,12 +218,15 @@ def _densest(x: np.ndarray, weight: np.ndarray, part: float) -> tuple[float, flo
 
 
 def _pulled(fit: Fit) -> np.ndarray:
-    """Variances (P,) of the parameters, scaled, by what the residuals of each region of the sky pull them: with scores
-    s_b = sum over its cells of J^T C^-1 r and H = J^T C^-1 J, the diagonal of H^-1 (sum_b s_b s_b^T) H^-1 (Liang and
-    Zeger 1986, Biometrika 73, 13).  Parameters at a bound stay there."""
+    """Variances (P,) of the parameters, scaled, by what the residuals of each region of the sky pull them.
+
+    With the slopes J' = C0 C^-1 J, from which what the camera's modes take up is gone (C0: C without these), the score
+    of a region is s_b = sum over its cells of J'^T C^-1 r, and with H = J^T C^-1 J the variances are the diagonal of
+    H^-1 (sum_b s_b s_b^T) H^-1 (Liang and Zeger 1986, Biometrika 73, 13).  Parameters at a bound stay there.
+    """
     errors, n = fit.errors, fit.errors.root.shape[0]
     free = (fit.x > 0.0) & (fit.x < 1.0)
-    slopes = errors.root @ fit.jacobian[:n]
+    slopes = errors.of_cells(errors.amplitude) @ (errors.whitening.T @ fit.jacobian[:n])
     weighted = errors.whitening.T @ (errors.whitening @ fit.difference(fit.x)[errors.used])
     azimuth = np.concatenate([(f.cells.azimuth_deg + 180.0) % 360.0 for f in fit.frames])
     elevation = np.concatenate([f.cells.elevation_deg for f in fit.frames])
