@@ -74,6 +74,8 @@ OLD = {GPS.GPSDateStamp: "2024:06:21", GPS.GPSTimeStamp: (12.0, 3.0, 0.0)}
         (ZONE, CLOCK | {GPS.GPSDateStamp: "2004:11:05"}, "2024-06-21T20:30:00+02:00", -48.2, "1024 weeks"),
         (TAKEN, CLOCK | {GPS.GPSDateStamp: "2004:11:05"}, "2024-06-21T18:30:05+00:00", -48.2, "1024 weeks"),
         (ZONE, OLD, "2024-06-21T20:30:00+02:00", -48.2, "6.5 hours before the camera's"),
+        (TAKEN, OLD, "2024-06-21T20:30:00", -48.2, "8.4 hours before the camera's"),
+        (TAKEN, CLOCK, "2024-06-21T18:30:05+00:00", -48.2, None),
         (ZONE, OLD | {GPS.GPSDateStamp: "2024:06:12"}, "2024-06-21T20:30:00+02:00", None, "its place is not"),
         (TAKEN, OLD | {GPS.GPSDateStamp: "2024:06:12"}, "2024-06-21T20:30:00", None, "its place is not"),
         (ZONE, CLOCK | {GPS.GPSStatus: "V"}, "2024-06-21T20:30:00+02:00", None, "no fix"),

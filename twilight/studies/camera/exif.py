@@ -44,6 +44,8 @@ ALTITUDE_M = (-450.0, 15e3)
 """Altitudes above the sea from which skies are photographed [m]: the Dead Sea, an airliner."""
 FIX_AGREES = timedelta(minutes=2)
 """Difference of the receiver's time from the camera's up to which they are one."""
+FROM_SOLAR_TIME = timedelta(hours=4)
+"""Difference of a zone's time from that of the sun, at most: 3.5 hours in the west of China, in summer 3 in Spain."""
 OLDEST_FIX = timedelta(days=1)
 """Age of a fix beyond which its place is not that of the picture."""
 WEEKS_COUNTED = timedelta(weeks=1024)
@@ -155,7 +157,7 @@ def read_stated(path: str | Path) -> Stated:
     doubts: list[str] = []
     clock = _clock(main, taken, doubts)
     latitude, longitude, altitude, fix = _fix(gps, doubts)
-    moment, place_holds = _agreed(clock, fix, doubts)
+    moment, place_holds = _agreed(clock, fix, longitude, doubts)
     if not place_holds:
         latitude = longitude = altitude = None
     roll = _in_xmp(text, _ROLL)
@@ -260,15 +262,18 @@ def _fix(gps: Mapping[int, Any], doubts: list[str]) -> tuple[float | None, float
     return latitude, longitude, altitude, time
 
 
-def _agreed(clock: datetime | None, fix: datetime | None, doubts: list[str]) -> tuple[datetime | None, bool]:
+def _agreed(
+    clock: datetime | None, fix: datetime | None, longitude_deg: float | None, doubts: list[str]
+) -> tuple[datetime | None, bool]:
     """The time by satellites, else by the camera's clock; whether the place of the fix is that of the picture."""
     if clock is None or fix is None:
         return (clock if fix is None else fix), True
-    zoned = clock.tzinfo is not None
+    zoned, day = clock.tzinfo is not None, timedelta(days=1)
     between = clock.replace(tzinfo=clock.tzinfo or UTC) - fix
-    # a clock without an offset is local time, 12 hours behind UTC to 14 before it
+    # a clock without an offset is local time, 12 hours behind UTC to 14 before it, and near that of the sun
     early, late = (-FIX_AGREES, FIX_AGREES) if zoned else (timedelta(hours=-12.1), timedelta(hours=14.1))
-    if early <= between <= late:
+    off = timedelta() if zoned or longitude_deg is None else between - timedelta(hours=longitude_deg / 15.0)
+    if early <= between <= late and abs((off + day / 2) % day - day / 2) <= FROM_SOLAR_TIME:
         return fix, True
     turns = round(between / WEEKS_COUNTED)
     rest, taken = between - turns * WEEKS_COUNTED, f"the camera's, {clock.isoformat()}, is taken"
@@ -304,7 +309,7 @@ def _altitude(gps: Mapping[int, Any], doubts: list[str]) -> float | None:
     value = _number(gps.get(GPS.GPSAltitude))
     if value is None:
         return None
-    value = -value if gps.get(GPS.GPSAltitudeRef) in (1, b"\x01", "1") else value
+    value = -value if gps.get(GPS.GPSAltitudeRef) in (1, 3, b"\x01", b"\x03", "1") else value
     if not ALTITUDE_M[0] <= value <= ALTITUDE_M[1]:
         doubts.append(f"says an altitude of {value:g} m, from which no sky is photographed: it is not taken")
         return None
