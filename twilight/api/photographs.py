@@ -25,7 +25,8 @@ Picture = str | Path | Photograph
 P = ParamSpec("P")
 
 
-def _estimate(picture: Picture | Sequence[Picture], options: EstimateOptions) -> Estimate:
+def estimate_with(picture: Picture | Sequence[Picture], options: EstimateOptions) -> Estimate:
+    """`estimate` with its options as one."""
     pictures = [picture] if isinstance(picture, str | Path | Photograph) else list(picture)
     if not pictures:
         raise TwilightError("picture: none is given")
@@ -51,7 +52,7 @@ def _asked_by(
     """`estimate` with the fields of its options as arguments, which stand in one place."""
 
     def estimate(picture: Picture | Sequence[Picture], *given: P.args, **named: P.kwargs) -> Estimate:
-        return _estimate(picture, options(*given, **named))
+        return estimate_with(picture, options(*given, **named))
 
     first = inspect.Parameter("picture", inspect.Parameter.POSITIONAL_OR_KEYWORD)
     fields = inspect.signature(options).parameters.values()

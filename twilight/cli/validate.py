@@ -7,6 +7,7 @@ screen beyond the horizon, from spectra of level ground.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -72,9 +73,10 @@ def estimate(
     climate.yaml, which holds what was told, and what `twilight validate photo` writes, of several pictures in a folder
     each.
     """
-    import twilight
+    from twilight.api.photographs import estimate_with
     from twilight.base.progress import part_of
     from twilight.base.whole_files import check_folder, whole_file
+    from twilight.studies.validate.photographs.options import EstimateOptions
 
     require("validate estimate", *photo_options.NEEDED)
     from twilight.studies.validate.photographs.figure import write_json, write_report
@@ -82,40 +84,33 @@ def estimate(
     suns = None if sun_elevation is None else options.parse_numbers(sun_elevation, "--sun-elevation", -18.0, 90.0)
     chosen, names = options.settings_of(settings)
     loaded = options.load_one_scene(config, chosen, names, "validate estimate")
-    photographs = [
-        photo_options.open_photograph(
-            image,
-            camera,
-            sun_azimuth,
-            profile=profile,
-            mask=mask,
-            automatic=not no_automatic_mask,
-            min_elevation_deg=min_elevation,
-            glare_deg=glare,
-            resolution_deg=resolution,
-            field_of_view_deg=field_of_view,
-        )
-        for image in images
-    ]
+    asked = EstimateOptions(
+        loaded,
+        camera=camera,
+        field_of_view_deg=field_of_view,
+        sun_elevation_deg=suns,
+        sun_azimuth_deg=sun_azimuth,
+        types=_names(types),
+        parameters=[] if parameters.strip() == "none" else _names(parameters),
+        white_balance=white_balance,
+        tone_curve=tone_curve,
+        brightness=not no_brightness,
+        colour=not no_colour,
+        refine=refine,
+        profile=profile,
+        mask=mask,
+        automatic_mask=not no_automatic_mask,
+        min_elevation_deg=min_elevation,
+        glare_deg=glare,
+        resolution_deg=resolution,
+        name=[image.name for image in images],
+    )
+    photographs = [photo_options.open_photograph(image, asked) for image in images]
     folder = options.output_folder(output, "estimate", images[0].stem, "photo")
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with progress_bar() as bar:
-        estimated = twilight.estimate(
-            photographs,
-            loaded,
-            sun_elevation_deg=suns,
-            sun_azimuth_deg=sun_azimuth,
-            types=_names(types),
-            parameters=[] if parameters.strip() == "none" else _names(parameters),
-            white_balance=white_balance,
-            tone_curve=tone_curve,
-            brightness=not no_brightness,
-            colour=not no_colour,
-            refine=refine,
-            name=[image.name for image in images],
-            progress=part_of(bar, 0.0, 0.9),
-        )
+        estimated = estimate_with(photographs, replace(asked, progress=part_of(bar, 0.0, 0.9)))
         bar("comparing", 0.9)
         write_json(folder / "estimate.json", estimated.facts())
         with whole_file(folder / "climate.yaml") as temporary:

@@ -46,26 +46,27 @@ def photo(
     """
     require("validate photo", *NEEDED)
     chosen, names = options.settings_of(settings)
-    photograph = open_photograph(
-        image,
-        camera,
-        sun_azimuth,
+    from twilight.studies.validate.photographs.options import EstimateOptions
+    from twilight.studies.validate.photographs.series import with_file
+
+    asked = EstimateOptions(
+        camera=camera,
+        field_of_view_deg=field_of_view,
+        sun_azimuth_deg=sun_azimuth,
         profile=profile,
         mask=mask,
-        automatic=not no_automatic_mask,
+        automatic_mask=not no_automatic_mask,
         min_elevation_deg=min_elevation,
         glare_deg=glare,
         resolution_deg=resolution,
-        field_of_view_deg=field_of_view,
     )
+    photograph = open_photograph(image, asked)
     chosen["texture"] = {"resolution_deg": resolution}
     names["texture"] = "--resolution"
     if polariser is not None:
         chosen["output.polariser_deg"], names["output.polariser_deg"] = polariser, "--polariser"
     loaded = options.load_one_scene(config, chosen, names, "validate photo")
     options.check_polarised(loaded)
-    from twilight.studies.validate.photographs.series import with_file
-
     loaded, said = with_file(image.name, photograph, loaded)
     for line in said:
         print(line)
@@ -283,37 +284,13 @@ Settings = Annotated[list[str] | None, option("KEY=VALUE", "Any key of the scene
 Folder = Annotated[Path | None, option("DIR", "Folder for the files; made where it is missing.")]
 
 
-def open_photograph(
-    image: Path,
-    camera: Path | None,
-    sun_azimuth_deg: float | None,
-    *,
-    profile: Path | None,
-    mask: Path | None,
-    automatic: bool,
-    min_elevation_deg: float,
-    glare_deg: float,
-    resolution_deg: float,
-    field_of_view_deg: float | None = None,
-) -> Any:
-    """The `Photograph` of these options; errors: TwilightError for an option out of range and files that are wrong."""
-    from twilight.studies.camera import read_camera
-    from twilight.studies.validate.photographs.picture import read_photograph
-
-    options.check_range(sun_azimuth_deg, "--sun-azimuth", -360.0, 360.0)
-    photograph = read_photograph(
-        image,
-        None if camera is None else read_camera(camera),
-        cell_deg=resolution_deg,
-        profile=profile,
-        mask_image=mask,
-        automatic=automatic,
-        min_elevation_deg=min_elevation_deg,
-        glare_deg=glare_deg,
-        field_of_view_deg=field_of_view_deg,
-    )
+def open_photograph(image: Path, asked: Any) -> Any:
+    """The `Photograph` of an `EstimateOptions`; errors: TwilightError for options out of range and files that are
+    wrong."""
+    options.check_range(asked.sun_azimuth_deg, "--sun-azimuth", -360.0, 360.0)
+    photograph = asked.photograph(image)
     taken = photograph.camera
-    if camera is None and taken.projection == "latlong":
+    if asked.camera is None and taken.projection == "latlong":
         print(
             f"twilight: no --camera: {image.name} is taken for a panorama of the whole sphere, "
             f"{taken.image.width_px} x {taken.image.height_px}, north unknown, {taken.response}",
