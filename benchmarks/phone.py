@@ -7,8 +7,8 @@ Each picture: a place and a time drawn at random, for every four of them an air,
 the solver zones (which is not what the fit takes), seen by a phone held 3 to 25 deg above the horizontal, tilted by up
 to 4 deg, over dark hills of up to 2 deg; its lens darkens the corners by up to 8 %; noise of 1.5 % a pixel; gains of
 10 % between the colours; a tone curve with 0.85 to 1.35 times the contrast and a shoulder; sRGB in 8 bits, JPEG of
-quality 92.  Its Exif says time, place, heading (5 deg off), focal length in 35 mm (a whole number) and exposure (40 %
-off).  Drawn alike are ln of the optical depth, ozone and albedo, within the bounds of the fit.
+quality 92.  Its Exif says time, place, altitude, heading (5 deg off), focal length in 35 mm (a whole number) and
+exposure (40 % off).  Drawn alike are ln of the optical depth, ozone and albedo, within the bounds of the fit.
 An evening are six pictures, 16 minutes apart, from a sun of 3 to 6 deg to one below -3 deg, on a tripod.
 """
 
@@ -32,7 +32,7 @@ from twilight.sky import colour
 from twilight.sky.ephemeris import SunPosition, sun_position
 from twilight.studies.camera import CameraModel
 from twilight.studies.camera.exif import FULL_FRAME_MM, LENS_TRANSMISSION, MIDDLE_GREY
-from twilight.studies.validate.photographs.estimate import LARGEST_MISFIT
+from twilight.studies.validate.photographs.intervals import LARGEST_MISFIT
 
 WIDTH, HEIGHT = 640, 480
 PER_AIR = 4
@@ -205,6 +205,7 @@ def exif(
             gps.GPSDateStamp: when.strftime("%Y:%m:%d"),
             gps.GPSTimeStamp: (float(when.hour), float(when.minute), 0.0),
             gps.GPSImgDirection: float(heading % 360.0),
+            gps.GPSAltitude: 0.0,
         }
     )
     return made

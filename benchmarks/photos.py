@@ -17,10 +17,10 @@ from pathlib import Path
 import results
 
 import twilight
-from twilight.studies.validate.photographs.estimate import Estimated
-from twilight.studies.validate.photographs.estimated import LOW_SUN_DEG
+from twilight.studies.validate.photographs.comparison import compare
 from twilight.studies.validate.photographs.figure import write_figure
-from twilight.studies.validate.photographs.photo import compare
+from twilight.studies.validate.photographs.intervals import Estimated
+from twilight.studies.validate.photographs.report import LOW_SUN_DEG
 
 HERE = Path(__file__).parent
 PICTURE_CELL_DEG = 2.0
@@ -84,7 +84,7 @@ def one(name: str, file: Path, output: Path) -> list[list]:
     fine = replace(found.photograph, cell_deg=PICTURE_CELL_DEG, min_elevation_deg=0.0, glare_deg=6.0)
     seen = fine.seen(found.sun_azimuth_deg, sky.apparent_sun_elevation_deg)
     for white_balance in (False, True):
-        compared = compare(seen.sky, sky, white_balance=white_balance)
+        compared = compare(seen, sky, white_balance=white_balance)
         kind = "white balance free" if white_balance else "as it is"
         facts += [(f"{key}, {kind}", f"{compared.figures[key]:.4g}") for key in COLUMNS]
     facts += [(f"masked, {cause}", f"{part:.4g}") for cause, part in seen.mask.taken.items()]
@@ -94,9 +94,8 @@ def one(name: str, file: Path, output: Path) -> list[list]:
         *found.about,
         *map(words, found.best.parameters),
     )
-    drawn = (compared, seen.panorama, seen.mask)
     title = f"{name} (Poly Haven, CC0)"
-    write_figure(output / f"{name}.png", *drawn, title=title, lines=lines, others=found.other_suns())
+    write_figure(output / f"{name}.png", compared, title=title, lines=lines, others=found.other_suns())
     for row in rows:
         print(*row, flush=True)
     return rows

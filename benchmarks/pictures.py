@@ -28,11 +28,11 @@ from PIL import Image, ImageSequence
 from results import ROOT
 
 from twilight.io.picture import to_bytes
+from twilight.io.stored_image import read_image
 from twilight.io.view import view_exposure_ev100
 from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import view_rays
 from twilight.sky import colour
-from twilight.studies.camera.image import read_image
 
 DOCS = ROOT / "docs"
 GALLERY_WIDTH = 640

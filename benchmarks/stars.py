@@ -22,8 +22,8 @@ sys.path.insert(0, str(results.ROOT / "tests"))
 
 from star_pictures import render_stars
 
+from twilight.io.stored_image import read_image
 from twilight.studies.camera import CameraModel
-from twilight.studies.camera.image import read_image
 from twilight.studies.validate.stars.calibrate import calibrate
 from twilight.studies.validate.stars.coordinates import StarSite, horizontal
 from twilight.studies.validate.stars.picture import date_by_planets, draw

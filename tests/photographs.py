@@ -4,10 +4,10 @@ import numpy as np
 
 from twilight.config import load
 from twilight.engine import run
+from twilight.io.stored_image import StoredImage
 from twilight.scene import resolve
 from twilight.sky import colour
 from twilight.studies.camera import CameraModel
-from twilight.studies.camera.image import StoredImage
 from twilight.studies.camera.response import srgb_to_linear
 from twilight.studies.validate.photographs.mask import separation_deg
 

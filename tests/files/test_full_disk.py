@@ -42,7 +42,7 @@ ELSEWHERE = {
     "io/provenance.py": "its journal grows line by line: a line that was cut is not read",
     "io/folder.py": "empties that journal",
     "studies/compare/worker.py": "a pipe, and /proc",
-    "studies/camera/image.py": "copies in a temporary folder",
+    "io/stored_image.py": "copies in a temporary folder",
     "io/air/__init__.py": "copies in a temporary folder",
 }
 

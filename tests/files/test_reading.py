@@ -77,7 +77,7 @@ def test_pictures_are_measured_before_they_are_read(tmp_path):
     from PIL import Image
 
     from twilight.io import write_rgb_exr
-    from twilight.studies.camera.image import read_image
+    from twilight.io.stored_image import read_image
 
     def chunk(kind, data):
         return len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")

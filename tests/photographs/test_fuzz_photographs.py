@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fuzzing import attempt, damaged_bytes, damaged_table
 
-from twilight.studies.camera.image import read_image, write_exr
+from twilight.io.stored_image import read_image, write_exr
 from twilight.studies.camera.model import read_camera
 from twilight.studies.camera.response import read_response
 from twilight.studies.validate.photographs.mask import read_mask_image, read_profile

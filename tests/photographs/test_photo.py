@@ -10,12 +10,12 @@ import pytest
 from photographs import eight_bit, fisheye, latlong, perspective, picture, preetham, take
 
 from twilight.base.errors import TwilightError
+from twilight.io.stored_image import read_image
 from twilight.sky import colour
-from twilight.studies.camera.image import read_image
+from twilight.studies.validate.photographs import comparison as comparing
 from twilight.studies.validate.photographs import mask as masks
-from twilight.studies.validate.photographs import photo as comparing
 from twilight.studies.validate.photographs.panorama import make_panorama, mask_image_on
-from twilight.studies.validate.photographs.photograph import Photograph, place_sun
+from twilight.studies.validate.photographs.picture import Photograph, place_sun
 from twilight.studies.validate.photographs.sun_azimuth import find_sun_azimuth
 
 PANORAMAS = Path(__file__).parents[1] / "data" / "photos"
@@ -212,7 +212,7 @@ def test_the_sun_of_the_panoramas():
 def test_a_rendered_sky_agrees_with_itself(camera, through):
     """A photograph of the very sky would be called different from it."""
     shot = photograph(camera, 130.0, through, noise=0.01)
-    found = comparing.compare(shot.seen(130.0, 12.0).sky, sky()).figures
+    found = comparing.compare(shot.seen(130.0, 12.0), sky()).figures
     assert found["luminance_median_percent"] < 0.5 and found["luminance_rms_percent"] < 2.0
     assert found["solar_meridian_rms_percent"] < 4.0
     assert found["uv_distance_p95"] < 0.002 and found["ciede2000_p95"] < 1.0
@@ -225,7 +225,7 @@ def test_exposure_and_white_balance_are_recovered():
     camera = latlong(360)
     gains = np.array([1.3, 1.0, 0.6])
     rgb = take(sky(), camera, 0.0, exposure=1e-3) * gains
-    seen = Photograph(picture(rgb), camera, 3.0).seen(0.0, 12.0).sky
+    seen = Photograph(picture(rgb), camera, 3.0).seen(0.0, 12.0)
     without = comparing.compare(seen, sky())
     assert without.figures["uv_distance_median"] > 0.02
     found = comparing.compare(seen, sky(), white_balance=True)
@@ -238,7 +238,7 @@ def test_exposure_and_white_balance_are_recovered():
 @pytest.mark.slow
 def test_another_sun_is_seen_as_another_sky():
     """A sun 8 deg too high would fit as well."""
-    seen = photograph(latlong(360), 0.0).seen(0.0, 12.0).sky
+    seen = photograph(latlong(360), 0.0).seen(0.0, 12.0)
     same, other = (comparing.compare(seen, preetham(e)).figures for e in (12.0, 20.0))
     assert other["luminance_rms_percent"] > 5 * same["luminance_rms_percent"]
     residuals = [comparing.residual_vector(seen, comparing.simulated_sky(preetham(e), seen)) for e in (12.0, 20.0)]
@@ -248,7 +248,7 @@ def test_another_sun_is_seen_as_another_sky():
 def test_figures_follow_their_definitions():
     """A photograph 10 % brighter towards the sun and darker away: rms, median and ratio map say so; CIEDE2000 of one
     lightness step is what the formula gives."""
-    seen = photograph(latlong(360), 0.0, sun=False).seen(0.0, None).sky
+    seen = photograph(latlong(360), 0.0, sun=False).seen(0.0, None)
     simulated = comparing.simulated_sky(sky(), seen)
     half = np.abs(np.mod(seen.azimuth_deg + 180, 360) - 180) < 90
     factor = np.where(half, 1.1, 1 / 1.1)[None, :, None]
@@ -266,7 +266,7 @@ def test_a_grey_photograph_has_no_colour():
     """A grey picture would be judged by its colours."""
     camera = latlong(360)
     grey = take(sky(), camera, 0.0, sun=False).mean(axis=-1, keepdims=True) * np.ones(3)
-    seen = Photograph(replace(picture(grey), grey=True), camera, 3.0).seen(0.0, None).sky
+    seen = Photograph(replace(picture(grey), grey=True), camera, 3.0).seen(0.0, None)
     found = comparing.compare(seen, sky())
     assert "uv_distance_median" not in found.figures and found.figures["luminance_rms_percent"] < 20
     with pytest.raises(TwilightError, match="white balance"):

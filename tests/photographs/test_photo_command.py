@@ -2,23 +2,25 @@
 
 import json
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from photographs import latlong, preetham
-from PIL import Image
+from photographs import latlong, preetham, take
+from PIL import ExifTags, Image
 from typer.testing import CliRunner
 
 from twilight import engine
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
+from twilight.io.stored_image import read_image, write_exr
 from twilight.sky import colour
+from twilight.sky.ephemeris import sun_position
 from twilight.studies.camera import write_camera
-from twilight.studies.camera.image import read_image, write_exr
-from twilight.studies.validate.photographs import photo as comparing
-from twilight.studies.validate.photographs.photograph import read_photograph
+from twilight.studies.validate.photographs import comparison as comparing
+from twilight.studies.validate.photographs.picture import read_photograph
 
 PANORAMAS = Path(__file__).parents[1] / "data" / "photos"
 
@@ -84,6 +86,24 @@ def test_a_panorama_needs_no_camera(scene, tmp_path):
     assert with_camera.exit_code == 0 and "--camera" not in with_camera.stderr
     figures = [json.loads((tmp_path / d / "figures.json").read_text())["figures"] for d in ("without", "with")]
     assert figures[0] == figures[1]
+
+
+def test_the_file_s_place_and_time_count(tmp_path):
+    """`validate photo` would compare with a sun at 10 deg though the file says where and when it was taken."""
+    exif = Image.Exif()
+    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.DateTimeOriginal] = "2024:06:21 18:30:00"
+    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.OffsetTimeOriginal] = "+02:00"
+    gps = {"LatitudeRef": "N", "Latitude": (48.0, 0.0, 0.0), "LongitudeRef": "E", "Longitude": (11.5, 0.0, 0.0)}
+    exif.get_ifd(ExifTags.IFD.GPSInfo).update({ExifTags.GPS[f"GPS{k}"]: v for k, v in gps.items()})
+    sky = take(preetham(24.0), latlong(128), 40.0, sun=False)
+    Image.fromarray(np.round(255 * colour.srgb_encode(sky)).astype(np.uint8)).save(tmp_path / "a.jpg", exif=exif)
+    words = ["photo", tmp_path / "a.jpg", "--config", "continental-average", "--resolution", 6]
+    words += ["--set", "solver.name=preetham", "--sun-azimuth", 40, "--output", tmp_path / "out"]
+    done = command(*words)
+    assert done.exit_code == 0, done.output
+    sun = sun_position(datetime(2024, 6, 21, 16, 30, tzinfo=UTC), 48.0, 11.5).elevation_deg
+    assert f"{sun:.2f} deg by Exif time and place" in done.output
+    assert json.loads((tmp_path / "out" / "figures.json").read_text())["sun_elevation_deg"] == pytest.approx(sun)
 
 
 def test_whole_numbers_of_a_panorama_without_camera_are_srgb(tmp_path):

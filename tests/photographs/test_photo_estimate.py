@@ -15,19 +15,22 @@ from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.cli.app import app
 from twilight.config import load
 from twilight.engine import run
+from twilight.io.stored_image import write_exr
 from twilight.numerics import spectrum
 from twilight.numerics.directions import azimuth_elevation, camera_axes, texture_grid
 from twilight.scene import resolve
 from twilight.sky import colour
 from twilight.sky.sky import Sky
 from twilight.studies.camera import CameraModel, write_camera
-from twilight.studies.camera.image import write_exr
-from twilight.studies.validate.photographs.airs import OTHERS, SUN, Airs, Design, with_settings
+from twilight.studies.camera.exif import Stated
+from twilight.studies.validate.photographs.air import OTHERS, SUN, Airs, Design, aerosol_above, with_settings
 from twilight.studies.validate.photographs.estimate import Options, find_air
-from twilight.studies.validate.photographs.estimating import sun_range
 from twilight.studies.validate.photographs.fit import Frame, Freedom
-from twilight.studies.validate.photographs.photo import OBSERVER, Cells
-from twilight.studies.validate.photographs.photograph import Photograph, read_photograph
+from twilight.studies.validate.photographs.intervals import Estimated
+from twilight.studies.validate.photographs.picture import Photograph, read_photograph
+from twilight.studies.validate.photographs.picture_sky import OBSERVER, Cells
+from twilight.studies.validate.photographs.report import sentence_of
+from twilight.studies.validate.photographs.series import sun_range
 
 DESIGN = Design(OTHERS)
 ELEVATION, AZIMUTH = texture_grid(3.0)
@@ -73,7 +76,7 @@ def seen(camera, truth, *, through=picture, cell_deg=6.0, change=lambda rgb: rgb
     xyz = toy(*np.meshgrid(ELEVATION, AZIMUTH, indexing="ij"), **truth)
     rgb = change(take(GRID, camera, 40.0, xyz=xyz, sun=False, **more))
     shot = Photograph(through(rgb), camera, cell_deg, min_elevation_deg=3.0)
-    return Cells.of(shot.seen(40.0, truth.get("sun", 25.0)).sky, 240)
+    return Cells.of(shot.seen(40.0, truth.get("sun", 25.0)), 240)
 
 
 def framed(cells, low=25.0, high=25.0, camera=(0.0, 0.0, 0.0)):
@@ -116,6 +119,28 @@ def test_a_value_at_its_bound_is_not_told():
     made = found_in(seen(latlong(), TRUTH | {"aerosol": 0.005}))[0]
     aerosol = by_name(made)["aerosol"]
     assert aerosol.value == pytest.approx(aerosol.bounds[0]) and not aerosol.constrained
+
+
+def test_what_no_air_of_the_fit_has_widens_the_intervals():
+    """A sky that is fainter on one side, as haze and stitching make it, would tell its haze to a per cent."""
+
+    def one_sided(rgb):
+        beside = np.linspace(-np.pi, np.pi, rgb.shape[1], endpoint=False) - np.radians(40.0)
+        return rgb * (1.0 + 0.12 * np.sin(beside))[None, :, None]
+
+    even, uneven = (by_name(found_in(seen(latlong(), TRUTH, change=c))[0]) for c in (lambda rgb: rgb, one_sided))
+    for name, truth in TRUTH.items():
+        assert uneven[name].low_95 <= truth <= uneven[name].high_95
+    widths = [np.log(p["aerosol"].high_95 / p["aerosol"].low_95) for p in (even, uneven)]
+    assert widths[1] > 2.0 * widths[0] and widths[1] > 0.1
+
+
+def test_a_value_at_the_end_of_what_was_tried_says_what_it_stands_for():
+    """An albedo of 0 of a lawn would be read as a dark lawn."""
+    at_zero = Estimated("albedo", "1", 0.0, 0.03, 0.0, 0.03, 0.0, 0.06, (0.0, 0.6), 0.1, False)
+    said = sentence_of(at_zero)
+    assert "less than 0.06" in said and "the best is the end of what was tried, 0" in said and "no ground does" in said
+    assert "the end" not in sentence_of(replace(at_zero, value=0.02))
 
 
 def vignetted(rgb):
@@ -220,10 +245,34 @@ def test_the_air_of_a_drawn_picture(tmp_path):
         ).get(section), (p.name, key)
     text = found.climate_yaml()
     assert yaml.safe_load(text) == found.climate and "dusk.jpg" in found.climate["description"]
-    assert ("# from the photograph" in text) == aerosol.constrained and (not untold or "# as it was given" in text)
+    assert ("# from the photograph" in text) == aerosol.constrained and aerosol.high_95 / aerosol.low_95 < 2.0
     assert json.loads(json.dumps(found.facts()))["fits"] is True
     assert load(found.climate).climate.name == "continental-average-dusk"
     assert repr(found).startswith("<Estimate of dusk.jpg: continental_average")
+
+
+def test_the_camera_stands_at_its_altitude():
+    """Haze above a camera at 500 m would be taken for that of the sea's level, a third too little."""
+    scene = {**DUSK, "sun.elevation_deg": 15.0, "aerosol.optical_depth_550nm": 0.2, "observer.altitude_km": 0.5}
+    camera = latlong(180)
+    rgb = take(run(resolve(load("continental-average", scene))), camera, 40.0, sun=False)
+    at = Stated(altitude_m=500.0)
+    shot = Photograph(picture(rgb), camera, 3.0, min_elevation_deg=3.0, stated=at)
+    given = {"types": ["continental_average"], "parameters": [], "sun_elevation_deg": 15.0, "sun_azimuth_deg": 40.0}
+    given |= {"settings": {"ground.albedo": 0.3}}
+    by_exif = twilight.estimate(shot, **given)
+    assert by_exif.parameters["aerosol"].value == pytest.approx(0.2, rel=0.05)
+    assert any("500 m above the sea, by Exif" in line for line in by_exif.sentences())
+    above = float(aerosol_above(by_exif.scene, 0.5))
+    assert 0.68 < above < 0.78
+    said = f"from the sea's level up, {above * by_exif.parameters['aerosol'].value:.3g} of it above the camera"
+    assert said in by_exif.climate_yaml() and any(said in line for line in by_exif.sentences())
+    by_scene = twilight.estimate(replace(shot, stated=Stated()), **given | {"settings": scene})
+    assert by_scene.parameters["aerosol"].value == pytest.approx(by_exif.parameters["aerosol"].value, rel=1e-3)
+    unknown = twilight.estimate(replace(shot, stated=Stated()), **given).parameters["aerosol"]
+    assert unknown.value < 0.17 and unknown.high_95 > 0.2 and unknown.high - unknown.value > 0.01
+    with pytest.raises(TwilightError, match="observers up to 15 km"):
+        twilight.estimate(shot, **given | {"settings": scene | {"observer.altitude_km": 30.0}})
 
 
 def test_a_daylight_formula_s_sky_says_so(tmp_path):

@@ -11,8 +11,8 @@ from PIL.TiffImagePlugin import IFDRational
 
 from twilight.base.errors import TwilightError
 from twilight.io.environment_files import to_rgbe
+from twilight.io.stored_image import read_image, read_samples, write_exr
 from twilight.studies.camera.exif import read_stated
-from twilight.studies.camera.image import read_image, read_samples, write_exr
 from twilight.studies.camera.response import srgb_to_linear
 
 OpenImageIO = pytest.importorskip("OpenImageIO")

@@ -1,20 +1,23 @@
 """What a phone's picture says of itself, and pictures that say nothing of the air."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from photographs import latlong, perspective, picture, preetham, take
 from PIL import ExifTags, Image
 
 import twilight
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.numerics.spectrum import xyz_to_rgb_matrix
 from twilight.sky import colour
 from twilight.studies.camera.exif import read_stated
-from twilight.studies.validate.photographs.estimated import Shown
-from twilight.studies.validate.photographs.estimating import _of_one_camera, _Placed
+from twilight.studies.validate.photographs.comparison import Curve, tone_shapes
 from twilight.studies.validate.photographs.fit import Errors, Frame, Freedom
-from twilight.studies.validate.photographs.photo import OBSERVER, Cells, Curve, tone_shapes
-from twilight.studies.validate.photographs.photograph import Photograph, check_sky, check_upright, read_photograph
+from twilight.studies.validate.photographs.picture import Photograph, check_sky, check_upright, read_photograph
+from twilight.studies.validate.photographs.picture_sky import OBSERVER, Cells
+from twilight.studies.validate.photographs.report import Shown
+from twilight.studies.validate.photographs.series import of_one_camera
 
 BASE, GPS = ExifTags.Base, ExifTags.GPS
 TAKEN = {
@@ -58,6 +61,69 @@ def test_a_clock_without_an_offset_is_no_time(tmp_path):
     assert read_stated(jpeg(tmp_path / "a.jpg")).sun is None
     zoned = read_stated(jpeg(tmp_path / "b.jpg", taken=TAKEN | {BASE.OffsetTimeOriginal: "+02:00"}))
     assert zoned.sun["at"] == "2024-06-21T20:30:00+02:00"
+
+
+ZONE = TAKEN | {BASE.OffsetTimeOriginal: "+02:00"}
+OLD = {GPS.GPSDateStamp: "2024:06:21", GPS.GPSTimeStamp: (12.0, 3.0, 0.0)}
+
+
+@pytest.mark.parametrize(
+    ("taken", "where", "at", "place", "doubt"),
+    [
+        (ZONE, CLOCK, "2024-06-21T18:30:05+00:00", -48.2, None),
+        (ZONE, CLOCK | {GPS.GPSDateStamp: "2004:11:05"}, "2024-06-21T20:30:00+02:00", -48.2, "1024 weeks"),
+        (TAKEN, CLOCK | {GPS.GPSDateStamp: "2004:11:05"}, "2024-06-21T18:30:05+00:00", -48.2, "1024 weeks"),
+        (ZONE, OLD, "2024-06-21T20:30:00+02:00", -48.2, "6.5 hours before the camera's"),
+        (TAKEN, OLD, "2024-06-21T20:30:00", -48.2, "8.4 hours before the camera's"),
+        (TAKEN, CLOCK, "2024-06-21T18:30:05+00:00", -48.2, None),
+        (ZONE, OLD | {GPS.GPSDateStamp: "2024:06:12"}, "2024-06-21T20:30:00+02:00", None, "its place is not"),
+        (TAKEN, OLD | {GPS.GPSDateStamp: "2024:06:12"}, "2024-06-21T20:30:00", None, "its place is not"),
+        (ZONE, CLOCK | {GPS.GPSStatus: "V"}, "2024-06-21T20:30:00+02:00", None, "no fix"),
+        (ZONE, {GPS.GPSLatitude: (0, 0, 0), GPS.GPSLongitude: (0, 0, 0)}, "2024-06-21T20:30:00+02:00", None, "0 N 0 E"),
+        (ZONE, {GPS.GPSLatitudeRef: ""}, "2024-06-21T20:30:00+02:00", None, "without N or S"),
+        (TAKEN | {BASE.DateTimeOriginal: "2024-06-21T20:30:00"}, {}, "2024-06-21T20:30:00", -48.2, None),
+        (TAKEN | {BASE.DateTimeOriginal: "2024:06:21 20:30:00.25"}, {}, "2024-06-21T20:30:00", -48.2, None),
+        (TAKEN | {BASE.DateTimeOriginal: "2024:06:21 20:30:00-03:00"}, {}, "2024-06-21T20:30:00-03:00", -48.2, None),
+        (ZONE | {BASE.DateTimeOriginal: "2024:06:21 20:30:00Z"}, {}, "2024-06-21T20:30:00+00:00", -48.2, "two offsets"),
+        (TAKEN | {BASE.DateTimeOriginal: "21.6.2024 20:30"}, {}, "None", -48.2, "is not read"),
+        (TAKEN | {BASE.DateTimeOriginal: "0000:00:00 00:00:00"}, {}, "None", -48.2, None),
+    ],
+)
+def test_what_contradicts_itself_is_said_and_not_taken(tmp_path, taken, where, at, place, doubt):
+    """A sun of twenty years ago, of another place or of no time at all would be taken for the picture's."""
+    stated = read_stated(jpeg(tmp_path / "a.jpg", taken=taken, where=WHERE | where))
+    moment = "None" if stated.moment is None else stated.moment.isoformat()
+    assert (moment, stated.latitude_deg if stated.longitude_deg is not None else None) == (at, place)
+    assert len(stated.doubts) == (0 if doubt is None else 1)
+    if doubt is not None:
+        assert doubt in stated.doubts[0]
+        with pytest.warns(TwilightWarning, match=doubt):
+            read_photograph(tmp_path / "a.jpg", None)
+
+
+def test_a_pitch_from_the_nadir_is_said(tmp_path):
+    """A camera that looked 12 deg down would be taken to look 78 deg up."""
+    xmp = b'<x:xmpmeta><rdf:Description Camera:Pitch="77.7" Camera:Roll="0.2"/></x:xmpmeta>'
+    stated = read_stated(jpeg(tmp_path / "a.jpg", xmp=xmp))
+    assert stated.pitch_deg == pytest.approx(-12.3) and "from the nadir" in stated.doubts[0]
+    both = b'<x:xmpmeta><rdf:Description Camera:Pitch="20" drone-dji:GimbalPitchDegree="8"/></x:xmpmeta>'
+    stated = read_stated(jpeg(tmp_path / "b.jpg", xmp=both))
+    assert stated.pitch_deg is None and "two pitches" in stated.doubts[0]
+
+
+def test_the_files_as_met():
+    """The files of people whose reports are known."""
+    as_met = Path("../shared/data/files_as_met")
+    if not as_met.exists():
+        pytest.skip("the files are not here")
+    plain = read_stated(as_met / "plain.jpg")
+    for name in ("date-iso", "date-with-offset", "date-subsec", "week-rollover"):
+        stated = read_stated(as_met / f"{name}.jpg")
+        assert stated.moment == plain.moment and stated.latitude_deg == plain.latitude_deg
+        assert bool(stated.doubts) == (name == "week-rollover")
+    for name in ("gps-void", "gps-void-null-island"):
+        stated = read_stated(as_met / f"{name}.jpg")
+        assert stated.sun is None and stated.moment == plain.moment and stated.doubts
 
 
 def test_pitch_is_read_from_xmp(tmp_path):
@@ -129,6 +195,23 @@ def test_over_exposed_skies_and_lamps():
     assert "over-exposed and left out" in told((elevation > 0) & (azimuth < 110))[0]
     lamps = (elevation > 10) & (elevation < 16) & ((np.abs(azimuth - 40) < 4) | (np.abs(azimuth - 120) < 4))
     assert any("2 lights" in line for line in told(lamps))
+
+
+@pytest.mark.parametrize(("radius", "method"), [(0.5, "disc"), (3.0, "aureole")])
+def test_an_aureole_at_the_end_of_the_scale_is_no_disc(radius, method):
+    """The middle of what is burnt lies lower than the sun: it would turn the camera, or be the sun's height."""
+    camera = perspective(300, 200, azimuth_deg=80.0, elevation_deg=12.0)
+    rgb = take(preetham(6.0), camera, 75.0, sun=False)
+    azimuth, elevation = camera.azimuth_elevation(camera.pixel_centres())
+    # further down than up, as the sky is brighter there
+    away = np.hypot(azimuth - 75.0, (elevation - 6.0) / np.where(elevation < 6.0, 1.6, 1.0))
+    burning = type(picture(rgb))(**{**vars(picture(rgb)), "saturated": away < radius})
+    found = Photograph(burning, camera, 3.0, min_elevation_deg=3.0).sun
+    assert found.method == method and found.azimuth_deg == pytest.approx(75.0, abs=0.3)
+    assert (found.disc_elevation_deg is None) == (method == "aureole")
+    assert abs(found.elevation_deg - 6.0) < 2.0 * found.elevation_error_deg
+    if method == "aureole":
+        assert found.elevation_deg < 5.5
 
 
 def test_a_night_s_exposure_is_refused(tmp_path):
@@ -241,10 +324,10 @@ def test_a_series_has_one_camera():
     placed = []
     for elevation, error, sun, by_time, of_heading in ((16.0, 0.5, 283.0, 280.0, 0.2), (15.2, 1.5, 285.0, 285.0, 10.0)):
         camera = perspective(azimuth_deg=280.0, elevation_deg=elevation)
-        shown = Shown("p", Photograph(flat, camera, 2.0, errors_deg=(10.0, error, 1.0)), 2.0, sun)
-        placed.append(_Placed(shown, (2.0, 2.0), of_heading, [], by_time))
-    made = _of_one_camera(placed)
-    assert [one.shown.photograph.camera.orientation.elevation_deg for one in made] == [16.0, 16.0]
-    assert [one.shown.photograph.errors_deg[1] for one in made] == [0.5, 0.5]
-    assert [one.shown.sun_azimuth_deg for one in made] == [283.0, 288.0]
+        shot = Photograph(flat, camera, 2.0, errors_deg=(10.0, error, 1.0))
+        placed.append(Shown("p", shot, 2.0, sun, (2.0, 2.0), of_heading, (), by_time))
+    made = of_one_camera(placed)
+    assert [one.photograph.camera.orientation.elevation_deg for one in made] == [16.0, 16.0]
+    assert [one.photograph.errors_deg[1] for one in made] == [0.5, 0.5]
+    assert [one.sun_azimuth_deg for one in made] == [283.0, 288.0]
     assert [one.heading_error_deg for one in made] == [0.2, 0.2]

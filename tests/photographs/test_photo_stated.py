@@ -11,8 +11,8 @@ from PIL.PngImagePlugin import PngInfo
 
 from twilight.base.errors import TwilightError
 from twilight.io.environment_files import to_rgbe
+from twilight.io.stored_image import read_image, read_samples, srgb_to_linear, write_exr
 from twilight.numerics.spectrum import to_rec709, xyz_to_rgb_matrix
-from twilight.studies.camera.image import read_image, read_samples, srgb_to_linear, write_exr
 
 OpenImageIO = pytest.importorskip("OpenImageIO")
 
@@ -352,3 +352,71 @@ def test_a_preview_beside_the_picture_is_left(tmp_path):
     small = Image.fromarray(EIGHT[:5, :10])
     Image.fromarray(EIGHT).save(tmp_path / "a.tif", save_all=True, append_images=[small])
     np.testing.assert_allclose(read_samples(tmp_path / "a.tif").samples, EIGHT / 255.0, atol=1e-6)
+
+
+def patched(path, tag, value):
+    """A TIFF in which one short number is another."""
+    data = bytearray(path.read_bytes())
+    order = "<" if data[:2] == b"II" else ">"
+    (start,) = struct.unpack_from(f"{order}I", data, 4)
+    for k in range(struct.unpack_from(f"{order}H", data, start)[0]):
+        if struct.unpack_from(f"{order}H", data, start + 2 + 12 * k)[0] == tag:
+            struct.pack_into(f"{order}H", data, start + 2 + 12 * k + 8, value)
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["uint8", "uint16"])
+def test_white_may_be_zero(tmp_path, kind):
+    """A TIFF in which 0 is white would be taken for its negative."""
+    most = np.iinfo(kind).max
+    ramp = np.round(np.linspace(0.0, 1.0, 40)[None, :, None] * np.ones((20, 1, 1)) * most).astype(kind)
+    file = OpenImageIO.ImageOutput.create(str(tmp_path / "a.tif"))
+    file.open(str(tmp_path / "a.tif"), OpenImageIO.ImageSpec(40, 20, 1, kind))
+    file.write_image(ramp)
+    file.close()
+    found = read_samples(patched(tmp_path / "a.tif", 262, 0)).samples[..., 0]
+    np.testing.assert_allclose(found, 1.0 - ramp[..., 0] / most, atol=1e-6)
+
+
+CODES = {
+    "linear": (1, 8, lambda light: light),
+    "PQ in Rec. 2020": (9, 16, lambda light: pq(203.0 * light)),
+    "sRGB in P3": (12, 13, linear_to_srgb),
+}
+
+
+def pq(cd_per_m2):
+    """SMPTE ST 2084, the way to the file."""
+    y = (cd_per_m2 / 1e4) ** 0.1593017578125
+    return ((0.8359375 + 18.8515625 * y) / (1.0 + 18.6875 * y)) ** 78.84375
+
+
+@pytest.mark.parametrize("name", CODES)
+def test_heif_whose_codes_alone_say_its_colours(tmp_path, name):
+    """A HEIF in PQ or linear light, said by nclx and no profile, would be read as sRGB."""
+    heif = pytest.importorskip("pillow_heif")
+    primaries, curve, stored = CODES[name]
+    light = np.ones((32, 64, 3)) * np.array([0.5, 0.4, 0.3]) * np.linspace(0.4, 1.0, 64)[None, :, None]
+    own = light @ from_709({1: (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290), 9: REC2020, 12: P3}[primaries]).T
+    samples = np.round(65535 * stored(own)).astype(np.uint16)
+    file = heif.from_bytes(mode="RGB;16", size=(64, 32), data=samples.tobytes())
+    codes = {"color_primaries": primaries, "transfer_characteristics": curve}
+    file.save(tmp_path / "a.heic", quality=-1, matrix_coefficients=0, full_range_flag=1, chroma=444, **codes)
+    found = read_image(tmp_path / "a.heic", srgb_to_linear).samples
+    np.testing.assert_allclose(found[4:-4, 4:-4], light[4:-4, 4:-4], rtol=0.03)
+    file.save(tmp_path / "b.heic", color_primaries=10, transfer_characteristics=curve)
+    with pytest.raises(TwilightError, match=f"primaries 10 and curve {curve} of ITU-T H.273"):
+        read_samples(tmp_path / "b.heic")
+
+
+@pytest.mark.parametrize("name", ["a.exr", "a.png"])
+def test_light_behind_an_opacity_of_zero_names_the_channel(tmp_path, name):
+    """Programs that render write light with A = 0: "no light" would leave its user without the cause."""
+    if name == "a.exr":
+        window = corners(0, 0, 40, 20)
+        write_windows(tmp_path / name, LIGHT, window, window, np.zeros((20, 40), np.float32))
+    else:
+        Image.fromarray(np.dstack([EIGHT, np.zeros((20, 40), np.uint8)])).save(tmp_path / name)
+    with pytest.raises(TwilightError, match=r"channel A \(alpha\) of zeros"):
+        read_samples(tmp_path / name)

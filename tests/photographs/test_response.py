@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from twilight.base.errors import TwilightError
+from twilight.io.stored_image import StoredImage
 from twilight.sky.colour import srgb_encode
-from twilight.studies.camera.image import StoredImage
 from twilight.studies.camera.response import (
     ResponseCurve,
     load_response,

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from star_pictures import render_stars
 
 from twilight.base.errors import TwilightError
+from twilight.io.stored_image import read_image
 from twilight.numerics.directions import camera_axes
 from twilight.sky.night.points import blended
 from twilight.studies.camera import CameraModel
-from twilight.studies.camera.image import read_image
 from twilight.studies.validate.stars.calibrate import calibrate
 from twilight.studies.validate.stars.coordinates import StarSite, equatorial, horizontal
 from twilight.studies.validate.stars.picture import date_by_planets

@@ -12,8 +12,8 @@ from star_pictures import render_stars
 from typer.testing import CliRunner
 
 from twilight.cli.app import app
+from twilight.io.stored_image import write_exr
 from twilight.studies.camera import CameraModel, read_camera
-from twilight.studies.camera.image import write_exr
 from twilight.studies.validate.stars.coordinates import StarSite, horizontal
 
 TRUTH = {

@@ -81,7 +81,7 @@ def test_what_is_not_there_is_one_sentence_with_the_command(tmp_path, monkeypatc
     from PIL import Image
 
     from twilight.base.errors import TwilightError
-    from twilight.studies.camera.image import read_image
+    from twilight.io.stored_image import read_image
 
     for module in REQUIREMENTS:
         monkeypatch.setitem(sys.modules, module, None)

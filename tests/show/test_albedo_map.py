@@ -71,6 +71,16 @@ def test_a_part_of_the_earth_across_180_deg(tmp_path):
     assert np.isnan(part.mean(50.0, 0.0, 5.0)).all()
 
 
+def test_a_grey_picture_of_16_bits_keeps_its_values(tmp_path):
+    """An albedo of 0.53 would be clipped to 1, as whole numbers beyond 255 were; snow would be over-exposed."""
+    code = np.full((10, 20), round(0.755 * 65535), np.uint16)
+    code[:5] = 65535
+    Image.fromarray(code).save(tmp_path / "a.png")
+    north, south = read_albedo_map(tmp_path / "a.png").at(np.array([45.0, -45.0]), np.zeros(2), np.array([550.0]))[:, 0]
+    assert north == pytest.approx(1.0, abs=1e-4)
+    assert south == pytest.approx(((0.755 + 0.055) / 1.055) ** 2.4, abs=1e-4)
+
+
 @pytest.mark.parametrize("name", ["a.png", "a.exr"])
 def test_pictures_have_north_above_and_keep_their_colours(tmp_path, name):
     """A spectrum of another colour than the picture's, or an Earth upside down."""

@@ -2,95 +2,73 @@
 
 from __future__ import annotations
 
+import inspect
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import get_args
+from typing import Concatenate, ParamSpec
 
-import numpy as np
-
-from twilight.api.arguments import SceneLike, config_of
+from twilight.api.arguments import config_of
 from twilight.api.representation import Sky
 from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError, TwilightWarning
-from twilight.base.progress import Progress, silent
-from twilight.base.sections import unknown
-from twilight.config.aerosol import AerosolType
 from twilight.io.netcdf import read_sky as read_stored
+from twilight.io.stored_image import SUFFIXES
 from twilight.studies.camera import CameraModel, read_camera
-from twilight.studies.camera.image import SUFFIXES
-from twilight.studies.validate.photographs.airs import OTHERS
-from twilight.studies.validate.photographs.estimated import Estimate
-from twilight.studies.validate.photographs.estimating import Given, estimate_air
-from twilight.studies.validate.photographs.photograph import Photograph, read_photograph
+from twilight.studies.validate.photographs.options import EstimateOptions
+from twilight.studies.validate.photographs.picture import Photograph, read_photograph
+from twilight.studies.validate.photographs.report import Estimate
+from twilight.studies.validate.photographs.series import estimate_air
 
 __all__ = ["Estimate", "estimate", "read_sky"]
 
-TYPES = ("continental_average", "maritime_clean", "desert", "urban")
-"""Aerosol types that are tried."""
+Picture = str | Path | Photograph
+P = ParamSpec("P")
 
 
-@in_units
-def estimate(
-    picture: str | Path | Photograph | Sequence[str | Path | Photograph],
-    scene: SceneLike = "continental-average",
-    *,
-    camera: str | Path | CameraModel | None = None,
-    field_of_view_deg: float | None = None,
-    sun_elevation_deg: float | Sequence[float] | None = None,
-    sun_azimuth_deg: float | None = None,
-    types: Sequence[str] = TYPES,
-    parameters: Sequence[str] = ("ozone", "albedo"),
-    white_balance: bool | None = None,
-    tone_curve: bool | None = None,
-    brightness: bool = True,
-    colour: bool = True,
-    refine: bool = False,
-    profile: str | Path | None = None,
-    mask: str | Path | None = None,
-    automatic_mask: bool = True,
-    min_elevation_deg: float = 3.0,
-    glare_deg: float = 10.0,
-    resolution_deg: float = 3.0,
-    settings: Mapping[str, object] | None = None,
-    name: str | Sequence[str] | None = None,
-    progress: Progress = silent,
-) -> Estimate:
-    """The air from a photograph of a clear sky, or from several of one evening.
+def estimate_with(picture: Picture | Sequence[Picture], options: EstimateOptions) -> Estimate:
+    """`estimate` with its options as one."""
+    pictures = [picture] if isinstance(picture, str | Path | Photograph) else list(picture)
+    if not pictures:
+        raise TwilightError("picture: none is given")
+    name = options.name
+    called = [name] * len(pictures) if name is None or isinstance(name, str) else list(name)
+    names = [
+        known_as or ("photograph" if isinstance(one, Photograph) else Path(one).name)
+        for one, known_as in zip(pictures, called, strict=True)
+    ]
+    photographs = [options.photograph(one) for one in pictures]
+    config = config_of(
+        options.scene, {"texture": {"resolution_deg": photographs[0].cell_deg}}, settings=options.settings
+    )
+    estimated = estimate_air(names, photographs, config, options)
+    if not estimated.fits:
+        warnings.warn(f"{estimated.picture}: {estimated.sentences()[0]}", TwilightWarning, stacklevel=3)
+    return estimated
+
+
+def _asked_by(
+    options: Callable[P, EstimateOptions],
+) -> Callable[Concatenate[Picture | Sequence[Picture], P], Estimate]:
+    """`estimate` with the fields of its options as arguments, which stand in one place."""
+
+    def estimate(picture: Picture | Sequence[Picture], *given: P.args, **named: P.kwargs) -> Estimate:
+        return estimate_with(picture, options(*given, **named))
+
+    first = inspect.Parameter("picture", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    fields = inspect.signature(options).parameters.values()
+    setattr(estimate, "__signature__", inspect.Signature([first, *fields], return_annotation="Estimate"))  # noqa: B010
+    said = (inspect.getdoc(options) or "").partition("Parameters\n----------\n")[2]
+    estimate.__doc__ = (
+        """The air from a photograph of a clear sky, or from several of one evening.
 
     Parameters
     ----------
     picture
         HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW; several are of one camera that was not moved, and of one air.
-    scene
-        As of `render`: all that is not estimated.  Its sun counts where it is given: an elevation, a place and time, or
-        several elevations to search between; otherwise that of the file's time and place, or all are searched.  Its
-        horizon counts where it is given (`clean`: nothing beyond it); otherwise it is `typical`.
-    camera
-        File of a camera or its model; None: a panorama of the whole sphere, twice as wide as high, or what the file
-        says.  Where neither says the angle above the horizontal, that is found by the horizon, or with the air.
-    field_of_view_deg
-        Across the width, of a picture whose file does not say the focal length.
-    sun_elevation_deg, sun_azimuth_deg
-        Of the sun: true elevation (of every picture of a series), and azimuth in the camera's azimuths; None: found.
-    types, parameters
-        Aerosol types to try, and what is estimated beside the optical depth: `ozone`, `albedo`.
-    white_balance, tone_curve
-        Gains of red, green and blue, and a curve of three numbers, are free beside the exposure; None: where a camera
-        made a picture to look at (8 or 16 bits of sRGB), gains also where no camera is given.
-    brightness, colour
-        Whether differences of brightness over the sky count, and of colour.
-    refine
-        The fit ends with the sky of the scene's own solver, screen, night and observer; otherwise all is `compact`'s.
-    profile, mask, automatic_mask, min_elevation_deg, glare_deg, resolution_deg
-        What is clear sky: skyline (CSV), mask picture, whether ground and clouds are looked for, lowest elevation,
-        radius about the sun, and side of the cells.
-    settings
-        Dotted keys of the scene.
-    name
-        Of the picture, in sentences and in the climate; None: of its file.
-    progress
-        Called as progress(doing, fraction) now and then.
+    """
+        + said.partition("Raises")[0].strip().replace("\n", "\n    ")
+        + """
 
     Returns
     -------
@@ -103,58 +81,11 @@ def estimate(
     TwilightError
         For whatever is not allowed or cannot be found in the picture, in one sentence.
     """
-    pictures = [picture] if isinstance(picture, str | Path | Photograph) else list(picture)
-    if not pictures:
-        raise TwilightError("picture: none is given")
-    if not (brightness or colour):
-        raise TwilightError("brightness, colour: one of them must count")
-    suns = None if sun_elevation_deg is None else np.atleast_1d(np.asarray(sun_elevation_deg, float)).tolist()
-    known = {p.name for p in OTHERS}
-    for what, names, allowed in (("types", types, set(get_args(AerosolType))), ("parameters", parameters, known)):
-        for word in names:
-            if word not in allowed:
-                raise TwilightError(f"{what}: {word} {unknown(word, sorted(allowed), what[:-1])}")
-    if not types:
-        raise TwilightError("types: names no aerosol type")
-    called = [name] * len(pictures) if name is None or isinstance(name, str) else list(name)
-    photographs: list[Photograph] = []
-    names = []
-    for one, known_as in zip(pictures, called, strict=True):
-        if isinstance(one, Photograph):
-            names.append(known_as or "photograph")
-            photographs.append(one)
-            continue
-        names.append(known_as or Path(one).name)
-        photographs.append(
-            read_photograph(
-                one,
-                camera if camera is None or isinstance(camera, CameraModel) else read_camera(camera),
-                cell_deg=resolution_deg,
-                profile=profile,
-                mask_image=mask,
-                automatic=automatic_mask,
-                min_elevation_deg=min_elevation_deg,
-                glare_deg=glare_deg,
-                field_of_view_deg=field_of_view_deg,
-            )
-        )
-    texture = {"resolution_deg": photographs[0].cell_deg}
-    config = config_of(scene, {"texture": texture}, settings=settings)
-    says = Given(
-        list(dict.fromkeys(types)),
-        parameters,
-        sun_azimuth_deg,
-        suns,
-        white_balance,
-        tone_curve,
-        brightness,
-        colour,
-        refine,
     )
-    estimated = estimate_air(names, photographs, config, says, progress)
-    if not estimated.fits:
-        warnings.warn(f"{estimated.picture}: {estimated.sentences()[0]}", TwilightWarning, stacklevel=2)
-    return estimated
+    return estimate
+
+
+estimate = in_units(_asked_by(EstimateOptions))
 
 
 @in_units
@@ -196,7 +127,7 @@ def read_sky(
         path, camera if camera is None or isinstance(camera, CameraModel) else read_camera(camera)
     )
     if sun_elevation_deg is None:
-        sun_elevation_deg = photograph.sun.true_elevation_deg
+        sun_elevation_deg = photograph.sun.disc_elevation_deg
         if sun_elevation_deg is None:
             raise TwilightError(f"{path}: shows no disc of the sun; give sun_elevation_deg")
     return photograph.sky(sun_elevation_deg, sun_azimuth_deg, cd_per_m2)

@@ -7,6 +7,7 @@ screen beyond the horizon, from spectra of level ground.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -72,50 +73,44 @@ def estimate(
     climate.yaml, which holds what was told, and what `twilight validate photo` writes, of several pictures in a folder
     each.
     """
-    import twilight
+    from twilight.api.photographs import estimate_with
     from twilight.base.progress import part_of
     from twilight.base.whole_files import check_folder, whole_file
+    from twilight.studies.validate.photographs.options import EstimateOptions
 
     require("validate estimate", *photo_options.NEEDED)
-    from twilight.studies.validate.photographs.figure import write_json
+    from twilight.studies.validate.photographs.figure import write_json, write_report
 
     suns = None if sun_elevation is None else options.parse_numbers(sun_elevation, "--sun-elevation", -18.0, 90.0)
     chosen, names = options.settings_of(settings)
     loaded = options.load_one_scene(config, chosen, names, "validate estimate")
-    photographs = [
-        photo_options.open_photograph(
-            image,
-            camera,
-            sun_azimuth,
-            profile=profile,
-            mask=mask,
-            automatic=not no_automatic_mask,
-            min_elevation_deg=min_elevation,
-            glare_deg=glare,
-            resolution_deg=resolution,
-            field_of_view_deg=field_of_view,
-        )
-        for image in images
-    ]
+    asked = EstimateOptions(
+        loaded,
+        camera=camera,
+        field_of_view_deg=field_of_view,
+        sun_elevation_deg=suns,
+        sun_azimuth_deg=sun_azimuth,
+        types=_names(types),
+        parameters=[] if parameters.strip() == "none" else _names(parameters),
+        white_balance=white_balance,
+        tone_curve=tone_curve,
+        brightness=not no_brightness,
+        colour=not no_colour,
+        refine=refine,
+        profile=profile,
+        mask=mask,
+        automatic_mask=not no_automatic_mask,
+        min_elevation_deg=min_elevation,
+        glare_deg=glare,
+        resolution_deg=resolution,
+        name=[image.name for image in images],
+    )
+    photographs = [photo_options.open_photograph(image, asked) for image in images]
     folder = options.output_folder(output, "estimate", images[0].stem, "photo")
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with progress_bar() as bar:
-        estimated = twilight.estimate(
-            photographs,
-            loaded,
-            sun_elevation_deg=suns,
-            sun_azimuth_deg=sun_azimuth,
-            types=_names(types),
-            parameters=[] if parameters.strip() == "none" else _names(parameters),
-            white_balance=white_balance,
-            tone_curve=tone_curve,
-            brightness=not no_brightness,
-            colour=not no_colour,
-            refine=refine,
-            name=[image.name for image in images],
-            progress=part_of(bar, 0.0, 0.9),
-        )
+        estimated = estimate_with(photographs, replace(asked, progress=part_of(bar, 0.0, 0.9)))
         bar("comparing", 0.9)
         write_json(folder / "estimate.json", estimated.facts())
         with whole_file(folder / "climate.yaml") as temporary:
@@ -124,7 +119,10 @@ def estimate(
         for k, shown in enumerate(estimated.shown):
             where = folder if len(images) == 1 else folder / f"{k + 1:02d}-{Path(shown.name).stem}"
             where.mkdir(parents=True, exist_ok=True)
-            write_comparison(estimated, shown, where, others)
+            sky, comparison = estimated.compared(shown)
+            facts = {"photograph": shown.name, "scene": estimated.given.title, "sun_azimuth_deg": shown.sun_azimuth_deg}
+            lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {estimated.best.aerosol_type}", *estimated.about)
+            write_report(where, comparison, sky, facts, lines, others)
     for line in estimated.sentences():
         print(line)
     _print_tables(estimated)
@@ -133,31 +131,6 @@ def estimate(
 
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
-
-
-def write_comparison(estimated: Any, shown: Any, folder: Path, others: Any) -> None:
-    """Write what `twilight validate photo` writes of the estimate's own sky of one picture."""
-    from twilight.studies.validate.photographs.figure import write_dataset, write_figure, write_json, write_profiles
-
-    sky = estimated.sky if shown is estimated.shown[0] else estimated.sky_of(shown)
-    photographed, comparison = (
-        (estimated.seen, estimated.comparison) if shown is estimated.shown[0] else estimated.compared(shown, sky)
-    )
-    facts = {
-        "photograph": shown.name,
-        "scene": estimated.given.title,
-        "sun_elevation_deg": shown.sun_elevation_deg,
-        "sun_azimuth_deg": shown.sun_azimuth_deg,
-        "masked": photographed.mask.taken,
-        "figures": comparison.figures,
-        "computed_sky": sky.provenance,
-    }
-    lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {estimated.best.aerosol_type}", *estimated.about)
-    drawn = (comparison, photographed.panorama, photographed.mask)
-    write_figure(folder / "comparison.png", *drawn, title=shown.name, lines=lines, others=others)
-    write_json(folder / "figures.json", facts)
-    write_profiles(folder / "profiles.csv", comparison)
-    write_dataset(folder / "comparison.h5", comparison, facts)
 
 
 def _print_tables(estimated: Any) -> None:

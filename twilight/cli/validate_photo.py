@@ -46,24 +46,30 @@ def photo(
     """
     require("validate photo", *NEEDED)
     chosen, names = options.settings_of(settings)
-    photograph = open_photograph(
-        image,
-        camera,
-        sun_azimuth,
+    from twilight.studies.validate.photographs.options import EstimateOptions
+    from twilight.studies.validate.photographs.series import with_file
+
+    asked = EstimateOptions(
+        camera=camera,
+        field_of_view_deg=field_of_view,
+        sun_azimuth_deg=sun_azimuth,
         profile=profile,
         mask=mask,
-        automatic=not no_automatic_mask,
+        automatic_mask=not no_automatic_mask,
         min_elevation_deg=min_elevation,
         glare_deg=glare,
         resolution_deg=resolution,
-        field_of_view_deg=field_of_view,
     )
+    photograph = open_photograph(image, asked)
     chosen["texture"] = {"resolution_deg": resolution}
     names["texture"] = "--resolution"
     if polariser is not None:
         chosen["output.polariser_deg"], names["output.polariser_deg"] = polariser, "--polariser"
     loaded = options.load_one_scene(config, chosen, names, "validate photo")
     options.check_polarised(loaded)
+    loaded, said = with_file(image.name, photograph, loaded)
+    for line in said:
+        print(line)
     folder = options.output_folder(output, "photo", image.stem, "photo")
     folder.mkdir(parents=True, exist_ok=True)
     compare_with_sky(image, photograph, loaded, sun_azimuth, white_balance, folder)
@@ -76,16 +82,9 @@ def compare_with_sky(
     from twilight.engine import frames
     from twilight.scene import resolve
     from twilight.scene.scene import count_suns
-    from twilight.studies.validate.photographs import photo as comparing
-    from twilight.studies.validate.photographs.figure import (
-        summary,
-        write_dataset,
-        write_figure,
-        write_json,
-        write_profiles,
-        write_suns,
-    )
-    from twilight.studies.validate.photographs.photograph import place_sun
+    from twilight.studies.validate.photographs import comparison as comparing
+    from twilight.studies.validate.photographs.figure import summary, write_report, write_suns
+    from twilight.studies.validate.photographs.picture import place_sun
 
     best: Any = None
     rows = []
@@ -101,38 +100,18 @@ def compare_with_sky(
             apparent = (
                 sky.sun_elevation_deg if sky.apparent_sun_elevation_deg is None else sky.apparent_sun_elevation_deg
             )
-            photographed = photograph.seen(azimuth, apparent)
-            comparison = comparing.compare(photographed.sky, sky, white_balance=white_balance)
-            residuals = comparing.residual_vector(photographed.sky, comparison.simulated, white_balance=white_balance)
+            comparison = comparing.compare(photograph.seen(azimuth, apparent), sky, white_balance=white_balance)
+            residuals = comparing.residual_vector(comparison.photo, comparison.simulated, white_balance=white_balance)
             misfit = float(residuals @ residuals)
             rows.append((frame.name, sky.sun_elevation_deg, misfit, comparison.figures))
             of_disc = disc is not None and sky.sun_elevation_deg == disc
             if best is None or of_disc or (misfit < best[0] and best[1].sun_elevation_deg != disc):
-                best = (misfit, sky, photographed, comparison, azimuth)
+                best = (misfit, sky, comparison, azimuth)
         bar("drawing", 0.92)
-        _, sky, photographed, comparison, azimuth = best
-        facts = {
-            "photograph": image.name,
-            "scene": config.title,
-            "sun_elevation_deg": sky.sun_elevation_deg,
-            "sun_azimuth_deg": azimuth,
-            "sun_azimuth": note,
-            "masked": photographed.mask.taken,
-            "figures": comparison.figures,
-            "computed_sky": sky.provenance,
-        }
+        _, sky, comparison, azimuth = best
+        facts = {"photograph": image.name, "scene": config.title, "sun_azimuth_deg": azimuth, "sun_azimuth": note}
         lines = (f"scene: {config.title}, sun {sky.sun_elevation_deg:+.2f} deg", note)
-        write_figure(
-            folder / "comparison.png",
-            comparison,
-            photographed.panorama,
-            photographed.mask,
-            title=image.name,
-            lines=lines,
-        )
-        write_json(folder / "figures.json", facts)
-        write_profiles(folder / "profiles.csv", comparison)
-        write_dataset(folder / "comparison.h5", comparison, facts)
+        write_report(folder, comparison, sky, facts, lines)
         if count_suns(config) > 1:
             write_suns(folder / "suns.csv", rows)
     if len(rows) > 1:
@@ -143,7 +122,7 @@ def compare_with_sky(
     elif _disc_differs(photograph, sun_azimuth, sky):
         print(_disc_differs(photograph, sun_azimuth, sky))
     print(note)
-    for cause, fraction in photographed.mask.taken.items():
+    for cause, fraction in comparison.photo.mask.taken.items():
         print(f"masked, {cause}: {100 * fraction:.1f} % of the sky")
     for line in summary(comparison.figures):
         print(line)
@@ -160,7 +139,7 @@ def _with_disc(config: Any, photograph: Any, sun_azimuth: float | None) -> tuple
 
     if not isinstance(config.sun, SunElevations) or sun_azimuth is not None:
         return config, None
-    elevation_deg = photograph.sun.true_elevation_deg
+    elevation_deg = photograph.sun.disc_elevation_deg
     if elevation_deg is None:
         return config, None
     disc = round(float(elevation_deg), 2)
@@ -185,7 +164,7 @@ def _chosen(rows: list[Any], taken: float, disc: float | None) -> str:
 
 def _disc_differs(photograph: Any, sun_azimuth: float | None, sky: Any) -> str:
     """A sentence where the disc in the photograph stands elsewhere than the scene's only sun, else an empty one."""
-    disc = None if sun_azimuth is not None else photograph.sun.true_elevation_deg
+    disc = None if sun_azimuth is not None else photograph.sun.disc_elevation_deg
     if disc is None or abs(disc - sky.sun_elevation_deg) < DISC_AWAY_DEG:
         return ""
     return (
@@ -215,7 +194,7 @@ def response(
 ) -> None:
     """Recover a camera's response curve from a bracketed series, and merge the series into one linear picture."""
     from twilight.base.whole_files import check_file
-    from twilight.studies.camera.image import read_samples, write_exr
+    from twilight.io.stored_image import read_samples, write_exr
     from twilight.studies.camera.response import load_response, merge_bracket, recover_response, write_response
 
     if curve is not None and (merge is None or output is not None):
@@ -305,37 +284,13 @@ Settings = Annotated[list[str] | None, option("KEY=VALUE", "Any key of the scene
 Folder = Annotated[Path | None, option("DIR", "Folder for the files; made where it is missing.")]
 
 
-def open_photograph(
-    image: Path,
-    camera: Path | None,
-    sun_azimuth_deg: float | None,
-    *,
-    profile: Path | None,
-    mask: Path | None,
-    automatic: bool,
-    min_elevation_deg: float,
-    glare_deg: float,
-    resolution_deg: float,
-    field_of_view_deg: float | None = None,
-) -> Any:
-    """The `Photograph` of these options; errors: TwilightError for an option out of range and files that are wrong."""
-    from twilight.studies.camera import read_camera
-    from twilight.studies.validate.photographs.photograph import read_photograph
-
-    options.check_range(sun_azimuth_deg, "--sun-azimuth", -360.0, 360.0)
-    photograph = read_photograph(
-        image,
-        None if camera is None else read_camera(camera),
-        cell_deg=resolution_deg,
-        profile=profile,
-        mask_image=mask,
-        automatic=automatic,
-        min_elevation_deg=min_elevation_deg,
-        glare_deg=glare_deg,
-        field_of_view_deg=field_of_view_deg,
-    )
+def open_photograph(image: Path, asked: Any) -> Any:
+    """The `Photograph` of an `EstimateOptions`; errors: TwilightError for options out of range and files that are
+    wrong."""
+    options.check_range(asked.sun_azimuth_deg, "--sun-azimuth", -360.0, 360.0)
+    photograph = asked.photograph(image)
     taken = photograph.camera
-    if camera is None and taken.projection == "latlong":
+    if asked.camera is None and taken.projection == "latlong":
         print(
             f"twilight: no --camera: {image.name} is taken for a panorama of the whole sphere, "
             f"{taken.image.width_px} x {taken.image.height_px}, north unknown, {taken.response}",

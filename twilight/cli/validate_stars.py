@@ -35,8 +35,8 @@ def stars(
     the local sidereal time and the latitude.
     """
     from twilight.base.whole_files import check_file
+    from twilight.io.stored_image import read_image
     from twilight.studies.camera import CameraModel, read_camera, write_camera
-    from twilight.studies.camera.image import read_image
     from twilight.studies.camera.response import load_response
     from twilight.studies.validate.stars.calibrate import calibrate
     from twilight.studies.validate.stars.coordinates import FIRST_YEAR, LAST_YEAR, pressure_at_hpa

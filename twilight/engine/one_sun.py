@@ -124,12 +124,13 @@ def equal_grid(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
 def texture_rows(scene: Scene) -> np.ndarray:
     """Elevations [deg] of equal rows: those of the sky, and from high up more, to the horizon and the nadir.
 
-    Rows below 0 deg need a solver that serves every observer; they bracket the horizon, whose dip is that of the
-    refracted ray that touches the ground.
+    Rows below 0 deg need a solver that serves every observer and looks down; they bracket the horizon, whose dip is
+    that of the refracted ray that touches the ground.
     """
     rows, _ = texture_centres(scene.configuration.texture.shape)
     above_ground_km = scene.altitude_km - scene.medium.bottom_km
-    if above_ground_km <= HIGH_FROM_KM or not scene.capabilities.every_observer:
+    able = scene.capabilities
+    if above_ground_km <= HIGH_FROM_KM or not (able.every_observer and able.looks_down):
         return rows
     dip = horizon_dip_deg(scene.medium, scene.altitude_km)
     upper = np.concatenate([-dip + _NEAR_HORIZON_DEG, [0.0]])

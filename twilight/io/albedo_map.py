@@ -7,7 +7,6 @@ Reflectance, as colour-science has them); grey is the same at every wavelength.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -18,11 +17,11 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.base.extras import require
 from twilight.base.reading import check_expansion, first_line
-from twilight.io.exr import read_latlong_exr
 from twilight.io.netcdf import interruptible_h5netcdf
+from twilight.io.stored_image import SAMPLE_SUFFIXES, read_samples, srgb_to_linear
 from twilight.numerics.spectrum import colour_spectrum
 
-PICTURES = (".png", ".jpg", ".jpeg", ".exr")
+PICTURES = (*SAMPLE_SUFFIXES, ".exr")
 """Names' ends of pictures; whatever else is read as netCDF."""
 COORDINATES = {
     "latitude": ("latitude", "lat"),
@@ -96,9 +95,10 @@ class AlbedoMap:
 def read_albedo_map(path: str | Path) -> AlbedoMap:
     """The map of a file.
 
-    A picture (PNG, JPEG, EXR) shows the whole Earth, twice as wide as high, north up, from 180 deg W to 180 deg E; PNG
-    and JPEG are sRGB, EXR linear; transparent pixels have no albedo.  A netCDF-4 (HDF5) file has a variable over
-    latitude, longitude and, if it likes, wavelength, in any order, of the Earth or a part of it.
+    A picture (PNG, JPEG, TIFF, EXR) shows the whole Earth, twice as wide as high, north up, from 180 deg W to 180 deg
+    E; whole numbers are sRGB unless the file says otherwise, floats linear; transparent pixels have no albedo.  A
+    netCDF-4 (HDF5) file has a variable over latitude, longitude and, if it likes, wavelength, in any order, of the
+    Earth or a part of it.
     Errors: TwilightError for a file that is none of these.
     """
     path = Path(path)
@@ -123,7 +123,9 @@ def _read(path: Path, changed_ns: int) -> AlbedoMap:
 
 
 def _picture(path: Path) -> AlbedoMap:
-    rgb = read_latlong_exr(path).rgb.astype(np.float32) if path.suffix.lower() == ".exr" else _srgb(path)
+    picture = read_samples(path)
+    rgb = picture.light(None if picture.linear else srgb_to_linear)
+    rgb = rgb if picture.missing is None else np.where(picture.missing[..., None], np.float32(np.nan), rgb)
     rows, columns = rgb.shape[:2]
     if columns != 2 * rows or rows < 2:
         raise TwilightError(
@@ -135,23 +137,6 @@ def _picture(path: Path) -> AlbedoMap:
     nm = colour_spectrum("mallett red")[0]
     spectra = np.stack([colour_spectrum(f"mallett {channel}")[1] for channel in ("red", "green", "blue")])
     return AlbedoMap(lat, lon, rgb[::-1], nm, spectra / spectra.sum(axis=0))
-
-
-def _srgb(path: Path) -> np.ndarray:
-    """Linear Rec. 709 values (H, W, 3) of a PNG or JPEG file, NaN where it is transparent."""
-    from PIL import Image  # start-up
-
-    try:
-        with warnings.catch_warnings(), Image.open(path) as image:
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            rgba = np.asarray(image.convert("RGBA"))
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
-        raise TwilightError(f"{path}: cannot be read as a picture ({first_line(error)})") from None
-    code = np.arange(256) / 255.0
-    linear = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4).astype(np.float32)
-    rgb = linear[rgba[..., :3]]
-    rgb[rgba[..., 3] < 128] = np.nan
-    return rgb
 
 
 def _netcdf(path: Path) -> AlbedoMap:

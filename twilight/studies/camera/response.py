@@ -15,7 +15,7 @@ from twilight.atmosphere.csv_columns import read_columns
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
 from twilight.base.whole_files import write_csv
-from twilight.studies.camera.image import ResponseFunction, StoredImage, srgb_to_linear
+from twilight.io.stored_image import ResponseFunction, StoredImage, srgb_to_linear
 
 NODES = 256
 """Samples at which a curve is recovered and stored."""
@@ -177,7 +177,7 @@ def merge_bracket(
 ) -> tuple[np.ndarray, np.ndarray]:
     """One linear picture (H, W, 3), exposure per second, from a bracketed series; and where it is saturated (H, W).
 
-    response: as ``camera.image.read_image``; for pictures that are linear already give None.  A pixel is the mean over
+    response: as ``stored_image.read_image``; for pictures that are linear already give None.  A pixel is the mean over
     the exposures, weighted with the distance of its samples from both ends and with the exposure time (long exposures
     hold more light); all channels of a pixel have the weight of the worst.  Where no exposure is good, the longest that
     is not saturated is taken, and the shortest where all are.  Errors: TwilightError as ``check_bracket``.

@@ -1,1 +1,13 @@
-"""Photographs: what of one is clear sky, how a computed sky compares, and which air makes the sky that it shows."""
+"""Photographs against computed skies, and the air that they tell.
+
+Five records, each in the file that says what is inside:
+
+    Photograph (`picture`)      pixels, camera, time, place: what a file holds and says
+    PhotoSky (`picture_sky`)    its sky: cells of colour by elevation and azimuth from the sun, and the mask
+    Skies (`air`)               of an air, between the airs that were computed
+    AirEstimate (`intervals`)   the air that fits, its values and intervals
+    Estimate (`report`)         sentences, climate, comparison with the photographs
+
+`series` goes from the first to the last, as `options` say; `panorama`, `mask` and `sun_azimuth` make the second of the
+first, `fit` and `estimate` the fourth of the others, `comparison` and `figure` show them.
+"""

@@ -16,15 +16,9 @@ from twilight.base.whole_files import whole_file, write_csv
 from twilight.io.netcdf import write_netcdf
 from twilight.sky import colour
 from twilight.sky.sky import Sky
-from twilight.studies.validate.photographs.mask import GROW_DEG, Mask
-from twilight.studies.validate.photographs.panorama import Panorama
-from twilight.studies.validate.photographs.photo import (
-    OBSERVER,
-    Comparison,
-    MeridianProfile,
-    PhotoSky,
-    simulated_sky,
-)
+from twilight.studies.validate.photographs.comparison import Comparison, MeridianProfile
+from twilight.studies.validate.photographs.mask import GROW_DEG
+from twilight.studies.validate.photographs.picture_sky import OBSERVER, PhotoSky, simulated_sky
 
 RATIO_LIMITS = (0.5, 1.0, 2.0)
 """Ranges of the ratio map, in factors of two; the first that holds 95 % of the cells is taken."""
@@ -43,8 +37,6 @@ DARKER = 0.7
 def write_figure(
     path: str | Path,
     comparison: Comparison,
-    panorama: Panorama,
-    mask: Mask,
     *,
     title: str = "",
     lines: tuple[str, ...] = (),
@@ -59,7 +51,7 @@ def write_figure(
     """
     from matplotlib.figure import Figure  # optional
 
-    pictures, extent = _pictures(comparison, panorama, mask, others)
+    pictures, extent = _pictures(comparison, others)
     wide = (extent[1] - extent[0]) / max(extent[3] - extent[2], 1.0) > WIDE
     sentences = (*lines, *summary(comparison.figures))
     wrapped = [textwrap.fill(line, PANEL_COLUMNS, subsequent_indent="  ") for line in sentences]
@@ -141,11 +133,10 @@ def _draw_profile(axes: Any, profile: MeridianProfile, line_colour: str, label: 
     axes.plot(profile.angle_deg, scale * profile.photo[:, 1], ".", color=line_colour, ms=3.5)
 
 
-def _pictures(
-    comparison: Comparison, panorama: Panorama, mask: Mask, others: Sequence[tuple[str, Sky]]
-) -> tuple[list[np.ndarray], tuple]:
+def _pictures(comparison: Comparison, others: Sequence[tuple[str, Sky]]) -> tuple[list[np.ndarray], tuple]:
     """Display values (rows, columns, 3), bottom row first, the sun in the middle, cut to the photograph: the
     photograph, the sky alone and behind the ground, and other skies, each of these at an exposure of its own."""
+    panorama, mask = comparison.photo.panorama, comparison.photo.mask
     half = panorama.azimuth_deg.size // 2
     order = np.roll(np.arange(panorama.azimuth_deg.size), half)
     first = -180.0 + (panorama.azimuth_deg[0] - 0.5 * panorama.step_deg)
@@ -238,6 +229,26 @@ def summary(figures: dict[str, Any]) -> list[str]:
 
 
 # Files ----------------------------------------------------------------------------------------------------------
+
+
+def write_report(
+    folder: Path,
+    comparison: Comparison,
+    sky: Sky,
+    facts: dict[str, Any],
+    lines: tuple[str, ...],
+    others: Sequence[tuple[str, Sky]] = (),
+) -> None:
+    """Write comparison.png, figures.json, profiles.csv and comparison.h5 of one photograph beside its computed sky.
+
+    facts: of the photograph, its name among them; lines: for the picture.
+    """
+    said = {"sun_elevation_deg": sky.sun_elevation_deg, **facts, "masked": comparison.photo.mask.taken}
+    said |= {"figures": comparison.figures, "computed_sky": sky.provenance}
+    write_figure(folder / "comparison.png", comparison, title=facts["photograph"], lines=lines, others=others)
+    write_json(folder / "figures.json", said)
+    write_profiles(folder / "profiles.csv", comparison)
+    write_dataset(folder / "comparison.h5", comparison, said)
 
 
 def write_json(path: str | Path, facts: dict[str, Any]) -> None:

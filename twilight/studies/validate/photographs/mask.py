@@ -27,8 +27,8 @@ from scipy.sparse.csgraph import connected_components
 
 from twilight.atmosphere.csv_columns import read_columns
 from twilight.base.errors import TwilightError
+from twilight.io.stored_image import StoredImage, read_samples
 from twilight.sky.colour import REC709_LUMINANCE
-from twilight.studies.camera.image import StoredImage, read_samples
 from twilight.studies.camera.model import CameraModel
 from twilight.studies.validate.photographs.panorama import Panorama
 
@@ -174,7 +174,7 @@ def find_sky(panorama: Panorama, ignore: np.ndarray | None = None) -> np.ndarray
     edge = _larger_than((roughness > limit) & ~ignore, panorama, EDGE_SMALLEST_SQUARE_DEG)
     smooth = (panorama.covered | ignore) & ~edge & (rows[:, None] > -2.0)
     labels, _ = ndimage.label(smooth)
-    labels = _join_across_north(labels)
+    labels = join_across_north(labels)
     highest = [labels[i] for i in range(rows.size - 1, -1, -1) if smooth[i].any()][
         : max(1, round(10 / panorama.step_deg))
     ]
@@ -221,7 +221,7 @@ def find_clouds(panorama: Panorama, sky: np.ndarray, aureole: np.ndarray | None 
 def _larger_than(found: np.ndarray, panorama: Panorama, square_deg: float) -> np.ndarray:
     """The connected parts of ``found`` (E, A) that are at least that large."""
     labels, count = ndimage.label(found, np.ones((3, 3)))
-    labels = _join_across_north(labels)
+    labels = join_across_north(labels)
     area = np.cos(np.radians(panorama.elevation_deg))[:, None] * panorama.step_deg**2 * np.ones(found.shape)
     large = ndimage.sum_labels(area, labels, np.arange(count + 1)) >= square_deg
     large[0] = False
@@ -272,7 +272,7 @@ def _shift(values: np.ndarray, steps: int, axis: int) -> np.ndarray:
     return values[index]
 
 
-def _join_across_north(labels: np.ndarray) -> np.ndarray:
+def join_across_north(labels: np.ndarray) -> np.ndarray:
     """Labels (E, A), 0 for no component, with one label for components that touch across the first and last column."""
     left, right = labels[:, 0], labels[:, -1]
     touch = (left > 0) & (right > 0)

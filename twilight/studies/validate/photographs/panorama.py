@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from twilight.base.errors import TwilightError
+from twilight.io.stored_image import StoredImage
 from twilight.numerics.directions import direction
 from twilight.sky.colour import REC709_LUMINANCE
-from twilight.studies.camera.image import StoredImage
 from twilight.studies.camera.model import CameraModel
 
 MARGIN_DEG = 6.0
@@ -68,7 +68,7 @@ def make_panorama(
 ) -> Panorama:
     """The photograph on the fine grid: the mean of what each cell covers, by bilinear samples of the pixels.
 
-    picture: linear (``camera.image.read_image``).  Errors: TwilightError where the picture has not the camera's size or
+    picture: linear (``stored_image.read_image``).  Errors: TwilightError where the picture has not the camera's size or
     shows nothing above the horizon.
     """
     height, width = picture.samples.shape[:2]

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import ndimage
 
 from twilight.base.errors import TwilightError
-from twilight.studies.validate.photographs.mask import separation_deg
+from twilight.studies.validate.photographs.mask import join_across_north, separation_deg
 from twilight.studies.validate.photographs.panorama import Panorama
 
 LEAST_OVERLAP = 0.1
@@ -24,16 +24,27 @@ DISC_CONTRAST = 2.5
 """ln of the brightest light over the sky 5 to 8 deg away beyond which it is the sun's disc."""
 DISC_NEAR_DEG = 12.0
 """Distance from the meridian of symmetry [deg] within which the disc is looked for."""
-BURNT_DEG = (0.3, 8.0)
-"""Radii of a patch that is saturated by the sun's disc and its glare [deg]."""
+LARGEST_DISC_DEG = 1.0
+"""Radius of a bright patch up to which it is the sun's disc, its bloom and a blurred edge; what is larger is an aureole
+at the end of the scale [deg]."""
+LARGEST_DISC_SQUARE = np.pi * LARGEST_DISC_DEG**2
+"""Its area [deg^2]."""
+LARGEST_PATCH_DEG = 8.0
+"""Radius of such an aureole, at most [deg]."""
+LEAST_PATCH_DEG = 0.3
+"""Radius of what is at the end of the scale, at least [deg]."""
+AUREOLE_ERROR = 0.5
+"""Error of the sun's elevation by the middle of an aureole, over its radius: it reaches further towards the horizon,
+where the sky is brighter, than up."""
 LARGEST_UNCERTAINTY_DEG = 20.0
 """Uncertainty [deg] beyond which a meridian of symmetry is refused."""
 
 
 @dataclass(frozen=True)
 class SunAzimuth:
-    """azimuth_deg, uncertainty_deg: in the camera's azimuths, one standard deviation.  method: ``disc`` or
-    ``symmetry``.  symmetry_deg: what the symmetry alone says.  elevation_deg: apparent, of the disc, else None.
+    """azimuth_deg, uncertainty_deg: in the camera's azimuths, one standard deviation.  method: ``disc``, ``aureole``
+    (the light about the sun is at the end of the scale) or ``symmetry``.  symmetry_deg: what the symmetry alone says.
+    elevation_deg, elevation_error_deg: apparent, of the disc or the middle of the aureole, else None.
     """
 
     azimuth_deg: float
@@ -41,11 +52,17 @@ class SunAzimuth:
     method: str
     symmetry_deg: float
     elevation_deg: float | None = None
+    elevation_error_deg: float = 0.0
+
+    @property
+    def disc_elevation_deg(self) -> float | None:
+        """`true_elevation_deg` of a disc; None where none is seen."""
+        return self.true_elevation_deg if self.method == "disc" else None
 
     @property
     def true_elevation_deg(self) -> float | None:
-        """Elevation of the disc without standard refraction (Bennett 1982, J. Navigation 35, 255, eq. G: 0.07' from
-        0 deg up); None where no disc was found."""
+        """Elevation without standard refraction (Bennett 1982, J. Navigation 35, 255, eq. G: 0.07' from 0 deg up); None
+        where neither disc nor aureole was found."""
         if self.elevation_deg is None:
             return None
         h = max(self.elevation_deg, -1.0)
@@ -79,7 +96,7 @@ def find_sun_azimuth(panorama: Panorama, valid: np.ndarray, by_disc: bool = True
     contrast = np.nanmedian(total) / total[best % n]
     disc = _find_disc(panorama, symmetry) if by_disc else None
     if disc is not None:
-        return SunAzimuth(disc[0], disc[2], "disc", symmetry, disc[1])
+        return disc
     if contrast < 1.5 or uncertainty > LARGEST_UNCERTAINTY_DEG or n < 8:
         raise TwilightError(
             f"sun azimuth: the sky has no clear meridian of symmetry (best guess {symmetry:.0f} +- {uncertainty:.0f} "
@@ -91,24 +108,35 @@ def find_sun_azimuth(panorama: Panorama, valid: np.ndarray, by_disc: bool = True
 def burnt_disc(panorama: Panorama) -> SunAzimuth | None:
     """The sun by the largest round patch of the sky at the end of the picture's scale, or None."""
     there = panorama.saturated & (panorama.elevation_deg > -1.0)[:, None]
-    labels, count = ndimage.label(np.concatenate([there, there], axis=1), np.ones((3, 3)))  # across north, too
-    if count == 0:
+    labels = labelled(there)
+    if not labels.any():
         return None
-    n = panorama.azimuth_deg.size
-    flat = np.cos(np.radians(panorama.elevation_deg))[:, None] * np.ones(labels.shape)
-    area = ndimage.sum_labels(flat * panorama.step_deg**2, labels, np.arange(1, count + 1))
-    label = 1 + int(area.argmax())
-    rows, columns = np.nonzero(labels == label)
-    weight = flat[rows, columns]
-    radius = float(np.sqrt(area[label - 1] / np.pi))
+    area = np.bincount(labels.ravel(), (np.cos(np.radians(panorama.elevation_deg))[:, None] * there).ravel())
+    return _of_patch(panorama, labels == int(area.argmax()), None)
+
+
+def _of_patch(panorama: Panorama, there: np.ndarray, symmetry_deg: float | None) -> SunAzimuth | None:
+    """The sun in the middle of a round patch (E, A); None for one that is not round, too small or too large."""
+    rows, columns = np.nonzero(there)
+    n, step = panorama.azimuth_deg.size, panorama.step_deg
+    offset = (columns - columns[0] + n // 2) % n - n // 2
+    weight = np.cos(np.radians(panorama.elevation_deg[rows]))
+    radius = float(step * np.sqrt(weight.sum() / np.pi))
     elevation = float(np.average(panorama.elevation_deg[rows], weights=weight))
-    column = float(np.average(columns, weights=weight))
-    azimuth = float(panorama.azimuth_deg[0] + panorama.origin_deg + column * panorama.step_deg)
-    high, wide = np.ptp(rows) * panorama.step_deg, np.ptp(columns) * panorama.step_deg * np.cos(np.radians(elevation))
-    if not BURNT_DEG[0] <= radius <= BURNT_DEG[1] or max(high, wide) > 4.0 * radius + panorama.step_deg or n < 8:
+    across = float(np.average(offset, weights=weight))
+    azimuth = float(panorama.origin_deg + panorama.azimuth_deg[columns[0]] + step * across) % 360.0
+    high, wide = np.ptp(rows) * step, np.ptp(offset) * step * np.cos(np.radians(elevation))
+    if not LEAST_PATCH_DEG <= radius <= LARGEST_PATCH_DEG or max(high, wide) > 4.0 * radius + step or n < 8:
         return None
-    error = max(0.3 * panorama.step_deg, 0.15 * radius)
-    return SunAzimuth(azimuth % 360.0, error, "disc", azimuth % 360.0, elevation)
+    error, disc = max(0.3 * step, 0.15 * radius), radius <= LARGEST_DISC_DEG
+    upright = error if disc else AUREOLE_ERROR * radius
+    symmetry = azimuth if symmetry_deg is None else symmetry_deg
+    return SunAzimuth(azimuth, error, "disc" if disc else "aureole", symmetry, elevation, upright)
+
+
+def labelled(there: np.ndarray) -> np.ndarray:
+    """Numbers of the connected parts (E, A), also across the first and last column; 0: none."""
+    return join_across_north(ndimage.label(there, np.ones((3, 3)))[0])
 
 
 def _bands(above: np.ndarray, count: int = 8) -> list[slice]:
@@ -209,8 +237,8 @@ def _scatter(costs: np.ndarray, overlaps: np.ndarray, best: int, above: np.ndarr
     return float(np.sqrt((m - 1) / m * ((found - np.mean(found)) ** 2).sum()))
 
 
-def _find_disc(panorama: Panorama, symmetry_deg: float) -> tuple[float, float, float] | None:
-    """(azimuth, elevation, uncertainty) [deg] of the sun's disc or its saturated glare near the meridian, or None."""
+def _find_disc(panorama: Panorama, symmetry_deg: float) -> SunAzimuth | None:
+    """The sun's disc, or the aureole at the end of the scale, near the meridian, or None."""
     light = np.where(np.isfinite(panorama.luminance), panorama.luminance, 0.0)
     light = np.where(panorama.elevation_deg[:, None] > -1.0, light, 0.0)
     light[panorama.saturated] = light.max() * 1.5
@@ -219,6 +247,10 @@ def _find_disc(panorama: Panorama, symmetry_deg: float) -> tuple[float, float, f
     near = np.where(from_meridian[None, :] < DISC_NEAR_DEG, light, 0.0)
     row, column = np.unravel_index(int(near.argmax()), near.shape)
     peak = near[row, column]
+    labels = labelled(light >= (1.0 - 1e-6) * peak)
+    level = labels == labels[row, column]
+    if float((np.cos(np.radians(panorama.elevation_deg)) @ level).sum()) * panorama.step_deg**2 > LARGEST_DISC_SQUARE:
+        return _of_patch(panorama, level, symmetry_deg)
     away = separation_deg(
         panorama.elevation_deg[:, None], azimuth[None, :], panorama.elevation_deg[row], azimuth[column]
     )
@@ -231,4 +263,5 @@ def _find_disc(panorama: Panorama, symmetry_deg: float) -> tuple[float, float, f
     found = azimuth[column] + float((weight * offset[None, :]).sum() / weight.sum())
     elevation = float((weight * panorama.elevation_deg[:, None]).sum() / weight.sum())
     spread = float(np.sqrt((weight * offset[None, :] ** 2).sum() / weight.sum() - (found - azimuth[column]) ** 2))
-    return float(np.mod(found, 360.0)), elevation, max(0.3 * panorama.step_deg, 0.3 * spread)
+    error = max(0.3 * panorama.step_deg, 0.3 * spread)
+    return SunAzimuth(float(np.mod(found, 360.0)), error, "disc", symmetry_deg, elevation, error)

@@ -20,6 +20,7 @@ from scipy import ndimage
 
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.scene import PLACED_NM
+from twilight.io.stored_image import StoredImage, as_light, read_image, read_samples
 from twilight.numerics import spectrum
 from twilight.sky import colour
 from twilight.sky.colour import REC709_LUMINANCE
@@ -32,13 +33,12 @@ from twilight.studies.camera.exif import (
     Stated,
     read_stated,
 )
-from twilight.studies.camera.image import StoredImage, as_light, read_image, read_samples
 from twilight.studies.camera.model import CameraModel, ImageSize, Lens, Orientation
 from twilight.studies.camera.response import load_response
 from twilight.studies.validate.photographs import mask as masks
 from twilight.studies.validate.photographs.mask import SKYLINE_ERROR_DEG, TILT_ERROR_DEG, find_horizon, separation_deg
 from twilight.studies.validate.photographs.panorama import Panorama, make_panorama, mask_image_on
-from twilight.studies.validate.photographs.photo import OBSERVER, PhotoSky, photo_sky
+from twilight.studies.validate.photographs.picture_sky import OBSERVER, PhotoSky, photo_sky
 from twilight.studies.validate.photographs.sun_azimuth import SunAzimuth, burnt_disc, find_sun_azimuth
 
 FINE_CELL_DEG = 0.5
@@ -60,19 +60,10 @@ SPECTRUM_NM = (450.0, 550.0, 620.0)
 
 
 @dataclass(frozen=True, eq=False)
-class MaskedSky:
-    """A photograph with the sun at its place: the sky to compare, and what it was made from."""
-
-    sky: PhotoSky
-    panorama: Panorama
-    mask: masks.Mask
-
-
-@dataclass(frozen=True, eq=False)
 class Photograph:
     """A photograph and how it is to be masked.
 
-    picture: linear (``camera.image.read_image``).  camera: with its orientation; azimuths count from its own where that
+    picture: linear (``stored_image.read_image``).  camera: with its orientation; azimuths count from its own where that
     is unknown.  cell_deg: cells of the comparison.  profile, mask_image (H, W), automatic, min_elevation_deg,
     glare_deg: see ``mask.make_mask``.  errors_deg: standard errors of the camera's azimuth (from north), elevation and
     roll, 0: as told.  zoom_error: of the width of the view [%].  balanced: its colours are of the camera as described,
@@ -136,15 +127,15 @@ class Photograph:
         if disc is not None:
             return disc
         found = find_sun_azimuth(panorama, mask.valid, by_disc)
-        if wide or found.method == "disc":
+        if wide or found.method != "symmetry":
             return found
         return replace(found, uncertainty_deg=max(found.uncertainty_deg, NARROW_ERROR_DEG))
 
     @cached_property
-    def _seen(self) -> dict[tuple[float, float | None], MaskedSky]:
+    def _seen(self) -> dict[tuple[float, float | None], PhotoSky]:
         return {}
 
-    def seen(self, sun_azimuth_deg: float, apparent_sun_elevation_deg: float | None) -> MaskedSky:
+    def seen(self, sun_azimuth_deg: float, apparent_sun_elevation_deg: float | None) -> PhotoSky:
         """The photograph on the grid of a computed sky whose sun is there; azimuth in the camera's azimuths.
 
         Errors: TwilightError as ``photo.photo_sky``.
@@ -154,7 +145,7 @@ class Photograph:
             sun = None if apparent_sun_elevation_deg is None else (0.0, apparent_sun_elevation_deg)
             panorama, mask = self._masked(sun_azimuth_deg, sun)
             self._seen.clear()  # the last one is asked for again
-            self._seen[key] = MaskedSky(photo_sky(panorama, mask.valid, self.cell_deg), panorama, mask)
+            self._seen[key] = photo_sky(panorama, mask, self.cell_deg)
         return self._seen[key]
 
     def sky(
@@ -209,13 +200,13 @@ def spectra_of(xyz: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
 
 
 class PlacedSun(NamedTuple):
-    """The sun's azimuth in the camera's azimuths and its standard error [deg], a sentence on where it is from, and true
-    elevation of the disc that was taken for it [deg]; None: by other means, or of no known elevation."""
+    """The sun's azimuth in the camera's azimuths and its standard error [deg], a sentence on where it is from, and the
+    light that was taken for it, which has an elevation; None: by other means."""
 
     azimuth_deg: float
     error_deg: float
     sentence: str
-    disc_elevation_deg: float | None = None
+    light: SunAzimuth | None = None
 
 
 def place_sun(
@@ -240,7 +231,7 @@ def place_sun(
     far, other = max(NO_DISC_DEG, 2.0 * photograph.errors_deg[1]), ""
     try:
         sun = photograph.sun
-        at = sun.true_elevation_deg
+        at, far = sun.true_elevation_deg, far + 2.0 * sun.elevation_error_deg
         if at is not None and not between_deg[0] - far <= at <= between_deg[1] + far:
             other = f"; the light at {at:.1f} deg is not taken for its disc, since the sun is said to stand elsewhere"
             sun = photograph._sun(False)
@@ -248,15 +239,17 @@ def place_sun(
         sun = None
         if not north:
             raise
-    if sun is None or (north and sun.method != "disc" and sun.uncertainty_deg >= NARROW_ERROR_DEG):
+    if sun is None or (north and sun.method == "symmetry" and sun.uncertainty_deg >= NARROW_ERROR_DEG):
         note = f"sun azimuth {known_deg:.1f} +- {compass:.0f} deg, by time and compass{other}"
         return PlacedSun(known_deg or 0.0, compass, note)
-    by = "the sun's disc" if sun.method == "disc" else "the symmetry of the sky"
+    by = {"disc": "the sun's disc", "aureole": "its aureole, which is at the end of the scale"}.get(
+        sun.method, "the symmetry of the sky"
+    )
     note = f"sun azimuth {sun.azimuth_deg:.2f} +- {sun.uncertainty_deg:.2f} deg by {by}"
     if sun.elevation_deg is not None:
-        note += f" (disc at elevation {sun.elevation_deg:.1f} deg)"
-    disc = sun.true_elevation_deg if sun.method == "disc" else None
-    return PlacedSun(sun.azimuth_deg, sun.uncertainty_deg, note + other, disc)
+        note += f" (its middle at elevation {sun.elevation_deg:.1f} deg)"
+    light = None if sun.elevation_deg is None else sun
+    return PlacedSun(sun.azimuth_deg, sun.uncertainty_deg, note + other, light)
 
 
 def read_photograph(
@@ -286,6 +279,8 @@ def read_photograph(
     skyline = None if profile is None else masks.read_profile(profile)
     shown = None if mask_image is None else masks.read_mask_image(mask_image)
     stated = read_stated(path)
+    for doubt in stated.doubts:
+        warnings.warn(f"{path}: {doubt}", TwilightWarning, stacklevel=2)
     unknown = camera is None
     by_focal_length = unknown and field_of_view_deg is None
     if camera is None:
@@ -374,7 +369,7 @@ def check_upright(name: str, photograph: Photograph) -> None:
         )
 
 
-def check_sky(name: str, photograph: Photograph, seen: MaskedSky) -> list[str]:
+def check_sky(name: str, photograph: Photograph, seen: PhotoSky) -> list[str]:
     """Sentences of warning about the sky of a photograph.  Errors: TwilightError for one that is of no use."""
     shown = seen.panorama.covered & (seen.panorama.elevation_deg > 0.0)[:, None]
     weight = np.cos(np.radians(seen.panorama.elevation_deg))[:, None] * shown
@@ -387,7 +382,7 @@ def check_sky(name: str, photograph: Photograph, seen: MaskedSky) -> list[str]:
         lines.append(f"{saturated:.0%} of the sky is over-exposed and left out: intervals are wider")
     exposure = photograph.log_exposure
     if exposure is not None:
-        luminance = float(np.nanmedian(seen.sky.xyz[..., 1][seen.sky.counts])) * float(np.exp(exposure[0]))
+        luminance = float(np.nanmedian(seen.xyz[..., 1][seen.counts])) * float(np.exp(exposure[0]))
         if luminance < NIGHT_CD_PER_M2:
             raise TwilightError(
                 f"{name}: by exposure time, aperture and sensitivity its sky has {luminance:.1g} cd/m^2: a night, or "

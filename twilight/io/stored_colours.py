@@ -6,6 +6,7 @@ panorama (XMP, GPano).  What is not known is refused with a sentence.
 """
 
 import struct
+from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -63,12 +64,9 @@ STATES_NOTHING = Colours()
 
 def colours_of(path: Path, spec: Any) -> Colours:
     """What a PNG, JPEG or TIFF states of its colours; spec: OpenImageIO's.  Errors: TwilightError."""
-    code = tuple(int(c) for c in spec.getattribute("CICP") or (1, 13))
-    if code[:2] not in ((1, 13), (1, 1)):
-        raise TwilightError(
-            f"{path}: has primaries {code[0]} and curve {code[1]} of ITU-T H.273, which are not read; save it as "
-            "sRGB or with an ICC profile"
-        )
+    code = spec.getattribute("CICP")
+    if code is not None:
+        return of_codes(path, int(code[0]), int(code[1]))
     if (model := spec.getattribute("jpeg:ColorSpace") or spec.getattribute("tiff:ColorSpace")) in INKS:
         raise TwilightError(f"{path}: holds amounts of ink ({model}), which say no light; save it as sRGB")
     profile = spec.getattribute("ICCProfile")
@@ -86,6 +84,64 @@ def colours_of(path: Path, spec: Any) -> Colours:
             "sRGB or with an ICC profile"
         )
     return Colours()
+
+
+def of_codes(path: Path, primaries: int, curve: int) -> Colours:
+    """Colours by codes of ITU-T H.273 (nclx, cICP); 2 is "unspecified": Rec. 709 and sRGB."""
+    if primaries not in PRIMARIES or curve not in TRANSFERS:
+        raise TwilightError(
+            f"{path}: has primaries {primaries} and curve {curve} of ITU-T H.273, which are not read; save it as sRGB "
+            "or with an ICC profile"
+        )
+    chromaticities, light = PRIMARIES[primaries], TRANSFERS[curve]
+    matrix = None if chromaticities is None else to_rec709(chromaticities)
+    if light is None:
+        return Colours(matrix)
+    return Colours(matrix, Curves(np.repeat(light(np.linspace(0.0, 1.0, NODES))[:, None], 3, axis=1)))
+
+
+def _of_pq(samples: np.ndarray) -> np.ndarray:
+    """Light of the perceptual quantiser (ITU-R BT.2100, table 4), 1 for the reference white."""
+    m1, m2, c1, c2, c3 = 2610 / 16384, 2523 / 32, 3424 / 4096, 2413 / 128, 2392 / 128
+    root = samples ** (1.0 / m2)
+    return 1e4 / REFERENCE_WHITE_CD_PER_M2 * (np.maximum(root - c1, 0.0) / (c2 - c3 * root)) ** (1.0 / m1)
+
+
+def _of_hlg(samples: np.ndarray) -> np.ndarray:
+    """Light before the camera of hybrid log-gamma (ITU-R BT.2100, table 5), 1 for the reference white."""
+    a, b, c = 0.17883277, 0.28466892, 0.55991073
+
+    def light(x: np.ndarray) -> np.ndarray:
+        return np.where(x <= 0.5, x**2 / 3.0, (np.exp((x - c) / a) + b) / 12.0)
+
+    return light(samples) / light(np.array(HLG_WHITE))
+
+
+REFERENCE_WHITE_CD_PER_M2 = 203.0
+"""Luminance of white paper in PQ (ITU-R BT.2408) [cd m^-2]."""
+HLG_WHITE = 0.75
+"""Its sample in hybrid log-gamma (the same)."""
+PRIMARIES: dict[int, tuple[float, ...] | None] = {
+    1: None,
+    2: None,
+    9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290),
+    12: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290),
+}
+"""x, y of red, green, blue and white by their code of ITU-T H.273: Rec. 709, unspecified, Rec. 2020, Display P3."""
+TRANSFERS: dict[int, Callable[[np.ndarray], np.ndarray] | None] = {
+    1: None,
+    2: None,
+    4: lambda samples: samples**2.2,
+    6: None,
+    8: lambda samples: samples,
+    13: None,
+    14: None,
+    15: None,
+    16: _of_pq,
+    18: _of_hlg,
+}
+"""Light of samples by the curve's code of ITU-T H.273; None: sRGB's, also of Rec. 601, 709 and 2020, whose pictures are
+shown alike."""
 
 
 def _power(exponent: float) -> Curves:

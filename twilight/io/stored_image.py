@@ -1,8 +1,8 @@
-"""Photographs as linear RGB: EXR; HDR, TIFF, PNG, JPEG by OpenImageIO (extra `photo`); HEIF by pillow-heif (`heif`);
-RAW by rawpy (`raw`).
+"""Pictures as linear RGB, of skies and of albedo: EXR; HDR, TIFF, PNG, JPEG by OpenImageIO (extra `photo`); HEIF by
+pillow-heif (`heif`); RAW by rawpy (`raw`).
 
 Pixels are upright, as a file's orientation says, in the whole picture where the file holds a piece of one, and their
-light is Rec. 709 whatever colours the file states (``camera.stated``).
+light is Rec. 709 whatever colours the file states (``stored_colours``).
 """
 
 import os
@@ -19,8 +19,8 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
 from twilight.base.reading import MEMORY_FRACTION, first_line, memory_bytes
+from twilight.io import stored_colours
 from twilight.io.exr import OPAQUE, exr_size, laid_out, read_latlong_exr, write_channels
-from twilight.studies.camera import stated
 
 MAX_PIXELS = 400_000_000
 """Larger pictures are refused before memory is taken for them: 400 megapixels are 5 GB of linear RGB."""
@@ -29,6 +29,9 @@ BYTES_PER_PIXEL = 16
 
 SATURATED_FRACTION = 0.98
 """An integer sample above this fraction of the full scale counts as saturated."""
+
+TRANSPARENT = "; a channel A (alpha) of zeros makes all of it transparent: leave that channel out, or set it to 1"
+"""What is said of a picture that is transparent everywhere."""
 
 RADIANCE_SUFFIXES = (".hdr", ".pic", ".rgbe")
 SAMPLE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -51,7 +54,8 @@ class StoredImage:
     """A photograph as it was stored, before any response curve is undone.
 
     samples (H, W, 3): 0..1 of the full scale for integers, linear Rec. 709 in the file's own scale for floats; float32.
-    saturated (H, W): at the upper end of an integer scale, not finite, transparent, or outside of a piece of a picture.
+    saturated (H, W): at the upper end of an integer scale, or missing.
+    missing (H, W): not finite, transparent, or outside of a piece of a picture; samples there are 0.
     bits: of an integer sample, None for floats.
     linear: the format holds light itself (HDR, EXR, RAW, float TIFF) and has no response curve.
     grey: the file has one channel, repeated here; it says nothing about colour.
@@ -64,8 +68,9 @@ class StoredImage:
     bits: int | None
     linear: bool
     grey: bool = False
+    missing: np.ndarray | None = None
     exposure_time_s: float | None = None
-    colours: stated.Colours = stated.STATES_NOTHING
+    colours: stored_colours.Colours = stored_colours.STATES_NOTHING
 
     def light(self, response: ResponseFunction | None) -> np.ndarray:
         """Linear Rec. 709 (H, W, 3), float32, of samples whose curve is undone by `response`; None: they are linear.
@@ -120,10 +125,39 @@ def read_samples(path: str | Path) -> StoredImage:
 
 def _floating(path: Path, values: np.ndarray, grey: bool = False) -> StoredImage:
     finite = np.isfinite(values).all(axis=-1)
-    if not finite.any() or not (values[finite] > 0).any():
-        raise TwilightError(f"{path}: holds no light: no pixel is finite and positive")
+    if not finite.any():
+        raise TwilightError(f"{path}: holds no light: no pixel is finite and opaque{TRANSPARENT}")
+    if not (values[finite] > 0).any():
+        raise TwilightError(f"{path}: holds no light: no pixel is positive")
     values = np.where(finite[..., None], values, 0.0).astype(np.float32, copy=False)
-    return StoredImage(values, ~finite, None, True, grey)
+    return StoredImage(values, ~finite, None, True, grey, ~finite)
+
+
+def _of_integers(
+    path: Path,
+    samples: np.ndarray,
+    opaque: np.ndarray | None,
+    colours: stored_colours.Colours,
+    *,
+    grey: bool = False,
+    place: stored_colours.Place | None = None,
+    orientation: int = 1,
+    seconds: float = 0.0,
+) -> StoredImage:
+    """A picture of whole numbers (H, W, 3) of 8 or 16 bits; opaque (H, W): None for all of it."""
+    if samples.dtype not in (np.uint8, np.uint16):
+        raise TwilightError(f"{path}: holds {samples.dtype}; integers of 8 or 16 bits without sign and floats are read")
+    bits = 8 * samples.dtype.itemsize
+    scaled = samples.astype(np.float32) / np.float32(2**bits - 1)
+    missing = np.zeros(samples.shape[:2], bool) if opaque is None else ~opaque
+    if missing.all():
+        raise TwilightError(f"{path}: holds no light{TRANSPARENT}")
+    if place is not None:
+        scaled, missing = laid_out(scaled, place, 0.0), laid_out(missing, place, True)
+    scaled, missing = (stored_colours.upright(values, orientation) for values in (scaled, missing))
+    saturated = missing | np.any(scaled > SATURATED_FRACTION, axis=-1)
+    exposure = seconds if 0.0 < seconds < np.inf else None
+    return StoredImage(scaled, saturated, bits, False, grey, missing, exposure, colours)
 
 
 def _check_size(path: Path, width: int, height: int) -> None:
@@ -149,11 +183,11 @@ def _openimageio(path: Path) -> StoredImage:
     try:
         import OpenImageIO  # optional
     except ImportError:
-        raise missing("OpenImageIO", f"{path}: a photograph") from None
+        raise missing("OpenImageIO", f"{path}: a picture") from None
     OpenImageIO.attribute("limits:imagesize_MB", 0)  # our own limit, with our own sentence
     wanted = OpenImageIO.ImageSpec()
     wanted.attribute("oiio:UnassociatedAlpha", 1)  # samples as stored, not times the opacity
-    head = stated.radiance_head(path) if path.suffix.lower() in RADIANCE_SUFFIXES else None
+    head = stored_colours.radiance_head(path) if path.suffix.lower() in RADIANCE_SUFFIXES else None
     with _readable(path, head is not None and head.xyz) as readable, _without_native_messages():
         file = OpenImageIO.ImageInput.open(str(readable), wanted)
         if file is None:
@@ -168,8 +202,13 @@ def _openimageio(path: Path) -> StoredImage:
     if spec.nchannels > 4:
         raise TwilightError(f"{path}: has {spec.nchannels} channels; 1 to 4 are read")
     grey = spec.nchannels <= 2
+    if path.suffix.lower() in (".tif", ".tiff") and spec.get_int_attribute("tiff:PhotometricInterpretation", 1) == 0:
+        if stored.dtype == np.uint16:
+            stored = 65535 - stored  # WhiteIsZero, which the library undoes of 8 bits alone
+        elif stored.dtype != np.uint8:
+            raise TwilightError(f"{path}: holds floats of which 0 is white; save it with black as 0")
     samples = np.repeat(stored[..., :1], 3, axis=-1) if grey else stored[..., :3]
-    colours, place = stated.colours_of(path, spec), stated.place_of(path, spec)
+    colours, place = stored_colours.colours_of(path, spec), stored_colours.place_of(path, spec)
     orientation = spec.get_int_attribute("Orientation", 1)
     if place is not None:
         _check_size(path, place.width, place.height)
@@ -177,7 +216,7 @@ def _openimageio(path: Path) -> StoredImage:
         light = samples.astype(np.float32)
         if head is not None:
             light = np.asarray(_radiance(light) / head.divisor, dtype=np.float32)
-            colours = stated.Colours(head.to_rec709)
+            colours = stored_colours.Colours(head.to_rec709)
         elif (
             colours.curves is not None and np.abs(colours.curves.light - np.linspace(0, 1, 1024)[:, None]).max() > 1e-3
         ):
@@ -186,19 +225,14 @@ def _openimageio(path: Path) -> StoredImage:
             )
         light = light if colours.to_rec709 is None else light @ colours.to_rec709.T.astype(np.float32)
         light = light if place is None else laid_out(light, place, np.nan)
-        return _floating(path, stated.upright(light, orientation), grey)
-    if stored.dtype not in (np.uint8, np.uint16):
-        raise TwilightError(f"{path}: holds {stored.dtype}; integers of 8 or 16 bits without sign and floats are read")
-    bits = 8 * stored.dtype.itemsize
-    samples = samples.astype(np.float32) / np.float32(2**bits - 1)
-    saturated = np.any(samples > SATURATED_FRACTION, axis=-1)
+        return _floating(path, stored_colours.upright(light, orientation), grey)
+    opaque = None
     if spec.alpha_channel >= 0:
-        saturated |= stored[..., spec.alpha_channel] < OPAQUE * (2**bits - 1)
-    if place is not None:
-        samples, saturated = laid_out(samples, place, 0.0), laid_out(saturated, place, True)
-    samples, saturated = stated.upright(samples, orientation), stated.upright(saturated, orientation)
+        opaque = stored[..., spec.alpha_channel] >= OPAQUE * np.iinfo(stored.dtype).max
     seconds = spec.get_float_attribute("ExposureTime")
-    return StoredImage(samples, saturated, bits, False, grey, seconds if 0.0 < seconds < np.inf else None, colours)
+    return _of_integers(
+        path, samples, opaque, colours, grey=grey, place=place, orientation=orientation, seconds=seconds
+    )
 
 
 def _check_single(path: Path, file: Any) -> None:
@@ -260,23 +294,34 @@ def _without_native_messages() -> Iterator[None]:
 
 
 def _heif(path: Path) -> StoredImage:
-    """A phone's HEIF, which says how it stands and its colours; 8 bits."""
+    """A HEIF, upright as its decoder has it, of 8 bits or of more: its colours are those of its ICC profile, else of
+    its codes (nclx: Display P3, Rec. 2020; sRGB, linear, PQ, HLG)."""
     try:
         import pillow_heif  # optional
     except ImportError:
         raise missing("pillow_heif", f"{path}: a HEIF picture") from None
-    from PIL import Image  # start-up
-
-    pillow_heif.register_heif_opener()
     try:
-        with Image.open(path) as image:
-            _check_size(path, *image.size)
-            samples = np.asarray(image.convert("RGB"), dtype=np.float32) / np.float32(255)
-            profile = image.info.get("icc_profile")
+        file = pillow_heif.open_heif(path, convert_hdr_to_8bit=False)
+        _check_size(path, *file.size)
+        mode, said = file.mode.partition(";")[0], dict(file.info)
+        stored = np.asarray(file[0])
     except (OSError, ValueError, SyntaxError, EOFError, RuntimeError) as error:
         raise TwilightError(f"{path}: is not a complete picture ({first_line(error)})") from None
-    colours = stated.STATES_NOTHING if not profile else stated.of_profile(path, profile, grey=False)
-    return StoredImage(samples, np.any(samples > SATURATED_FRACTION, axis=-1), 8, False, colours=colours)
+    stored = stored.reshape(*stored.shape[:2], -1)
+    if stored.dtype == np.uint16:  # filled up with zeros below
+        bits = int(said.get("bit_depth") or 16)
+        stored = np.minimum(np.rint((stored >> (16 - bits)) * (65535.0 / (2**bits - 1))), 65535).astype(np.uint16)
+    opaque = stored[..., -1] >= OPAQUE * np.iinfo(stored.dtype).max if mode.endswith("A") else None
+    grey = mode.startswith("L")
+    samples = np.repeat(stored[..., :1], 3, axis=-1) if grey else stored[..., :3]
+    if profile := said.get("icc_profile"):
+        colours = stored_colours.of_profile(path, profile, grey=grey)
+    else:
+        codes = said.get("nclx_profile") or {}
+        colours = stored_colours.of_codes(
+            path, codes.get("color_primaries", 2), codes.get("transfer_characteristics", 2)
+        )
+    return _of_integers(path, samples, opaque, colours, grey=grey)
 
 
 # RAW ------------------------------------------------------------------------------------------------------------

@@ -15,31 +15,27 @@ from twilight.engine import run
 from twilight.scene import resolve
 from twilight.scene.scene import described
 from twilight.sky.sky import Sky
-from twilight.studies.validate.photographs.airs import (
+from twilight.studies.validate.photographs.air import (
     OTHERS,
     SUN,
     Design,
+    aerosol_above,
     climate_settings,
     with_settings,
 )
-from twilight.studies.validate.photographs.estimate import (
-    EQUIVALENT,
-    AirEstimate,
-    Estimated,
-)
+from twilight.studies.validate.photographs.comparison import CHROMATICITY_SCALE, LOG_SCALE, Comparison
+from twilight.studies.validate.photographs.comparison import compare as compare_photo
+from twilight.studies.validate.photographs.estimate import EQUIVALENT
 from twilight.studies.validate.photographs.fit import ANGLES, Freedom
-from twilight.studies.validate.photographs.photo import (
-    CHROMATICITY_SCALE,
-    LOG_SCALE,
-    Comparison,
-)
-from twilight.studies.validate.photographs.photo import compare as compare_photo
-from twilight.studies.validate.photographs.photograph import MaskedSky, Photograph
+from twilight.studies.validate.photographs.intervals import AirEstimate, Estimated
+from twilight.studies.validate.photographs.picture import Photograph
 
 OTHER_SUNS = {"the same air at noon (sun at 60 deg)": 60.0, "the same air with the sun at -6 deg": -6.0}
 """Other skies of the air of a photograph."""
 
 TYPICAL = Horizon.model_validate("typical")
+LEAST_ABOVE_KM = 0.02
+"""Height of a camera above the ground from which on what is above it is said [km]."""
 LOW_SUN_DEG = 3.0
 """Sun below which the sentences say what lies beyond the horizon."""
 
@@ -55,16 +51,35 @@ WORDS = {
 }
 """Parameters in words."""
 
+AT_BOUND = {
+    "aerosol": "air that is clearer, or hazier, than any that was tried",
+    "ozone": "colours that change over the sky by more than ozone does: another cause beyond the horizon, of the white "
+    "balance or of the tone curve",
+    "albedo": "a low sky that is brighter beside the zenith than any computed, which no ground does",
+    SUN: "a sun beyond those searched",
+}
+"""What a best value at the end of what was tried stands for."""
+STRAINED = 3.0
+"""Standard errors of an angle beyond which what was told of it is doubted."""
+
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """One photograph of an estimate, its camera as it was found; the sun's true elevation, and its azimuth in the
-    camera's azimuths [deg]."""
+    """One photograph of an estimate, its camera as it is known so far.
+
+    sun_elevation_deg: true, NaN where it is sought between between_deg; sun_azimuth_deg: in the camera's azimuths, and
+    its standard error.  remarks: sentences on where these are from.  by_time_deg: the sun's azimuth from north, where
+    the camera's is known too.
+    """
 
     name: str
     photograph: Photograph
     sun_elevation_deg: float
     sun_azimuth_deg: float
+    between_deg: tuple[float, float] = (np.nan, np.nan)
+    heading_error_deg: float = 0.0
+    remarks: tuple[str, ...] = ()
+    by_time_deg: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,15 +165,16 @@ class Estimate:
         usual = " (horizon: typical, as on evenings that were recorded)" if self.given.horizon == TYPICAL else ""
         return [f"beyond the horizon: {screen or 'nothing that stops sunlight'}{usual}"]
 
-    def sky_of(self, shown: Shown) -> Sky:
-        """The computed sky of one of the photographs."""
-        return run(resolve(with_settings(self.scene, {"sun": {"elevation_deg": shown.sun_elevation_deg}})))
+    def compared(self, shown: Shown) -> tuple[Sky, Comparison]:
+        """The computed sky of one of the photographs, and the photograph beside it."""
+        return self._first if shown is self.shown[0] else self._beside(shown)
 
-    def compared(self, shown: Shown, sky: Sky) -> tuple[MaskedSky, Comparison]:
-        """One of the photographs on the grid of the comparison, and beside its computed sky."""
+    def _beside(self, shown: Shown, numpy_only_sun: bool = False) -> tuple[Sky, Comparison]:
+        scene = with_settings(self.scene, {"sun": {"elevation_deg": shown.sun_elevation_deg}})
+        sky = run(resolve(scene), numpy_only_sun=numpy_only_sun)
         seen = shown.photograph.seen(shown.sun_azimuth_deg, sky.apparent_sun_elevation_deg)
-        white_balance = self.freedom.white_balance and seen.sky.colour_known
-        return seen, compare_photo(seen.sky, sky, white_balance=white_balance, curve=self.best.curve)
+        white_balance = self.freedom.white_balance and seen.colour_known
+        return sky, compare_photo(seen, sky, white_balance=white_balance, curve=self.best.curve)
 
     def other_suns(self) -> list[tuple[str, Sky]]:
         """Names and skies of the same air at noon and at dusk, by `compact`."""
@@ -169,23 +185,18 @@ class Estimate:
         return made
 
     @cached_property
-    def sky(self) -> Sky:
-        """The computed sky of `scene`."""
-        return run(resolve(self.scene), numpy_only_sun=True)
-
-    @cached_property
-    def _compared(self) -> tuple[MaskedSky, Comparison]:
-        return self.compared(self.shown[0], self.sky)
+    def _first(self) -> tuple[Sky, Comparison]:
+        return self._beside(self.shown[0], numpy_only_sun=True)
 
     @property
-    def seen(self) -> MaskedSky:
-        """The first photograph on the grid of the comparison."""
-        return self._compared[0]
+    def sky(self) -> Sky:
+        """The computed sky of `scene`."""
+        return self._first[0]
 
     @property
     def comparison(self) -> Comparison:
         """The first photograph beside `sky`."""
-        return self._compared[1]
+        return self._first[1]
 
     def __repr__(self) -> str:
         return "\n".join([f"<Estimate of {self.picture}: {self.best.aerosol_type}", *self.sentences()]) + ">"
@@ -199,8 +210,18 @@ class Estimate:
         """What the photograph tells and what it does not, in words; where a fit does not fit, that comes first."""
         if not self.fits:
             return self.about
-        told = [_sentence(p) for p in self.best.parameters if p.name not in ANGLES]
+        told = [sentence_of(p) for p in self.best.parameters if p.name not in ANGLES]
+        told[0] += self._above()
         return [*self.about, *told, *self._types(), *self._camera(), self._bands()]
+
+    def _above(self) -> str:
+        """Of the aerosol's depth, what of it is above a camera that stood above the ground."""
+        altitude_km, ground_km = self.scene.observer.altitude_km, self.given.climate.ground.altitude_km
+        if altitude_km - ground_km < LEAST_ABOVE_KM:
+            return ""
+        above = float(aerosol_above(self.scene, altitude_km)) * self.parameters["aerosol"].value
+        level = "the sea's level" if ground_km == 0.0 else "the ground"
+        return f"; from {level} up, {above:.3g} of it above the camera"
 
     def _camera(self) -> list[str]:
         """How the camera was held, what it did to the picture, and what not knowing it costs."""
@@ -210,6 +231,13 @@ class Estimate:
             half = 0.5 * (p.high - p.low)
             tilt = f", tilted {here.roll_deg:.1f} +- {0.5 * (held['roll'].high - held['roll'].low):.1f} deg"
             lines.append(f"camera: looked {here.elevation_deg:.1f} +- {half:.1f} deg above the horizontal{tilt}")
+        for name, p in held.items():
+            error = float(getattr(self.freedom, name)) if name in ANGLES else 0.0
+            if error > 0.0 and abs(p.value) > STRAINED * error:
+                lines.append(
+                    f"{WORDS[name].partition(',')[0]}: {p.value:+.1f} {p.unit} from what was told to {error:.1f}, "
+                    "which the sky contradicts: one of the two is wrong"
+                )
         curve = self.best.curve
         if curve is not None:
             lines.append(f"tone curve: {curve.contrast:.2f} times the contrast of sRGB")
@@ -258,7 +286,7 @@ class Estimate:
             elif found is not None and found.constrained:
                 lines.append(
                     f"{line}  # from the photograph: {found.low:.3g} to {found.high:.3g} (68 %), {found.low_95:.3g} to "
-                    f"{found.high_95:.3g} (95 %)"
+                    f"{found.high_95:.3g} (95 %){self._above() if found.name == 'aerosol' else ''}"
                 )
             elif name == "type" and self.settings:
                 lines.append(f"{line}  # fits the photograph best of those that were tried, or as well as the best")
@@ -318,7 +346,7 @@ def _misfit(best: AirEstimate) -> str:
     )
 
 
-def _sentence(p: Estimated) -> str:
+def sentence_of(p: Estimated) -> str:
     """What a photograph tells of one parameter."""
     words = WORDS.get(p.name, p.name)
     unit = "" if p.unit in ("", "1") else f" {p.unit}"
@@ -328,8 +356,13 @@ def _sentence(p: Estimated) -> str:
             "95 of 100 such pictures"
         )
     low, high = p.bounds
+    told = "does not tell it"
     if p.low_95 > low and p.high_95 >= high:
-        return f"{words}: the picture tells only that it is more than {p.low_95:.3g}{unit}"
-    if p.high_95 < high and p.low_95 <= low:
-        return f"{words}: the picture tells only that it is less than {p.high_95:.3g}{unit}"
-    return f"{words}: the picture does not tell it"
+        told = f"tells only that it is more than {p.low_95:.3g}{unit}"
+    elif p.high_95 < high and p.low_95 <= low:
+        told = f"tells only that it is less than {p.high_95:.3g}{unit}"
+    at = next((end for end, most in ((low, p.value <= low), (high, p.value >= high)) if most), None)
+    means = (
+        "" if at is None else f"; the best is the end of what was tried, {at:g}, and may stand for {AT_BOUND[p.name]}"
+    )
+    return f"{words}: the picture {told}{means}"

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
 from twilight import solvers
 from twilight.base.errors import TwilightError
-from twilight.base.progress import Progress, part_of, silent
+from twilight.base.progress import part_of
 from twilight.base.threads import one_blas_thread
 from twilight.config.scene import Config
 from twilight.config.sun import SunAt, SunElevation, SunElevations
@@ -19,7 +18,7 @@ from twilight.numerics.directions import azimuth_elevation, camera_axes, directi
 from twilight.scene import resolve
 from twilight.sky import colour
 from twilight.sky.ephemeris import SunPosition, sun_position
-from twilight.studies.validate.photographs.airs import (
+from twilight.studies.validate.photographs.air import (
     OTHERS,
     SUN,
     SUN_DEG,
@@ -29,10 +28,11 @@ from twilight.studies.validate.photographs.airs import (
     with_settings,
 )
 from twilight.studies.validate.photographs.estimate import Options, Refine, find_air, first_look
-from twilight.studies.validate.photographs.estimated import Estimate, Shown
 from twilight.studies.validate.photographs.fit import ANGLES, Frame, Freedom
-from twilight.studies.validate.photographs.photo import OBSERVER, Cells
-from twilight.studies.validate.photographs.photograph import Photograph, check_sky, check_upright, place_sun
+from twilight.studies.validate.photographs.options import EstimateOptions
+from twilight.studies.validate.photographs.picture import Photograph, check_sky, check_upright, place_sun
+from twilight.studies.validate.photographs.picture_sky import OBSERVER, Cells
+from twilight.studies.validate.photographs.report import Estimate, Shown
 
 MOST_CELLS = 160
 """Directions that a fit takes, of one photograph or of all."""
@@ -51,6 +51,48 @@ LIT_ABOVE_DEG = -0.5
 
 LEAST_HEADING_DEG = 0.3
 """Least standard error of a sun's azimuth that was found in the picture [deg]."""
+
+
+def at_the_camera(
+    names: Sequence[str], photographs: Sequence[Photograph], given: Config
+) -> tuple[Config, bool, list[str]]:
+    """The scene seen from where the camera stood; whether its altitude is known; sentences on that.
+
+    By the scene where that gives one, else by Exif, else on the ground where the scene says how high that is.
+    """
+    ground_km = given.climate.ground.altitude_km
+    said = [one.stated.altitude_m for one in photographs if one.stated.altitude_m is not None]
+    if "altitude_km" in given.observer.model_fields_set:
+        altitude_km, by = given.observer.altitude_km, "as given"
+    elif said:
+        altitude_km, by = max(1e-3 * float(np.median(said)), ground_km), "by Exif"
+    elif "altitude_km" in given.climate.ground.model_fields_set:
+        altitude_km, by = ground_km, "on the ground"
+    else:
+        note = (
+            f"camera: {names[0]} does not say its altitude; taken for the sea's level, and the haze's interval holds "
+            "what may lie below it (--set observer.altitude_km)"
+        )
+        return given, False, [note]
+    note = f"camera: {1e3 * altitude_km:.0f} m above the sea, {by}"
+    return with_settings(given, {"observer.altitude_km": altitude_km}), True, [note]
+
+
+def with_file(name: str, photograph: Photograph, given: Config) -> tuple[Config, list[str]]:
+    """The scene with the file's time and place and the camera's altitude, where the scene says none; sentences."""
+    given, remarks = with_time(photograph, given)
+    if photograph.stated.altitude_m is not None:
+        given, _, above = at_the_camera([name], [photograph], given)
+        remarks += above
+    return given, remarks
+
+
+def with_time(photograph: Photograph, given: Config) -> tuple[Config, list[str]]:
+    """The scene with the file's time and place, where the scene has no sun; sentences."""
+    if "sun" in given.model_fields_set or photograph.stated.sun is None:
+        return given, []
+    given = with_settings(given, {"sun": photograph.stated.sun})
+    return given, [f"the sun's height: {sun_range(given)[0]:.2f} deg by Exif time and place"]
 
 
 def sun_range(config: Config) -> tuple[float, float, SunPosition | None]:
@@ -80,28 +122,12 @@ def _known(elevation_deg: float) -> tuple[float, float]:
     return elevation_deg, elevation_deg
 
 
-@dataclass(frozen=True)
-class Given:
-    """What the caller of an estimate says of it; see `twilight.estimate`."""
-
-    types: Sequence[str]
-    parameters: Sequence[str]
-    sun_azimuth_deg: float | None = None
-    suns_deg: Sequence[float] | None = None
-    white_balance: bool | None = None
-    tone_curve: bool | None = None
-    brightness: bool = True
-    with_colour: bool = True
-    refine: bool = False
-
-
 @one_blas_thread()
 def estimate_air(
     names: Sequence[str],
     photographs: Sequence[Photograph],
     given: Config,
-    says: Given,
-    progress: Progress = silent,
+    says: EstimateOptions,
 ) -> Estimate:
     """Fit photographs of one camera, held the same, and one air, behind the horizon `typical` unless the scene has one.
 
@@ -110,28 +136,29 @@ def estimate_air(
     capable = not says.refine or solvers.load(given.chosen_solver[0]).CAPABILITIES.screen
     if "horizon" not in given.model_fields_set and capable:
         given = with_settings(given, {"horizon": "typical"})
-    placed = [_placed(*one, given, says) for one in zip(names, photographs, _suns(photographs, says), strict=True)]
-    low, high = placed[0].between_deg
-    if len(placed) > 1:
-        if any(np.ptp(one.between_deg) > 0.0 for one in placed):
+    given, altitude_known, above = at_the_camera(names, photographs, given)
+    shown = [placed(*one, given, says) for one in zip(names, photographs, _suns(photographs, says), strict=True)]
+    low, high = shown[0].between_deg
+    if len(shown) > 1:
+        if any(np.ptp(one.between_deg) > 0.0 for one in shown):
             raise TwilightError(
                 "series: the sun of every picture must be known: by Exif time and place, by sun elevations that are "
                 "given, or by its disc"
             )
-        placed = _of_one_camera(placed)
-    shown, remarks = [one.shown for one in placed], list(dict.fromkeys(note for one in placed for note in one.remarks))
+        shown = of_one_camera(shown)
+    remarks = list(dict.fromkeys([*(note for one in shown for note in one.remarks), *above]))
     design = Design(tuple(p for p in OTHERS if p.name in says.parameters))
     own = None if given.climate.aerosol is None else given.climate.aerosol.type
-    order = [name for name in says.types if name == own] + [name for name in says.types if name != own]
-    airs = Airs(given, design, part_of(progress, 0.05, 0.75))
+    order = sorted(dict.fromkeys(says.types), key=lambda name: name != own)
+    airs = Airs(given, design, part_of(says.progress, 0.05, 0.75))
     developed = any(one.photograph.developed for one in shown)
     unknown = not all(one.photograph.balanced for one in shown)
-    heading = max(one.heading_error_deg for one in placed)
+    heading = max(one.heading_error_deg for one in shown)
     free = Freedom(
         white_balance=developed or unknown if says.white_balance is None else says.white_balance,
         curve=developed if says.tone_curve is None else says.tone_curve,
         brightness=says.brightness,
-        with_colour=says.with_colour,
+        with_colour=says.colour,
         heading=np.hypot(heading, LEAST_HEADING_DEG) if heading > 0.0 else 0.0,
         pitch=shown[0].photograph.errors_deg[1],
         roll=shown[0].photograph.errors_deg[2],
@@ -147,7 +174,7 @@ def estimate_air(
             return _by_the_scene(given, design, aerosol_type, values, sun, elevation, azimuth)
 
     most = max(MOST_CELLS // len(shown), LEAST_CELLS)
-    options, known = Options(order, own, low, high, free), low == high
+    options, known = Options(order, own, low, high, free, altitude_known), low == high
     frames = [_frame(one, most, known) for one in shown]
     first = None
     if not known or max(free.pitch, free.roll) > 0.0:
@@ -159,13 +186,13 @@ def estimate_air(
             turned = {name: value for name, value in look.items() if name != "zoom"}
             cut = [_found(one, turned) for one in shown]
             frames, first = [_frame(one, most, known, told) for one, told in zip(cut, frames, strict=True)], None
-    made = find_air(airs, frames, options, refined, progress, None if known else first)
+    made = find_air(airs, frames, options, refined, says.progress, None if known else first)
     best = next(one for one in made if one.parameters)
     shown = [_found(one, best.values) for one in shown]
     return Estimate(tuple(shown), given, made, best, free, None if says.refine else "compact", tuple(remarks))
 
 
-def _suns(photographs: Sequence[Photograph], says: Given) -> list[float | None]:
+def _suns(photographs: Sequence[Photograph], says: EstimateOptions) -> list[float | None]:
     if says.suns_deg is None:
         return [None] * len(photographs)
     if len(says.suns_deg) != len(photographs):
@@ -173,95 +200,83 @@ def _suns(photographs: Sequence[Photograph], says: Given) -> list[float | None]:
     return [_known(sun)[0] for sun in says.suns_deg]
 
 
-class _Placed(NamedTuple):
-    """A photograph with its sun (NaN where it is sought), between which suns, the error of its azimuth [deg], remarks;
-    and the sun's azimuth by place and time, for a camera that knows north [deg]."""
-
-    shown: Shown
-    between_deg: tuple[float, float]
-    heading_error_deg: float
-    remarks: list[str]
-    by_time_deg: float | None
-
-
-def _placed(name: str, photograph: Photograph, told_deg: float | None, given: Config, says: Given) -> _Placed:
+def placed(name: str, photograph: Photograph, told_deg: float | None, given: Config, says: EstimateOptions) -> Shown:
     """A photograph with what it says of its sun and its camera."""
     check_upright(name, photograph)
     low, high, at = sun_range(given)
     remarks = list(photograph.remarks)
     if told_deg is not None:
         low = high = told_deg
-    elif "sun" not in given.model_fields_set and photograph.stated.sun is not None:
-        scene = with_settings(given, {"sun": photograph.stated.sun})
+    else:
+        scene, said = with_time(photograph, given)
         low, high, at = sun_range(scene)
-        remarks.append(f"the sun's height: {low:.2f} deg by Exif time and place")
+        remarks += said
     known_azimuth = None if at is None else float(at.azimuth_deg)
-    azimuth, error, note, disc = place_sun(photograph, known_azimuth, says.sun_azimuth_deg, (low, high))
+    azimuth, error, note, light = place_sun(photograph, known_azimuth, says.sun_azimuth_deg, (low, high))
     remarks.append(note)
-    if disc is not None:
-        tilt = photograph.errors_deg[1]
+    if light is not None:
+        middle, tilt, by = light.true_elevation_deg or 0.0, photograph.errors_deg[1], f"its {light.method}"
         if low == high and tilt > DISC_PITCH_DEG:
-            turn = low - disc
-            photograph = photograph.turned(
-                turn, 0.0, (*photograph.errors_deg[:1], DISC_PITCH_DEG, photograph.errors_deg[2])
-            )
-            remarks.append(f"camera: turned by {turn:+.1f} deg so that the sun's disc stands where the sun does")
+            # the mean of both, by their errors
+            error_deg = max(light.elevation_error_deg, DISC_PITCH_DEG)
+            both = np.hypot(tilt, error_deg)
+            turn, held = (tilt / both) ** 2 * (low - middle), tilt * error_deg / both
+            photograph = photograph.turned(turn, 0.0, (photograph.errors_deg[0], held, photograph.errors_deg[2]))
+            remarks.append(f"camera: turned by {turn:+.1f} +- {held:.1f} deg towards where {by} has the sun")
         elif low < high:
-            found = round(disc, 2)
-            nearest = min(max(found, low), high)
-            if nearest == found:
-                remarks.append(f"the sun's height: {found:.2f} deg by its disc in the photograph")
-            else:
-                remarks.append(
-                    f"the sun's height: {nearest:g} deg, of those searched the nearest to its disc ({found:.2f})"
-                )
-            low, high = max(low, nearest - 3.0 * tilt), min(high, nearest + 3.0 * tilt)
+            found, off = round(middle, 2), 0.0 if light.method == "disc" else light.elevation_error_deg
+            nearest, reach = min(max(found, low), high), 3.0 * float(np.hypot(tilt, off))
+            apart = "" if nearest == found else f", of those searched the nearest to it ({found:.2f})"
+            remarks.append(f"the sun's height: {nearest:g}{f' +- {off:.1f}' if off else ''} deg by {by}{apart}")
+            low, high = max(low, nearest - reach), min(high, nearest + reach)
     remarks += check_sky(name, photograph, photograph.seen(azimuth, low if low == high else None))
-    sun = Shown(name, photograph, low if low == high else np.nan, azimuth)
     by_time = None if photograph.camera.orientation.azimuth_deg is None else known_azimuth
-    return _Placed(sun, (low, high), error, remarks, by_time)
+    sun = low if low == high else np.nan
+    return Shown(name, photograph, sun, azimuth, (low, high), error, tuple(remarks), by_time)
 
 
-def _of_one_camera(placed: list[_Placed]) -> list[_Placed]:
+def of_one_camera(shown: list[Shown]) -> list[Shown]:
     """The pictures of a series, whose camera was not moved: it is held in all as those say that know best."""
-    errors = np.array([one.shown.photograph.errors_deg for one in placed])
-    held = [one.shown.photograph.camera.orientation for one in placed]
+    errors = np.array([one.photograph.errors_deg for one in shown])
+    held = [one.photograph.camera.orientation for one in shown]
     angles = np.array([[one.elevation_deg, one.roll_deg] for one in held])
     least = errors.min(axis=0)
     elevation, roll = (
         float(np.median(angles[errors[:, k + 1] == least[k + 1], k])) if least[k + 1] > 0.0 else None for k in (0, 1)
     )
-    off, error = _by_best_compass(placed)
+    off, error = _by_best_compass(shown)
     made = []
-    for one, (pitch, tilt) in zip(placed, angles, strict=True):
+    for one, (pitch, tilt) in zip(shown, angles, strict=True):
         turn = 0.0 if elevation is None else elevation - pitch
-        photograph = one.shown.photograph.turned(turn, 0.0 if roll is None else roll - tilt, tuple(least))
-        azimuth = one.shown.sun_azimuth_deg if off is None else (one.by_time_deg or 0.0) + off
-        shown = replace(one.shown, photograph=photograph, sun_azimuth_deg=float(azimuth % 360.0))
-        made.append(one._replace(shown=shown, heading_error_deg=one.heading_error_deg if off is None else error))
+        photograph = one.photograph.turned(turn, 0.0 if roll is None else roll - tilt, tuple(least))
+        azimuth = one.sun_azimuth_deg if off is None else (one.by_time_deg or 0.0) + off
+        error_deg = one.heading_error_deg if off is None else error
+        made.append(
+            replace(one, photograph=photograph, sun_azimuth_deg=float(azimuth % 360.0), heading_error_deg=error_deg)
+        )
     if elevation is not None:
         note = f"camera: held alike in all pictures, {elevation:.1f} deg above the horizontal"
-        made[0] = made[0]._replace(remarks=[*made[0].remarks, note])
+        made[0] = replace(made[0], remarks=(*made[0].remarks, note))
     return made
 
 
-def _by_best_compass(placed: list[_Placed]) -> tuple[float | None, float]:
+def _by_best_compass(shown: list[Shown]) -> tuple[float | None, float]:
     """How far the compass is off by the pictures that know best, and its error then [deg]; None where north or the time
     of a picture is not known."""
-    least = min(one.heading_error_deg for one in placed)
+    least = min(one.heading_error_deg for one in shown)
     off = [
-        (one.shown.sun_azimuth_deg - one.by_time_deg + 180.0) % 360.0 - 180.0
-        for one in placed
+        (one.sun_azimuth_deg - one.by_time_deg + 180.0) % 360.0 - 180.0
+        for one in shown
         if one.by_time_deg is not None and one.heading_error_deg <= 2.0 * least
     ]
-    known = all(one.by_time_deg is not None for one in placed)
+    known = all(one.by_time_deg is not None for one in shown)
     return (float(np.median(off)), least) if off and known else (None, least)
 
 
 def _frame(shown: Shown, most: int, known: bool, told: Frame | None = None) -> Frame:
     """A photograph cut into the cells of a fit; told: the same with the camera that its angles count from."""
     photograph, sun = shown.photograph, shown.sun_elevation_deg
-    cells = Cells.of(photograph.seen(shown.sun_azimuth_deg, sun if np.isfinite(sun) else None).sky, most)
+    cells = Cells.of(photograph.seen(shown.sun_azimuth_deg, sun if np.isfinite(sun) else None), most)
     held = photograph.camera.orientation
     camera = ((held.azimuth_deg or 0.0) - shown.sun_azimuth_deg, held.elevation_deg, held.roll_deg)
     if told is not None:
@@ -286,7 +301,8 @@ def _found(shown: Shown, values: Mapping[str, float]) -> Shown:
     if pitch or roll or zoom:
         photograph = photograph.turned(pitch, roll, photograph.errors_deg, zoom)
     sun = values.get(SUN, shown.sun_elevation_deg)
-    return Shown(shown.name, photograph, float(sun), float((shown.sun_azimuth_deg - heading) % 360.0))
+    azimuth = float((shown.sun_azimuth_deg - heading) % 360.0)
+    return replace(shown, photograph=photograph, sun_elevation_deg=float(sun), sun_azimuth_deg=azimuth)
 
 
 def _by_the_scene(

@@ -27,7 +27,7 @@ from twilight.scene.medium import climate_medium
 from twilight.scene.scene import screen_of
 from twilight.sky import colour
 from twilight.solvers import compact
-from twilight.studies.validate.photographs.photo import OBSERVER
+from twilight.studies.validate.photographs.picture_sky import OBSERVER
 
 WAVELENGTH_NM = np.array(PLACED_NM)
 """Wavelengths of the skies [nm]."""
@@ -37,6 +37,8 @@ SUN_DEG: tuple[float, float] = (-18.0, 90.0)
 
 ROWS = np.linspace(0.0, 1.0, 19)
 """Rows of a sky: roots of their elevations over 90 deg."""
+HEIGHT_STEP_KM = 0.02
+"""Step of the aerosol's profile above a camera [km]; halving it moves no depth by 0.1 %."""
 COLUMNS_DEG = np.arange(-30.0, 211.0, 7.5)
 """Columns of a sky, azimuths from the sun [deg]: beyond 0 and 180 its mirror images."""
 
@@ -69,6 +71,9 @@ OTHERS = (
     Parameter("albedo", "ground.albedo", "1", (0.0, 0.25, 0.6)),
 )
 """What may be estimated besides the aerosol."""
+ALTITUDE_KM = 0.28
+"""Mean altitude at which people are, distributed exponentially: a median of 194 m and a third below 100 m (Cohen and
+Small 1998, PNAS 95, 14009) [km]."""
 SUN = "sun"
 """Name of the parameter that is the sun's elevation."""
 
@@ -236,11 +241,26 @@ class Airs:
         one, other = (self.splines(name, values, suns) for name in (first.aerosol_type, aerosol_type))
         return Skies(first.design, aerosol_type, first.sun_elevations_deg, first.splines + (other - one), self.error)
 
+    def lifted_ln(self, aerosol_type: str, count: int) -> np.ndarray:
+        """ln of the aerosol's depth from the ground up over that above a camera (N,), for altitudes as people's are."""
+        height = -ALTITUDE_KM * np.log(1.0 - (np.arange(count) + 0.5) / count)
+        config = with_settings(self.base, {"aerosol.type": aerosol_type})
+        return -np.log(aerosol_above(config, max(config.climate.ground.altitude_km, 0.0) + height))
+
     @property
     def error(self) -> float:
         """Relative error that the solver says of the skies asked for last."""
         made = [field.convergence for field in self._fields.values()]
         return max(float(one.error) for one in made if one is not None and one.error is not None)
+
+
+def aerosol_above(config: Config, altitude_km: np.ndarray | float) -> np.ndarray:
+    """Aerosol optical depth at 550 nm above altitudes [km], as a fraction of that from the ground up."""
+    medium = climate_medium(config.climate, np.array([550.0]))
+    z = np.linspace(medium.bottom_km, medium.top_km, round((medium.top_km - medium.bottom_km) / HEIGHT_STEP_KM) + 1)
+    extinction = medium.at(z).aerosol_extinction[:, 0]
+    below = np.append(0.0, np.cumsum(0.5 * np.diff(z) * (extinction[1:] + extinction[:-1])))
+    return 1.0 - np.interp(altitude_km, z, below) / below[-1]
 
 
 def climate_settings(design: Design, values: Mapping[str, float], aerosol_type: str) -> dict[str, Any]:
