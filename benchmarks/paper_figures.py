@@ -14,6 +14,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import results
 from PIL import Image, ImageDraw, ImageOps
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -71,4 +72,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     main()
