@@ -259,12 +259,10 @@ def ground() -> Iterator[Row]:
     for albedo in (0.15, 0.9):
         bright = his_field(ground__albedo=albedo)
         for sun in (10.0, -3.0):
-            light = {f: f.radiance(sun, *HIS) for f in (dark, bright)}
-            brighter = np.median(light[bright][:, 3] / light[dark][:, 3])
-            as_bright = light[dark] * (light[bright][:, 3:4] / light[dark][:, 3:4])
-            found = colour_errors(
-                light[bright], as_bright, None, nm, nm, solar_spectrum="kurucz1992", observer="cie1964_10deg"
-            )
+            over, under = bright.radiance(sun, *HIS), dark.radiance(sun, *HIS)
+            brighter = np.median(over[:, 3] / under[:, 3])
+            as_bright = under * (over[:, 3:4] / under[:, 3:4])
+            found = colour_errors(over, as_bright, None, nm, nm, solar_spectrum="kurucz1992", observer="cie1964_10deg")
             assert found is not None
             yield (
                 f"sun {sun:+g}: albedo {albedo:g} beside 0",

@@ -209,10 +209,11 @@ def _warn_of_gaps(field: Field) -> None:
         return
     grids = {name: grid_of(field.medium, settings, altitude_km) for name, settings in QUALITIES.items()}
     filled = [f"{name} ({one.azimuth_cells})" for name, one in grids.items() if not one.shells_without_cells.size]
+    s, first_km = field.settings.azimuth_cells, field.grid.shell_radius_km[gaps[0]]
     warnings.warn(
-        f"solver.azimuth_cells {field.settings.azimuth_cells}: {gaps.size} of {field.grid.n_shells} shells around the "
-        f"observer hold air and the centre of no cell, the first one {field.grid.shell_radius_km[gaps[0]]:.0f} km away: "
-        f"their light is missing{'; qualities without such: ' + ', '.join(filled) if filled else ''}",
+        f"solver.azimuth_cells {s}: {gaps.size} of {field.grid.n_shells} shells around the observer hold air and the "
+        f"centre of no cell, the first {first_km:.0f} km away, and their light is missing"
+        f"{'; qualities without such: ' + ', '.join(filled) if filled else ''}",
         TwilightWarning,
         stacklevel=3,
     )

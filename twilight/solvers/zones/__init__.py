@@ -7,6 +7,7 @@ from twilight.solvers.zones.grids import kinds_met, spectral_groups
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.solver import cost, load, prepare
 from twilight.solvers.zones.spectrum import interpolation
+from twilight.solvers.zones.stated_error import stated_error
 
 CAPABILITIES = Capabilities(
     finite_segments=True,
@@ -17,6 +18,7 @@ CAPABILITIES = Capabilities(
     spectral_groups=spectral_groups,
     spectral_interpolation=interpolation,
     cost=cost,
+    expected_error=stated_error,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "Field", "ZonesSettings", "kinds_met", "load", "prepare", "tuned_numbers"]
