@@ -133,12 +133,12 @@ class Field(BareField):
         s, rings = self.settings, self.rings
         self._progress("direct light", 0.0)
         filtered = np.exp(-self.medium.overhead_absorption_optical_depth)
-        isotropic, aerosol = sunlit(self.layers, rings, sun, self.tolerance, filtered)
+        isotropic, aerosol = self.first_event(sun, filtered)
         self.convergence = Convergence(1, 1.0)
         yield isotropic, aerosol
         active = self.active.ring
         cells = full_turn(s.azimuth_cells)
-        reflected = self._first_of_ground(sun, filtered)
+        reflected = self.first_of_ground(sun, filtered)
         energy = isotropic @ cells + aerosol @ cells
         sent = isotropic[active]
         forward: np.ndarray | None = aerosol[active]
@@ -174,11 +174,15 @@ class Field(BareField):
         whole = self.layers.air + self.layers.aerosol
         return self.layers._replace(later_scattering=whole, later_extinction=self.layers.extinction)
 
+    def first_event(self, sun: np.ndarray, filtered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """I_air and I_aerosol of direct light, as of `sunlit`; filtered (W,): transmittance of the ozone filter."""
+        return sunlit(self.layers, self.rings, sun, self.tolerance, filtered)
+
     def one_pass(self, layers: Layers, sent: np.ndarray, forward: np.ndarray | None, sun: np.ndarray) -> np.ndarray:
         """What active cells extinguish of what they send, as of `exchange`."""
         return exchange(layers, self.active_rings, sent, forward, sun)
 
-    def _first_of_ground(self, sun: np.ndarray, filtered: np.ndarray) -> np.ndarray | None:
+    def first_of_ground(self, sun: np.ndarray, filtered: np.ndarray) -> np.ndarray | None:
         """Sunlight that patches of the ground reflect, (N, W, H); None on dark ground."""
         if self.patches is None:
             return None
