@@ -11,6 +11,7 @@ the code; with names of steps (parts of them) these alone are computed.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -170,7 +171,7 @@ def in_cells(step: Step, settings: cells.CellsSettings | None = None) -> tuple[d
     """Radiances (suns, 26) of `SideBySide.skies` and processor seconds of a sky, kept; steps that differ in what
     is seen of it alone share them."""
     settings = settings or step.settings
-    name = file_name(f"{step.climate} {sorted(step.keys)} {settings} {step.suns}")
+    name = hashlib.sha256(f"{step.climate} {step.keys} {settings} {step.suns}".encode()).hexdigest()[:16]
     found = KEPT.rows(name)
     if found is None:
         begun = time.process_time()
