@@ -4,7 +4,7 @@
 
 Each claim is a function here.  What it has found is kept in out/three-papers with the digest of the code, and taken
 from there by a run of the same code: a run that was stopped goes on where it was.  With names these claims alone are
-measured, again, and the rows of the others stay in the table if they are of the same code.
+measured, again; rows of others that no kept ones of this code replace stay, with a note.
 Errors are percentages over directions, "95 %" their 95th percentile.  `seconds` is the processor time of the claim up
 to the row.  Haber's cells are S = 72 to 120, whose shells all have cells but three at S = 72.
 """
@@ -47,6 +47,7 @@ AZIMUTH_DEG = (0.0, 45.0, 90.0, 180.0)
 EVENTS = 8
 """Scattering events beside which fewer are judged; one more adds less than 1e-4 in the median."""
 MODULES = ("cells", "zones", "tables", "montecarlo", "analytic")
+TABLE = results.FOLDER / "three_papers.csv"
 KEPT = results.Kept("three-papers", code_digest(*(f"twilight.solvers.{m}" for m in MODULES), without=DISPLAY))
 
 
@@ -415,10 +416,23 @@ def processor_s() -> float:
 
 
 def write(known: dict[str, list]) -> None:
-    """The table of what is known."""
-    lines = [[CLAIMS[n][0], n, *row] for n in CLAIMS for row in known.get(n) or ()]
-    columns = ["paper", "claim", "what", "measured", "seconds"]
-    results.write(results.FOLDER / "three_papers.csv", columns, lines, command="python benchmarks/three_papers.py")
+    """The table of what is known; rows of other claims stay, under a note of the heading that they were made under."""
+    heading, *notes = (line[2:] for line in TABLE.read_text(encoding="utf-8").splitlines() if line.startswith("# "))
+    old: dict[str, list] = {}
+    for row in results.read_rows(TABLE):
+        old.setdefault(row["claim"], []).append([row["what"], row["measured"], row.get("seconds") or ""])
+    made_by = dict.fromkeys(old, heading)
+    for note in notes:
+        names, _, earlier = note.removeprefix("rows of ").partition(": ")
+        made_by |= dict.fromkeys(names.split(", "), earlier)
+    lines = [[CLAIMS[n][0], n, *row] for n in CLAIMS for row in known.get(n) or old.get(n) or ()]
+    of_heading: dict[str, list[str]] = {}
+    for name in CLAIMS:
+        if name in old and not known.get(name):
+            of_heading.setdefault(made_by[name], []).append(name)
+    results.write(TABLE, ["paper", "claim", "what", "measured", "seconds"], lines,
+                  notes=[f"rows of {', '.join(names)}: {made}" for made, names in of_heading.items()],
+                  command="python benchmarks/three_papers.py")  # fmt: skip
 
 
 def main() -> None:
