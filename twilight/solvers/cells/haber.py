@@ -76,12 +76,12 @@ class CellsSettings:
 
 
 QUALITIES: dict[str, CellsSettings] = {
-    "draft": CellsSettings(azimuth_cells=62),
+    "draft": CellsSettings(azimuth_cells=66),
     "standard": CellsSettings(),
     "haber2005": CellsSettings(azimuth_cells=120),
 }
-"""Sizes with cells in every shell of air up to 35, 60 and 100 km: the cells of 62, 92 and 120 have 1.47, 1.04 and 1.02
-times the volume of Haber's air, and 0.99, 1.01 and 0.96 times that of air up to 100 km."""
+"""Sizes with cells in every shell of air up to 35, 60 and 100 km: the cells of 66, 92 and 120 have 1.35, 1.04 and 1.02
+times the volume of Haber's air, and 0.96, 1.01 and 0.96 times that of air up to 100 km."""
 
 RINGS_AT_ONCE = 256
 """Rings whose light of an event is there at the same time, beside the sum of all events."""
