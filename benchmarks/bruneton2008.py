@@ -89,4 +89,5 @@ def cie() -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     cie()

@@ -324,4 +324,5 @@ def main(words: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     main(sys.argv[1:])

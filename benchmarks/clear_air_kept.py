@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import results
 
 from twilight.base.whole_files import whole_file
 
@@ -102,6 +103,7 @@ def keep(folder: Path, path: Path) -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     if len(sys.argv) not in (2, 3):
         sys.exit(__doc__)
     keep(Path(sys.argv[1]), Path(sys.argv[2]) if len(sys.argv) > 2 else KEPT)

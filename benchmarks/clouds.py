@@ -83,4 +83,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     main()

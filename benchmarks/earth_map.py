@@ -12,6 +12,7 @@ from __future__ import annotations
 import sys
 
 import numpy as np
+import results
 import xarray
 from matplotlib.path import Path
 
@@ -61,4 +62,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     main()

@@ -124,4 +124,5 @@ def draw(rows: list[tuple]) -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     main(Path(sys.argv[1] if len(sys.argv) > 1 else "../shared/data/dark_sky_network"))

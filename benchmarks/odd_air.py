@@ -173,4 +173,5 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     main(sys.argv[1:])

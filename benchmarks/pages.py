@@ -92,5 +92,6 @@ def filled(page: str) -> str:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     for page in PARTS:
         (results.ROOT / page).write_text(filled(page), encoding="utf-8")

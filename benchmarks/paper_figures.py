@@ -2,72 +2,114 @@
 
     python benchmarks/paper_figures.py [NAME ...]      writes docs/paper-figures.jpg
 
-Each row is a configuration, each picture one of its cases by `twilight render`; of haber2005-fig7 a third picture is
-the difference of the two (each exposed by itself), gamma 3 as in the paper.
-Haber's cells are S = 36 here (2 s a picture; 120 are his).
+Each row is a configuration, each picture one of its cases or suns, drawn from the field in the directions of its
+pixels.  Haber's are "rendered by separately mapping image intensity linearly to the output range": the brightest pixel
+but 0.2 % of them is white; of haber2005-fig7 a third picture is the difference of the two on one scale, gamma 3 as in
+the paper.  His cells are S = 90 here with every sixth shell active (25 processor s a picture; 120 and 4 are his).
+Preetham's flat spectrum is white, as his overcast sky is grey.  What is drawn once is kept in out/paper-figures.
 """
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from pathlib import Path
+import argparse
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageOps
+import results
+from PIL import Image, ImageDraw
 
-ROOT = Path(__file__).resolve().parents[1]
-SIZE = (300, 135)
-HABER = ["--set", "solver.azimuth_cells=36", "--set", "texture.resolution_deg=10"]
-FIGURES = {
-    "haber2005-fig7": HABER,
-    "haber2005-fig8": HABER,
-    "haber2005-fig9": HABER,
-    "haber2005-fig10": HABER,
-    "haber2005-fig12": HABER,
-    "bruneton2008-fig6": ["--set", "wavelengths={list_nm: [440, 550, 680]}"],  # his three
-    "preetham1999-fig9": [],
-    "preetham1999-fig10": [],
+from twilight.base.digest import DISPLAY, code_digest
+from twilight.config import load_series
+from twilight.engine import solve
+from twilight.io.picture import view_directions
+from twilight.scene import resolve
+from twilight.sky import colour
+
+HEIGHT, WIDTH = 135, 300
+TEXT = 16
+"""Height of a line of text [pixels]."""
+HABER = {"solver.azimuth_cells": 90, "solver.active_shell_step": 6}
+FIGURES: dict[str, dict] = {
+    **{f"haber2005-fig{n}": HABER for n in (7, 8, 9, 10, 12)},
+    "bruneton2008-fig6": {"wavelengths": {"list_nm": [440, 550, 680]}},  # his three
+    "preetham1999-fig9": {},
+    "preetham1999-fig10": {},
 }
+SPARED = 0.998
+"""Part of the pixels that a linear picture shows without clipping."""
+KEPT = results.Kept("paper-figures", code_digest("twilight.engine.field", "twilight.solvers.cells", without=DISPLAY))
 
 
-def in_frame(image: Image.Image) -> Image.Image:
-    """A wide picture cut to SIZE, a fisheye whole."""
-    return ImageOps.fit(image, SIZE) if image.width > image.height else ImageOps.pad(image, SIZE, color="white")
+def linear_pictures(name: str) -> list[tuple[str, np.ndarray]]:
+    """Label and linear Rec. 709 [cd m^-2], (height, width, 3), of each picture; NaN outside a fisheye's circle."""
+    made = []
+    for case in load_series(name, FIGURES[name]):
+        scene = resolve(case.config)
+        view = case.config.output.views[0]
+        elevation, azimuth = np.broadcast_arrays(*view_directions(view, 132 if view == "fisheye" else WIDTH))
+        up = np.maximum(elevation, 0.0)
+        field = None
+        for sun in scene.sun_elevations_deg:
+            label = case.name.replace("_", " ") or f"sun {sun:g} deg"
+            key = f"{name} {case.name} {sun:g}"
+            rows = KEPT.rows(key)
+            if rows is None:
+                field = field or solve(scene)
+                factor = field.radiance(sun, up, azimuth)
+                xyz = colour.factor_to_xyz(
+                    factor, scene.medium.wavelength_nm, case.config.solar_spectrum,
+                    observer=case.config.output.colour_observer,
+                )  # fmt: skip
+                rows = colour.xyz_to_linear_rgb(xyz).tolist()
+                KEPT.keep(key, rows)
+            rgb = np.array(rows)
+            rgb[elevation < 0.0] = np.nan
+            made.append((label, rgb))
+    return made
 
 
-def pictures(name: str, folder: Path) -> list[tuple[str, Image.Image]]:
+def shown(name: str, rgb: np.ndarray) -> np.ndarray:
+    """Display values 0..1 of a linear picture, exposed as the paper's."""
+    seen = np.nan_to_num(rgb)
+    if name.startswith("haber"):
+        brightest = np.nanquantile(rgb.max(axis=-1), SPARED)
+        return colour.srgb_encode(np.clip(colour.into_gamut(seen) / brightest, 0.0, 1.0))
+    if name.startswith("preetham"):
+        seen = seen / colour.xyz_to_linear_rgb(np.ones(3))
+    luminance = np.nan_to_num(rgb @ np.array([0.2126, 0.7152, 0.0722]))
+    return colour.tone_map(seen, colour.auto_exposure_ev100(luminance))
+
+
+def pictures(name: str) -> list[tuple[str, Image.Image]]:
     """Label and picture of each case of a configuration."""
-    command = [sys.executable, "-m", "twilight", "render", name, *FIGURES[name], "--output", str(folder)]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    plan = subprocess.run(
-        [*command[:5], *FIGURES[name], "--plan"], check=True, stdout=subprocess.PIPE, text=True
-    ).stdout
-    labels = dict.fromkeys(line.split("\t")[0] for line in plan.splitlines())
-    made = [(label, path) for label in labels if (path := folder / label / "sky.png").is_file()]
-    made = made or [(path.parent.name, path) for path in sorted(folder.glob("sun*/sky*.png"), reverse=True)]
-    found = [(label, Image.open(path).convert("RGB")) for label, path in made]
+    made = linear_pictures(name)
+    found = []
+    for label, rgb in made:
+        display = np.where(np.isnan(rgb), 0.75, shown(name, rgb))
+        found.append((label, display))
     if name == "haber2005-fig7":
-        once, more = (np.asarray(image, float) / 255.0 for _, image in found)
-        found.append(("difference", Image.fromarray((255.0 * np.abs(more - once) ** (1.0 / 3.0)).astype(np.uint8))))
-    return found
+        once, more = (np.nan_to_num(rgb) for _, rgb in made)
+        brightest = np.quantile(more.max(axis=-1), SPARED)
+        found.append(("difference, gamma 3", np.clip(np.abs(more - once) / brightest, 0.0, 1.0) ** (1.0 / 3.0)))
+    return [(label, Image.fromarray(np.round(255.0 * display).astype(np.uint8))) for label, display in found]
 
 
 def main() -> None:
-    names = sys.argv[1:] or list(FIGURES)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(FIGURES)}; none: all")
     rows = []
-    for name in names:
-        made = pictures(name, ROOT / "out" / "paper-figures" / name)  # what is there is not rendered again
-        rows.append((name, [(label, in_frame(image)) for label, image in made]))
+    for name in parser.parse_args().names or FIGURES:
+        rows.append((name, pictures(name)))
         print(name, flush=True)
-    columns = max(len(found) for _, found in rows)
-    sheet = Image.new("RGB", (columns * SIZE[0], len(rows) * (SIZE[1] + 18)), "white")
+    columns, high = max(len(found) for _, found in rows), HEIGHT + 2 * TEXT
+    sheet = Image.new("RGB", (columns * (WIDTH + 6), len(rows) * high), "white")
     draw = ImageDraw.Draw(sheet)
     for i, (name, found) in enumerate(rows):
+        draw.text((3, i * high + 2), name, fill="black")
         for j, (label, image) in enumerate(found):
-            sheet.paste(image, (j * SIZE[0], i * (SIZE[1] + 18) + 18))
-            draw.text((j * SIZE[0] + 4, i * (SIZE[1] + 18) + 3), f"{name}: {label[:30]}", fill="black")
-    sheet.save(ROOT / "docs" / "paper-figures.jpg", quality=88)
+            left = j * (WIDTH + 6) + (WIDTH - image.width) // 2
+            sheet.paste(image, (left, i * high + 2 * TEXT))
+            draw.text((j * (WIDTH + 6) + 3, i * high + TEXT + 1), label[: WIDTH // 6], fill="black")
+    sheet.save(results.ROOT / "docs" / "paper-figures.jpg", quality=88)
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import results
 from PIL import Image, ImageSequence
 from results import ROOT
 
@@ -178,6 +179,7 @@ def page(file: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     parts = {"gallery": gallery, "films": films, "sunset": sunset, "photographs": photographs, "page": page}
     if len(sys.argv) < 2 or sys.argv[1] not in parts:
         raise SystemExit((__doc__ or "").split("\n\n")[1])

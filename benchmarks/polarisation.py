@@ -135,6 +135,7 @@ def stored(_climates) -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     tables = {"scalar": scalar, "reference": reference, "stored": stored}
     if len(sys.argv) < 2 or sys.argv[1] not in tables:
         sys.exit(f"one of {', '.join(tables)} comes first")

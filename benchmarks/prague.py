@@ -112,4 +112,5 @@ def picture(field, sky: PragueSky, nodes, axes: PragueAxes, path: Path) -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     main()

@@ -64,4 +64,5 @@ def tests(files: list[str]) -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     tests([Path(word).name for word in sys.argv[1:]])

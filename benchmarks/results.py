@@ -10,6 +10,7 @@ begins with `# checked at commit`.
 from __future__ import annotations
 
 import csv
+import json
 import os
 import subprocess
 import sys
@@ -24,6 +25,13 @@ from twilight.base.whole_files import whole_file
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "benchmarks" / "results"
+
+
+def say_help(text: str | None) -> None:
+    """Print what a script says of itself and end, where --help is asked for."""
+    if {"--help", "-h"} & set(sys.argv[1:]):
+        print((text or "").strip())
+        sys.exit()
 
 
 def heading(command: str = "") -> str:
@@ -57,6 +65,31 @@ def write(
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(rows)
+
+
+class Kept:
+    """Rows that a benchmark has found, by name, in a folder of its own under out/: a run that was stopped goes on.
+
+    version: of the code behind them; rows of another one are not seen.
+    """
+
+    def __init__(self, folder: str, version: str):
+        self.folder, self.version = ROOT / "out" / folder, version
+
+    def rows(self, name: str) -> list | None:
+        """What was kept under a name; None: nothing of this version."""
+        try:
+            kept = json.loads((self.folder / f"{name}.json").read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+        return kept["rows"] if kept["version"] == self.version else None
+
+    def keep(self, name: str, rows: list) -> None:
+        """Keep rows of numbers and text under a name."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        text = json.dumps({"version": self.version, "rows": rows})
+        with whole_file(self.folder / f"{name}.json") as temporary:
+            temporary.write_text(text, encoding="utf-8")
 
 
 def stamp(path: Path, target: Path, command: str = "") -> None:

@@ -20,6 +20,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import results
 
 import twilight
 
@@ -126,6 +127,7 @@ def compare(before: str, after: str) -> int:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     match sys.argv[1:]:
         case ["write", path, *beginnings]:
             write(path, beginnings)

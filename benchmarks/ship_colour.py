@@ -9,6 +9,7 @@ from pathlib import Path
 
 import colour
 import numpy as np
+import results
 from colour.colorimetry import SDS_BASIS_FUNCTIONS_CIE_ILLUMINANT_D_SERIES as DAYLIGHT
 from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019 as PRIMARIES
 
@@ -70,4 +71,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     main()

@@ -11,6 +11,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import results
+
 ENTRIES = Path(__file__).resolve().parents[1] / "twilight" / "jit" / "entries.json"
 SOLVERS = ("zones", "cells")
 """Those whose sky takes less time than their kernels."""
@@ -63,4 +65,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     main()

@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import results
 
 from twilight.atmosphere import mie, opac, shipped_optics
 from twilight.atmosphere.mie import LogNormal
@@ -34,4 +35,5 @@ def write(path: Path) -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     write(Path(str(data_file(f"opac/{shipped_optics.FILE_NAME}"))))

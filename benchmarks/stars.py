@@ -123,4 +123,5 @@ def photograph(path: Path) -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     main()

@@ -150,4 +150,5 @@ def _say(rows: list[list[str]]) -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     main(sys.argv[1:])

@@ -107,4 +107,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     search() if sys.argv[1:] == ["search"] else main()

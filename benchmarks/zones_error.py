@@ -93,6 +93,7 @@ def main(qualities: list[str], climates: list[str]) -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     names = [a for a in sys.argv[1:] if a in zones.QUALITIES]
     places = [a for a in sys.argv[1:] if a in CLIMATES]
     main(names or list(USUAL), places or list(CLIMATES))

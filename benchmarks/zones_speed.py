@@ -105,6 +105,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     if sys.argv[1:] == ["profile"]:
         warm_up()
         for of_climate in ("continental-average", "desert"):

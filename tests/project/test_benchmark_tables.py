@@ -57,6 +57,20 @@ def test_rows_of_some_solvers_are_replaced_and_the_others_keep_their_heading(com
     assert lines[6:] == ["cie,standard,5,30.0", *new, "cells,draft,5,1.9", "cells,standard,5,0.2"]
 
 
+def test_rows_of_a_table_without_a_new_column_stay_empty_there(compare, tmp_path):
+    """A column that is new would end the table, or stand under another's name."""
+    (tmp_path / "urban.csv").write_text(OLD, encoding="utf-8")
+    columns = "solver,quality,sun_elevation_deg,sky_cpu_s,median_percent"
+    lines = merged(compare, tmp_path, ["zones,draft,5,0.2,0.5", "zones,draft,0,0.3,0.6"], columns)
+    assert lines[3:] == [
+        columns,
+        "cells,draft,5,,2.0",
+        "cie,standard,5,,30.0",
+        "zones,draft,5,0.2,0.5",
+        "zones,draft,0,0.3,0.6",
+    ]
+
+
 def test_every_benchmark_and_every_table_names_a_script_that_is_there():
     """A table that nothing can renew would stay, or README would name a script that is gone."""
     listed = re.findall(

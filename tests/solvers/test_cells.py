@@ -1,6 +1,7 @@
 """Haber's system, `cells`: each step against its equation or an independent way to it."""
 
 import math
+import warnings
 from dataclasses import replace
 
 import numba
@@ -9,7 +10,7 @@ import pytest
 from scipy.integrate import quad
 
 from twilight.atmosphere.medium import Medium
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.numerics.phase import PhaseFunction
 from twilight.solvers import cells, zones
 from twilight.solvers.cells import QUALITIES
@@ -76,6 +77,25 @@ def test_shell_counts_of_the_paper(azimuth_cells, shells):
     # a shell is as thick as the mean arc of its two edges is long; the last one reaches the outer radius
     arc = 2 * np.pi / azimuth_cells * 0.5 * (radii[1:] + radii[:-1])
     np.testing.assert_allclose(np.diff(radii)[:-1], arc[:-1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("top", [35.0, 60.0, 100.0])
+@pytest.mark.parametrize("quality", list(QUALITIES))
+def test_every_shell_of_a_quality_has_cells(quality, top):
+    """Air far from the observer would have no cell, and its light would be missing (S = 60 from 395 km on)."""
+    grid = make_grid(QUALITIES[quality].azimuth_cells, 0.1, 0.0, 0.0, top, 6371.0)
+    assert not grid.shells_without_cells.size
+
+
+def test_shells_without_cells_are_told():
+    """Light of a small S would be taken for his: from 400 km on no cell has its centre in air up to 35 km."""
+    with pytest.warns(
+        TwilightWarning, match=r"azimuth_cells 36: 4 of 50 shells .* the first 313 km away.*draft \(66\)"
+    ):
+        cells.prepare(air(top=35.0), replace(HABER, azimuth_cells=36))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        cells.prepare(air(top=35.0), QUALITIES["draft"])
 
 
 def test_cells_fill_a_sphere_that_lies_in_the_air():
@@ -318,6 +338,28 @@ def test_effective_scattering_is_less_by_g():
     np.testing.assert_allclose(as_published.later_scattering, as_published.air + 0.3 * as_published.aerosol)
     np.testing.assert_array_equal(as_published.later_extinction, as_published.extinction)
     np.testing.assert_allclose(closed.later_extinction, closed.later_scattering, rtol=1e-12)
+
+
+def test_effective_scattering_begins_with_the_third_event():
+    """Eq. (2) would count in I_2, which section 4.6.2 makes by eq. (5) as printed; an option reads section 4.5.3."""
+    medium = air(aerosol=0.3, top=35.0)
+    settings = replace(HABER, azimuth_cells=26)
+    printed, earlier = (
+        cells.prepare(medium, replace(settings, effective_from_event=event, reduce_extinction=True)) for event in (3, 2)
+    )
+    second, third = printed.layers_of(2), printed.layers_of(3)
+    np.testing.assert_array_equal(second.later_scattering, second.air + second.aerosol)
+    np.testing.assert_array_equal(second.later_extinction, second.extinction)
+    assert third is printed.layers and earlier.layers_of(2) is earlier.layers
+    light = [
+        cells.prepare(medium, replace(settings, max_orders=2, effective_from_event=event)).radiance(20.0, 30.0, 90.0)
+        - cells.prepare(medium, replace(settings, max_orders=1)).radiance(20.0, 30.0, 90.0)
+        for event in (3, 2)
+    ]
+    low = (
+        light[1] / light[0]
+    )  # what is scattered in the second event, between all of air's and (1 - g) of the aerosol's
+    assert np.all((low > 0.3) & (low < 0.9))
 
 
 # --- the texture (4.7) and the whole ---

@@ -226,6 +226,7 @@ def _sun(
 
 
 def _print_plans(cases: list[Any]) -> None:
+    from twilight.cli.choices import print_choices
     from twilight.scene import resolve
     from twilight.scene.plan import not_computed
     from twilight.scene.scene import described
@@ -243,6 +244,7 @@ def _print_plans(cases: list[Any]) -> None:
         beyond = described(case.config.horizon)
         if beyond is not None:
             print(f"beyond the horizon of {case.name or case.config.title}: {beyond}")
+    print_choices([(case.name or case.config.title, resolve(case.config, for_plan=True)) for case in cases])
     columns = ["scene", "suns", "wavelengths", "in blocks", "interpolated from", "sky [GB]", "picture of the view [GB]"]
     columns += ["field of a block [GB]", "memory in all [GB]", "processor time, about"]
     print_table(columns, sizes, right=tuple(range(1, len(columns))))

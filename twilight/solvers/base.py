@@ -91,6 +91,8 @@ class Capabilities:
         (`twilight.engine.carried`); None: never
     cost: cost of a field from (medium, settings, sun elevations or None for any, altitude of the observer); None, or
         where that gives None: not known
+    expected_error: error [fraction] that 95 % of radiances are expected to stay within, from (medium, settings, lowest
+        sun, altitude of the observer); infinite where it was not measured in such air; None: the solver does not say
     package: name of a Python package that it needs beside those of twilight, which the extra `peers` installs
     """
 
@@ -106,6 +108,7 @@ class Capabilities:
     spectral_groups: Callable[[Medium, Any], Sequence[Hashable]] | None = None
     carried: Callable[[Any], bool] | None = None
     cost: Callable[[Medium, Any, Sequence[float] | None, float], Cost | None] | None = None
+    expected_error: Callable[[Medium, Any, float, float], float] | None = None
     package: str = ""
 
     @property

@@ -179,6 +179,11 @@ class CellGrid:
     def n_shells(self) -> int:
         return self.shell_radius_km.size - 1
 
+    @property
+    def shells_without_cells(self) -> np.ndarray:
+        """Indices of the shells that hold air, as all do, and the centre of no cell."""
+        return np.setdiff1d(np.arange(self.n_shells), self.ring_shell)
+
 
 def make_grid(
     azimuth_cells: int,
@@ -187,9 +192,13 @@ def make_grid(
     bottom_km: float,
     top_km: float,
     earth_radius_km: float,
+    reach: float = 1.0,
 ) -> CellGrid:
-    """All cells whose centre is above the ground and below the top, for an observer inside the air."""
-    outer = outer_radius_km(top_km, observer_altitude_km, earth_radius_km)
+    """All cells whose centre is above the ground and below the top, for an observer inside the air.
+
+    reach: how far the shells go, over R_max.
+    """
+    outer = reach * outer_radius_km(top_km, observer_altitude_km, earth_radius_km)
     edges = shell_radii(azimuth_cells, inner_radius_km, outer)
     d = 2.0 * math.pi / azimuth_cells
     rows = azimuth_cells // 2

@@ -1,7 +1,7 @@
 """The solver compact: skies from a model of all clear air in one file, without compiled code."""
 
 from twilight.solvers.base import Capabilities
-from twilight.solvers.compact.field import COST, QUALITIES, CompactSettings, prepare
+from twilight.solvers.compact.field import COST, QUALITIES, CompactSettings, expected_error, prepare
 from twilight.solvers.compact.field import ClearAirField as Field
 
 CAPABILITIES = Capabilities(
@@ -11,6 +11,7 @@ CAPABILITIES = Capabilities(
     looks_down=False,
     screen=True,
     cost=lambda medium, settings, suns, altitude_km: COST,
+    expected_error=expected_error,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "CompactSettings", "Field", "prepare"]

@@ -80,6 +80,20 @@ def prepare(
     return ClearAirField(medium, shipped_model(), observer_altitude_km, polarisation)
 
 
+def expected_error(
+    medium: Medium, settings: CompactSettings, lowest_sun_deg: float, observer_altitude_km: float
+) -> float:
+    """What the model says of its error [fraction, 95 % of directions] under a sun, -inf: its lowest.
+
+    Errors: TwilightError as of `prepare`, and for a sun below -18 deg.
+    """
+    sun = float(SUN_DEG[0]) if np.isneginf(lowest_sun_deg) else lowest_sun_deg
+    field = ClearAirField(medium, shipped_model(), observer_altitude_km, settings.polarisation)
+    field.radiance(sun, 90.0, 0.0)
+    assert isinstance(field.convergence, ModelError)
+    return field.convergence.error
+
+
 class ClearAirField(BareField):
     """The skies of one medium for any sun from -18 to 90 deg and observers up to 15 km above the ground.
 

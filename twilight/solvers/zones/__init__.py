@@ -6,6 +6,7 @@ from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.grids import kinds_met, spectral_groups
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.solver import carried, cost, load, prepare
+from twilight.solvers.zones.stated_error import stated_error
 
 CAPABILITIES = Capabilities(
     finite_segments=True,
@@ -16,6 +17,7 @@ CAPABILITIES = Capabilities(
     spectral_groups=spectral_groups,
     carried=carried,
     cost=cost,
+    expected_error=stated_error,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "Field", "ZonesSettings", "kinds_met", "load", "prepare", "tuned_numbers"]

@@ -20,7 +20,7 @@ TABLE_COLUMNS = (
     *(f"{name}_percent" for name in _QUANTILES),
     *(f"ciede2000_{name}" for name in ("median", "p95", "max", "noise_median")),
     *(f"luminance_{name}_percent" for name in ("median", "p95", "max")),
-    *("time_s", "set_up_s", "sky_s", "runs", "directions_timed", "cpu_s", "compiled_s"),
+    *("time_s", "set_up_s", "sky_s", "runs", "directions_timed", "cpu_s", "sky_cpu_s", "compiled_s"),
     *("peak_memory_mib", "memory_before_mib", "radiances_per_s", "threads", "load_average"),
     "reason",
 )
@@ -59,11 +59,11 @@ def _cells(row: ComparisonRow) -> list[str]:
     if row.colour is not None:
         c, y = row.colour.ciede2000, row.colour.luminance
         colour = [_number(v) for v in (c.median, c.p95, c.largest, c.noise_median, y.median, y.p95, y.largest)]
-    time = [""] * 12
+    time = [""] * 13
     t = row.timing
     if t is not None:
-        times = (row.time_s, row.set_up_s, row.sky_s, len(t.sky_s), t.directions, row.cpu_s, t.compiled_s)
-        rest = (t.peak_mib, t.before_mib, row.radiances_per_s, t.threads, t.load)
+        times = (row.time_s, row.set_up_s, row.sky_s, len(t.sky_s), t.directions, row.cpu_s, row.sky_cpu_s)
+        rest = (t.compiled_s, t.peak_mib, t.before_mib, row.radiances_per_s, t.threads, t.load)
         time = [_number(v) for v in (*times, *rest)]
     return [*_names(row), *_quantile_cells(row.error), *colour, *time, row.reason]
 
@@ -135,14 +135,17 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "p", "<")
 JOINED_QUALITIES = ("draft", "standard", "reference")
 """Qualities that a line joins; others stand alone."""
+LEAST_SAVED = 0.8
+"""One more sky has a mark of its own where it takes less than this part of a first one."""
 LARGEST_PERCENT = 200.0
 """Errors beyond this are drawn here, hollow."""
 
 
 @dataclass(frozen=True)
 class FigurePoint:
-    """One mark: the error [%] over the directions and wavelengths, and the time of one sky [s].
+    """A mark: the error [%] over the directions and wavelengths, and the time of a first sky [s], set-up included.
 
+    more_s: of one more sky of the same air; nan where it is not known.
     noise_percent: the part of the error that the reference's own noise would give, already taken out.
     memory_mib: the most that its process held; nan where it was not measured.  time_s is nan for radiances that were
     computed elsewhere.
@@ -155,6 +158,7 @@ class FigurePoint:
     error_percent: float
     noise_percent: float = 0.0
     memory_mib: float = math.nan
+    more_s: float = math.nan
 
     @property
     def resolved(self) -> bool:
@@ -176,6 +180,7 @@ def points(rows: Iterable[ComparisonRow]) -> list[FigurePoint]:
             r.error.p95,
             r.error.noise_p95,
             r.timing.peak_mib,
+            r.sky_s,
         )
         for r in rows
         if r.error is not None and r.timing is not None
@@ -184,12 +189,13 @@ def points(rows: Iterable[ComparisonRow]) -> list[FigurePoint]:
 
 def read_points(path: str | Path, *, processor: bool = False) -> list[FigurePoint]:
     """The marks of a `compare.csv`, or of any table with its columns solver, quality, sun_elevation_deg, time_s and
-    p95_percent (and noise_p95_percent, peak_memory_mib); with `processor` their times are processor times, from cpu_s.
+    p95_percent (and noise_p95_percent, peak_memory_mib, sky_s); with `processor` their times are processor times, from
+    cpu_s and sky_cpu_s.
 
     Errors: TwilightError for a file that cannot be read or has other columns.
     """
     points = []
-    column = "cpu_s" if processor else "time_s"
+    column, more = ("cpu_s", "sky_cpu_s") if processor else ("time_s", "sky_s")
     try:
         with open(path, newline="", encoding="utf-8") as stream:
             for row in csv.DictReader(line for line in stream if not line.startswith("#")):
@@ -203,6 +209,7 @@ def read_points(path: str | Path, *, processor: bool = False) -> list[FigurePoin
                             float(row["p95_percent"]),
                             float(row.get("noise_p95_percent") or 0.0),
                             float(row.get("peak_memory_mib") or "nan"),
+                            float(row.get(more) or "nan"),
                         )
                     )
     except (OSError, KeyError, ValueError) as error:
@@ -215,7 +222,7 @@ def draw(
     path: Path,
     *,
     title: str = "",
-    time_label: str = "time for one sky, set-up included [s]",
+    time_label: str = "time of a first sky, and of one more (small) [s]",
     columns: int = 4,
     panel_inches: tuple[float, float] = (2.4, 2.5),
 ) -> bool:
@@ -282,6 +289,9 @@ def _panel(axes: Any, marks: Sequence[FigurePoint], solvers: Sequence[str]) -> N
             axes.plot(
                 m.time_s, m.drawn_percent, marker=marker, markersize=6, markerfacecolor=fill, linestyle="none", **style
             )
+            if m.more_s < LEAST_SAVED * m.time_s:
+                across = [m.more_s, m.time_s], [m.drawn_percent] * 2
+                axes.plot(*across, marker=marker, markersize=3, markevery=[0], linestyle=":", linewidth=0.8, **style)
 
 
 def _limits(axes: Any, marks: Sequence[FigurePoint]) -> None:
@@ -290,7 +300,7 @@ def _limits(axes: Any, marks: Sequence[FigurePoint]) -> None:
 
     formatter = FuncFormatter(lambda value, position: f"{value:g}")
     for axis, values, set_limits in (
-        (axes.xaxis, [m.time_s for m in marks], axes.set_xlim),
+        (axes.xaxis, [t for m in marks for t in (m.time_s, m.more_s) if t > 0.0], axes.set_xlim),
         (axes.yaxis, [m.drawn_percent for m in marks], axes.set_ylim),
     ):
         low, high = math.log10(min(values)) - 0.2, math.log10(max(values)) + 0.2

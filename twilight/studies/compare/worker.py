@@ -139,6 +139,9 @@ class _Execution:
             try:
                 with set_up:
                     field = self._solve(scene)
+                    if self.solver.CAPABILITIES.every_sun:  # what all suns share may be made for the first one
+                        with suppress(TwilightError):
+                            field.radiance(self.suns[0], np.array([90.0]), np.array([0.0]))
             except TwilightError as error:
                 for sun in self.suns:
                     self._fail(sun, error)
