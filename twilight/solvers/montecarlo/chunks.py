@@ -228,10 +228,11 @@ def run_chunks(air, line_of_sight_air, sun, importance, walk, seed, pixels, jobs
 class MonteCarloResult:
     """Sun-normalised radiance L/F0 [sr^-1] with its noise; arrays (..., W), orders (N_ORDERS, ..., W).
 
-    order_radiance[n]: light scattered n + 1 times, a reflection by the ground being one; the last entry holds the rest.
-    standard_error, order_standard_error: one standard deviation of the means; nan where fewer than 2 samples an arm.
+    radiance, standard_error: mean and its standard deviation; nan where too few paths found light to know them
+    (`Tally.unknown`).
+    order_radiance[n], order_standard_error[n]: of light scattered n + 1 times, a reflection by the ground being one; the
+    last entry holds the rest.  The first one is known everywhere, and a lower bound of the radiance.
     samples: samples taken. limited: samples that met a safety limit of the walk (0 in any sane medium).
-    untrusted (..., W): a few bright samples hold most of the variance, so that the error may be larger than stated.
     complete: False if a limit of time or samples ended the run before twice the target.
     """
 
@@ -240,14 +241,13 @@ class MonteCarloResult:
     order_radiance: np.ndarray
     order_standard_error: np.ndarray
     samples: np.ndarray
-    untrusted: np.ndarray
     limited: int
     complete: bool
 
 
 @dataclass(frozen=True)
 class StokesResult:
-    """Sun-normalised Stokes vectors I, Q, U [sr^-1] with their noise: arrays (..., 3, W); samples, untrusted (..., W).
+    """Sun-normalised Stokes vectors I, Q, U [sr^-1] with their noise: arrays (..., 3, W); samples (..., W).
 
     The signs are those of :meth:`twilight.solvers.montecarlo.Field.stokes`; the rest is as in `MonteCarloResult`.
     """
@@ -255,7 +255,6 @@ class StokesResult:
     stokes: np.ndarray
     standard_error: np.ndarray
     samples: np.ndarray
-    untrusted: np.ndarray
     limited: int
     complete: bool
 
@@ -309,7 +308,7 @@ class Tally:
         kurtosis = np.where(varies, (m4 - 4 * m1 * m3 + 6 * m1**2 * m2 - 3 * m1**4) / scale**2, 3.0)
         return skewness, kurtosis
 
-    def untrusted(self) -> np.ndarray:
+    def unknown(self) -> np.ndarray:
         """Where (P, W) the variance itself is known to no better than UNTRUSTED of itself: sqrt((kurtosis - 1) / n).
 
         And where an arm has fewer than FEWEST samples that vary, the error is more than UNCERTAIN of the mean, or the
@@ -351,6 +350,8 @@ class Tally:
     def result(self, shape: tuple[int, ...], complete: bool) -> MonteCarloResult:
         """Means and errors of I with the pixels in `shape`."""
         mean, error = self.means((0, slice(None)))
+        # light scattered once has no noise
+        mean[self.unknown(), 1:] = error[self.unknown(), 1:] = np.nan
         full = (*shape, self.count.shape[1])
 
         def orders_first(a):
@@ -362,7 +363,6 @@ class Tally:
             orders_first(mean),
             orders_first(error),
             self.count.sum(axis=-1).reshape(full),
-            self.untrusted().reshape(full),
             self.limited,
             complete,
         )
@@ -370,12 +370,13 @@ class Tally:
     def stokes(self, shape: tuple[int, ...], complete: bool) -> StokesResult:
         """Means and errors of I, Q, U with the pixels in `shape`."""
         mean, error = (np.moveaxis(values, -1, 1) for values in self.means((slice(None), TOTAL)))
+        unknown = np.broadcast_to(self.unknown()[:, None], mean.shape)
+        mean[unknown] = error[unknown] = np.nan
         full = (*shape, self.count.shape[1])
         return StokesResult(
             mean.reshape(*shape, *mean.shape[1:]),
             error.reshape(*shape, *mean.shape[1:]),
             self.count.sum(axis=-1).reshape(full),
-            self.untrusted().reshape(full),
             self.limited,
             complete,
         )
