@@ -53,7 +53,7 @@ PILOT, BRIEF, MOST = 16, 32, 20000
 LIMIT_S = 25.0
 """Processor seconds of `zones`, and of the reference solution, after which it is stopped."""
 TOLERATED = 0.03
-"""Error of `draft` that counts as none: what it is off by at 95 % in ordinary air with its noise (`zones_error.csv`)."""
+"""Error of `draft` that counts as none: it is off by as much at 95 % in ordinary air (`zones_error.csv`)."""
 LAYER_SUNS_DEG = (30.0, -6.0)
 LAYERS: dict[str, tuple[float, float, float, float]] = {
     "jump, 10 m at 3 km, depth 2": (3.0, 0.01, 2.0, 0.0),
