@@ -77,7 +77,7 @@ def drawn_air(rng: np.random.Generator, bottom_km: float) -> tuple[str, Medium]:
         base = bottom_km + pick(rng, (0.0, 0.2), (rng.uniform(0.0, 15.0), 0.8))
         thin = base, base + log_uniform(rng, 0.01, 1.0), log_uniform(rng, 0.003, 2.0)
         edges = np.unique([*edges, *thin[:2]])
-        jumps |= set(thin[:2])
+        jumps |= {edge for edge in thin[:2] if edge > bottom_km}
         what.append(f"layer {1000.0 * (thin[1] - thin[0]):.0f} m at {base:.2f} km depth {thin[2]:.2g}")
     duct = refractivity > 0.0 and rng.random() < DUCT_ODDS
     if duct:
@@ -85,15 +85,10 @@ def drawn_air(rng: np.random.Generator, bottom_km: float) -> tuple[str, Medium]:
         what.append("duct")
     elif refractivity == 0.0:
         what.append("no refraction")
-    # z (L,): levels, twice where there is a jump; beside (L,): an altitude within the same layer; at: where profiles
-    # are read
-    twice = np.array([2 if z in jumps else 1 for z in edges])
-    z = np.repeat(edges, twice)
-    below = np.concatenate([[False], z[1:] == z[:-1]])
-    above = np.append(z[1:] == z[:-1], False)
-    step = np.where(above, np.roll(z, 1), np.where(below | (z == z[0]), np.roll(z, -1), z))
-    step[-1] = z[-2]
-    beside = 0.5 * (z + step)
+    # levels, twice where there is a jump; an altitude within the same layer; where profiles are read
+    z = np.repeat(edges, [2 if edge in jumps else 1 for edge in edges])
+    down, up = np.diff(z, prepend=z[0]), np.diff(z, append=z[-1])
+    beside = z + 0.5 * np.where(down == 0.0, up, np.where(up == 0.0, -down, 0.0))
     at = np.where(layers, beside, z)
 
     def column(shape: np.ndarray, depth: float) -> np.ndarray:

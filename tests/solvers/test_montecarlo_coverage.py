@@ -18,7 +18,7 @@ from twilight.base.errors import TwilightWarning
 from twilight.numerics.phase import PhaseFunction
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
-SETTINGS = MonteCarloSettings(target_stderr=None, samples=32, polarisation=False)
+SETTINGS = MonteCarloSettings(target_stderr=None, samples=64, polarisation=False)
 CURVATURE = 2e-3
 """Relative error that is not noise: a planet that is not quite flat, and doubling with few streams."""
 
@@ -69,7 +69,7 @@ def test_stated_errors_hold_in_slabs(prepared):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::twilight.TwilightWarning")
 @pytest.mark.parametrize("settings", [
-    *(replace(SETTINGS, samples=samples) for samples in (16, 64)),
+    *(replace(SETTINGS, samples=samples) for samples in (16, 64, 256)),
     *(replace(SETTINGS, target_stderr=0.05, time_limit_s=seconds) for seconds in (0.05, 0.3, 3.0)),
 ])  # fmt: skip
 def test_stated_errors_hold_in_many_slabs(settings):

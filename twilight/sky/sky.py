@@ -97,8 +97,11 @@ class Sky(SkyLight):
         shape = (elevation.size, azimuth.size, wavelength.size)
         if radiance.shape != shape or 0 in shape:
             raise TwilightError(f"sky: sun_normalised_radiance has shape {radiance.shape}, the grid has {shape}")
-        error = self.standard_error
-        unknown = np.isnan(radiance) & (np.shape(error) == shape and np.isnan(error))
+        unknown = np.isnan(radiance)
+        if self.standard_error is not None and np.shape(self.standard_error) == shape:
+            unknown &= np.isnan(self.standard_error)
+        else:
+            unknown[:] = False
         if not ((np.isfinite(radiance) & (radiance >= 0)) | unknown).all():
             raise TwilightError("sky: sun_normalised_radiance must be finite and not negative")
         if wavelength[0] <= 0 or np.any(np.diff(wavelength) <= 0):

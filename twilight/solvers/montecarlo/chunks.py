@@ -34,9 +34,14 @@ SKEWNESS_FACTOR = 1.75
 """The mean of n skewed samples strays from the truth, in units of its own estimated error, with the variance
 1 + (2 + 7/4 skewness^2) / n to first order (Edgeworth expansion of Student's t; Hall 1987, Ann. Prob. 15, 920)."""
 UNTRUSTED = 0.5
-"""Relative error of the variance beyond which a standard error is not to be trusted."""
-FEWEST = 8
-"""Samples of an arm below which a standard error is not to be trusted, unless they are all the same."""
+"""Relative error of the variance beyond which a standard error of more than SMALL is not to be trusted."""
+SMALL = 0.01
+"""Relative error of the mean up to which it is known, whatever its variance hangs on."""
+FEWEST, FEWEST_IN_THICK_AIR = 8, 32
+"""Samples of an arm below which a standard error is not to be trusted, unless they are all the same; the second one
+where the vertical optical depth is above THICK_DEPTH, where one sample in some may hold a tenth of the light."""
+THICK_DEPTH = 3.0
+"""See FEWEST_IN_THICK_AIR."""
 UNCERTAIN = 0.1
 """Relative error of the mean beyond which it is not to be trusted: light is not negative, so that so uncertain a mean
 hangs on a few bright samples, whether they came or not.  In odd air without an importance function, means with 0.2 were
@@ -262,9 +267,12 @@ class StokesResult:
 
 class Tally:
     """Running sums: count (P, W, 2); sums, squares (P, W, 2, S, N_ORDERS + 1), the last column being the total;
-    high (P, W, 2, 2): of the third and fourth power of all of I."""
+    high (P, W, 2, 2): of the third and fourth power of all of I; fewest (W,): samples of an arm that tell its error."""
 
-    def __init__(self, n_pixels: int, n_wavelengths: int, n_stokes: int):
+    def __init__(self, n_pixels: int, n_stokes: int, optical_depth: np.ndarray):
+        """optical_depth (W,): the vertical one of the air."""
+        n_wavelengths = optical_depth.size
+        self.fewest = np.where(optical_depth > THICK_DEPTH, FEWEST_IN_THICK_AIR, FEWEST)
         self.count = np.zeros((n_pixels, n_wavelengths, N_ARMS), dtype=np.int64)
         self.sums = np.zeros((n_pixels, n_wavelengths, N_ARMS, n_stokes, N_ORDERS + 1))
         self.squares = np.zeros_like(self.sums)
@@ -310,20 +318,23 @@ class Tally:
         return skewness, kurtosis
 
     def unknown(self) -> np.ndarray:
-        """Where (P, W) the variance itself is known to no better than UNTRUSTED of itself: sqrt((kurtosis - 1) / n).
+        """Where (P, W) the error of the mean is not known, because too few paths found light.
 
-        And where an arm has fewer than FEWEST samples that vary, the error is more than UNCERTAIN of the mean, or the
-        control variate, which light that no path found yet leaves behind, is more than MAX_CONTROL_FRACTION of it.
+        That is where samples vary and an arm has too few of them, or the error is more than UNCERTAIN of the mean, or
+        more than SMALL of it and the variance known to no better than UNTRUSTED of itself, sqrt((kurtosis - 1) / n);
+        and where the control variate, which light that no path found yet leaves behind, is more than
+        MAX_CONTROL_FRACTION of the mean.
         """
         _, kurtosis = self.shape_of_samples()
-        doubt = np.maximum(kurtosis - 1.0, 0.0) / np.maximum(self.count, 1)
+        doubt = np.sqrt((np.maximum(kurtosis - 1.0, 0.0) / np.maximum(self.count, 1)).mean(axis=-1) / N_ARMS)
         mean, variance = self.moments((0, slice(None)))
-        few = (self.count.min(axis=-1) < FEWEST) & np.any(variance[..., TOTAL] != 0.0, axis=-1)
+        varies = np.any(variance[..., TOTAL] != 0.0, axis=-1)
+        error = self.relative_error()
         mean = mean.mean(axis=2)
         control = np.abs(mean[..., TOTAL] - mean[..., :N_ORDERS].sum(axis=-1))
         by_control = control > MAX_CONTROL_FRACTION * np.abs(mean[..., TOTAL])
-        unknown = np.sqrt(doubt.mean(axis=-1) / N_ARMS) > UNTRUSTED
-        return few | by_control | (self.relative_error() > UNCERTAIN) | unknown
+        few = self.count.min(axis=-1) < self.fewest
+        return by_control | varies & (few | (error > UNCERTAIN) | (error > SMALL) & (doubt > UNTRUSTED))
 
     def wanted(self, target: float, max_samples: int, late: bool) -> np.ndarray:
         """Samples (P, W, 2) each arm should have in all, judged from the other arm: v / (2 (target mean)^2).

@@ -81,7 +81,7 @@ class Run:
         self.batch_order = batch_order
         self.started = time.monotonic()
         self.n_stokes = N_STOKES if self.settings.polarised else 1
-        self.tally = chunks.Tally(pixels.key.size, field.medium.n_wavelengths, self.n_stokes)
+        self.tally = chunks.Tally(pixels.key.size, self.n_stokes, field.medium.optical_depth("total"))
         self.chunks_used = np.zeros_like(self.tally.count)
 
     def all_rounds(self) -> bool:
