@@ -18,7 +18,7 @@ from twilight.base.errors import TwilightWarning
 from twilight.numerics.phase import PhaseFunction
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
-SETTINGS = MonteCarloSettings(target_stderr=None, samples=64, polarisation=False)
+SETTINGS = MonteCarloSettings(target_stderr=None, samples=256, polarisation=False)
 CURVATURE = 2e-3
 """Relative error that is not noise: a planet that is not quite flat, and doubling with few streams."""
 
@@ -62,19 +62,19 @@ def hastily(medium, **place):
 @pytest.mark.filterwarnings("ignore::twilight.TwilightWarning")
 @pytest.mark.parametrize("prepared", [hastily, lambda medium: prepare(medium, SETTINGS)], ids=["hastily", "whole"])
 def test_stated_errors_hold_in_slabs(prepared):
-    """Few samples: one value in three would be 3 to 400 standard errors off."""
+    """Where the time limit cut the importance function short, values would be up to 400 standard errors off."""
     judge([of_slab(number, prepared) for number in range(6)], 6)
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::twilight.TwilightWarning")
 @pytest.mark.parametrize("settings", [
-    *(replace(SETTINGS, samples=samples) for samples in (16, 64, 256)),
+    *(replace(SETTINGS, samples=samples) for samples in (16, 64, 512)),
     *(replace(SETTINGS, target_stderr=0.05, time_limit_s=seconds) for seconds in (0.05, 0.3, 3.0)),
 ])  # fmt: skip
 def test_stated_errors_hold_in_many_slabs(settings):
     """The same with limits of time, which also cut the importance function short."""
-    judge([of_slab(number, partial(prepare, settings=replace(settings, seed=number))) for number in range(40)], 0)
+    judge([of_slab(number, partial(prepare, settings=replace(settings, seed=number))) for number in range(20)], 0)
 
 
 def test_no_value_where_few_paths_find_light():
@@ -95,12 +95,12 @@ def test_no_value_where_few_paths_find_light():
 def test_stated_errors_hold_in_odd_air(third):
     """Brief runs beside long ones, with the importance function and with one that was cut short."""
     cases = []
-    for number in range(third, 24, 3):
+    for number in range(third, 15, 3):
         air = drawn(number)
         question = air.sun_deg, air.elevation_deg, air.azimuth_deg
         field = prepare(air.medium, SETTINGS, observer_altitude_km=air.altitude_km)
         hasty = hastily(air.medium, observer_altitude_km=air.altitude_km)
-        truth = replace(field, settings=replace(SETTINGS, samples=1000, seed=9)).radiance_with_error(*question)
+        truth = replace(field, settings=replace(SETTINGS, samples=2000, seed=9)).radiance_with_error(*question)
         for brief in (field, hasty):
             r = brief.radiance_with_error(*question)
             cases.append((r.radiance, np.hypot(r.standard_error, truth.standard_error), truth.radiance))

@@ -37,9 +37,9 @@ UNTRUSTED = 0.5
 """Relative error of the variance beyond which a standard error of more than SMALL is not to be trusted."""
 SMALL = 0.01
 """Relative error of the mean up to which it is known, whatever its variance hangs on."""
-FEWEST, FEWEST_IN_THICK_AIR = 8, 32
+FEWEST, FEWEST_IN_THICK_AIR = 8, 128
 """Samples of an arm below which a standard error is not to be trusted, unless they are all the same; the second one
-where the vertical optical depth is above THICK_DEPTH, where one sample in some may hold a tenth of the light."""
+where the vertical optical depth is above THICK_DEPTH, where one sample in a hundred may hold a tenth of the light."""
 THICK_DEPTH = 3.0
 """See FEWEST_IN_THICK_AIR."""
 UNCERTAIN = 0.1
