@@ -17,6 +17,7 @@ import multiprocessing
 import resource
 import sys
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from multiprocessing.connection import Connection
@@ -31,7 +32,7 @@ from clear_air_airs import drawn_climate, load_climate_document
 from layered_sky import layered
 from odd_airs import OddAir, drawn, seen
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.scene.medium import climate_medium
 from twilight.solvers import compact, montecarlo, zones
 
@@ -48,7 +49,7 @@ CLEAR_EVERY = 4
 """Of so many numbers one is a clear climate, which `compact` knows too."""
 SAMPLING_S = 2.0
 """Processor seconds of the reference's samples; its importance function takes some 3 more."""
-PILOT, BRIEF, MOST = 16, 32, 20000
+PILOT, BRIEF, MOST = 16, 256, 20000
 """Samples of a direction: of the run that tells what one costs; of a run whose own errors are judged; the most."""
 LIMIT_S = 25.0
 """Processor seconds of `zones`, and of the reference solution, after which it is stopped."""
@@ -119,7 +120,10 @@ def fitted(air: OddAir) -> np.ndarray | None:
 
 def serve(pipe: Connection, sampling_s: float) -> None:
     """Solve the cases that are asked for, (number, by which solver), one after the other."""
+    warnings.simplefilter("ignore", TwilightWarning)
     solvers = {"reference": lambda air: reference(air, sampling_s), "draft": draft, "compact": fitted}
+    for solve in solvers.values():  # machine code is made outside any limit
+        solve(case(1))
     while True:
         number, solver = pipe.recv()
         air = case(number)

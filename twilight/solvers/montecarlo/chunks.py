@@ -35,7 +35,7 @@ SKEWNESS_FACTOR = 1.75
 1 + (2 + 7/4 skewness^2) / n to first order (Edgeworth expansion of Student's t; Hall 1987, Ann. Prob. 15, 920)."""
 UNTRUSTED = 0.5
 """Relative error of the variance beyond which a standard error of more than SMALL is not to be trusted."""
-SMALL = 0.01
+SMALL = 0.05
 """Relative error of the mean up to which it is known, whatever its variance hangs on."""
 FEWEST, FEWEST_IN_THICK_AIR = 8, 128
 """Samples of an arm below which a standard error is not to be trusted, unless they are all the same; the second one
