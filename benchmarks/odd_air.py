@@ -1,67 +1,61 @@
-"""Odd air against the reference solution: python benchmarks/odd_air.py [odd] [layers] [SECONDS | keep]
+"""Odd air against the reference solution: python benchmarks/odd_air.py [drawn LAST | layers | again NUMBER ...]
 
-Scalar theory, one wavelength, no refraction.  `odd` writes results/odd_air.csv: air that ends at 20 km, ozone of 20
-times the usual depth, aerosol of asymmetry 0.99, haze in stripes; `layers` writes results/sharp_layers.csv: single
-layers from 10 m to 1 km seen from below, from inside and from above.  Each row has the reference's radiance, its
-standard error, and what `zones` at draft and standard differ by, in per cent of the reference solution.
+`drawn` (200) writes results/odd_air.csv: cases drawn from all that the program permits (`tests/odd_airs.py`, whose
+`drawn(number)` makes a case of the table again), every fourth a clear climate; cases that the table has stay.  `again`
+solves cases anew with sixteen times the samples.  `layers` writes results/sharp_layers.csv: single layers from 10 m to
+1 km, seen from below, from inside and from above.  Scalar theory, one wavelength.
 
-The reference samples until 0.5 % (layers: 1 %) or for SECONDS for each sun and observer (60); with `keep` its columns
-stay as the table has them, and only `zones` is solved anew.
+The reference takes a number of samples that costs SAMPLING_S processor seconds.  Where too few of its paths find light
+it has no value, and neither has the row.  z: difference over the reference's standard error, to which TOLERATED of the
+radiance is added in quadrature.  What takes longer than LIMIT_S processor seconds is stopped, and the row says so.
 """
 
 from __future__ import annotations
 
+import csv
+import multiprocessing
+import resource
 import sys
-from collections.abc import Callable, Sequence
+import time
+import warnings
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import NamedTuple
+from multiprocessing.connection import Connection
+from typing import Any
 
 import numpy as np
 import results
 
 sys.path.insert(0, str(results.ROOT / "tests"))
 
+from clear_air_airs import drawn_climate, load_climate_document
 from layered_sky import layered
-from stability_media import LEVELS_KM, Air, medium_of
+from odd_airs import OddAir, drawn, seen
 
-from twilight.atmosphere.medium import Medium
-from twilight.solvers import montecarlo, zones
+from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.scene.medium import climate_medium
+from twilight.solvers import compact, montecarlo, zones
 
-SUNS_DEG = (30.0, -6.0)
-ELEVATION_DEG = np.array([1.0, 1.0, 5.0, 20.0, 90.0])
-AZIMUTH_DEG = np.array([0.0, 180.0, 0.0, 90.0, 0.0])
+TABLE = results.FOLDER / "odd_air.csv"
 COLUMNS = (
-    "case,sun_elevation_deg,observer_km,elevation_deg,azimuth_deg,reference_per_sr,reference_percent,untrusted,"
-    "draft_percent,standard_percent"
+    *("number", "case", "observer_km", "sun_elevation_deg", "elevation_deg", "azimuth_deg"),
+    *("reference_per_sr", "reference_percent", "draft_percent", "draft_z", "compact_percent", "brief_z", "note"),
 )
-STORED_REFERENCE = ("the reference solution's columns are those of an earlier run, whose solver has not changed since",)
-"""Note of a table that is made with `keep`."""
-
-
-def air(levels_km: np.ndarray = LEVELS_KM, **depths: float) -> Medium:
-    return medium_of(Air(**depths), levels_km=levels_km, refractivity=0.0)  # type: ignore[arg-type]
-
-
-def striped() -> Medium:
-    """Ten stripes of haze, 100 m each with edges, 100 m apart from 1 km on, optical depth 0.05 each."""
-    edges = 1.0 + 0.1 * np.arange(20)
-    levels = np.sort(np.concatenate([[0.0, 0.5], edges, edges, [4.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 50.0, 80.0]]))
-    medium = air(levels, aerosol=0.0)
-    aerosol = np.zeros_like(medium.aerosol_extinction_per_km)
-    for base in edges[::2]:
-        first = np.flatnonzero(levels == base)[-1]
-        aerosol[first : first + 2] = 0.05 / 0.1
-    return replace(medium, aerosol_extinction_per_km=aerosol)
-
-
-ODD: dict[str, Callable[[], Medium]] = {
-    "top at 20 km": lambda: air(np.concatenate([np.arange(0.0, 10.0), np.linspace(10.0, 20.0, 6)])),
-    "ozone 20 times": lambda: air(ozone=0.6),
-    "asymmetry 0.99": lambda: air(aerosol=0.5, asymmetry=0.99),
-    "striped haze": striped,
-}
-
+LAYER_COLUMNS = (
+    *("case", "sun_elevation_deg", "observer_km", "elevation_deg", "azimuth_deg"),
+    *("reference_per_sr", "reference_percent", "draft_percent", "standard_percent"),
+)
+CLEAR_EVERY = 4
+"""Of so many numbers one is a clear climate, which `compact` knows too."""
+SAMPLING_S = 2.0
+"""Processor seconds of the reference's samples; its importance function takes some 3 more."""
+PILOT, BRIEF, MOST = 16, 256, 20000
+"""Samples of a direction: of the run that tells what one costs; of a run whose own errors are judged; the most."""
+LIMIT_S = 25.0
+"""Processor seconds of `zones`, and of the reference solution, after which it is stopped."""
+TOLERATED = 0.03
+"""Error of `draft` that counts as none: it is off by as much at 95 % in ordinary air (`zones_error.csv`)."""
+LAYER_SUNS_DEG = (30.0, -6.0)
 LAYERS: dict[str, tuple[float, float, float, float]] = {
     "jump, 10 m at 3 km, depth 2": (3.0, 0.01, 2.0, 0.0),
     "jump, 1 km at 3 km, depth 10": (3.0, 1.0, 10.0, 0.0),
@@ -73,103 +67,177 @@ LAYERS: dict[str, tuple[float, float, float, float]] = {
 """base [km], thickness [km], optical depth, ramps [km]"""
 
 
-class Place(NamedTuple):
-    """An observer and his directions (D,) [deg]."""
+def case(number: int) -> OddAir:
+    """The air, observer and sun of a number."""
+    if number % CLEAR_EVERY:
+        return drawn(number)
+    rng = np.random.default_rng([66, number])
+    while True:
+        try:
+            nm = rng.uniform(320.0, 1000.0)
+            medium = climate_medium(load_climate_document(drawn_climate(rng, number // CLEAR_EVERY)), [nm])
+            break
+        except TwilightError:  # less aerosol in all than in the stratosphere alone: another one
+            continue
+    depth = float(medium.optical_depth("aerosol")[0])
+    return seen(rng, f"clear climate, {nm:.0f} nm, aerosol {depth:.2g}", medium)
 
-    altitude_km: float
-    elevation_deg: np.ndarray
-    azimuth_deg: np.ndarray
+
+def reference(air: OddAir, sampling_s: float) -> tuple[Any, np.ndarray]:
+    """The reference solution, and radiance and standard error (2, D) [sr^-1] of a run of BRIEF samples."""
+    settings = montecarlo.MonteCarloSettings(target_stderr=None, samples=PILOT, polarisation=False)
+    field = montecarlo.prepare(air.medium, settings, observer_altitude_km=air.altitude_km)
+
+    def run(samples: int, seed: int) -> Any:
+        here = replace(field, settings=replace(settings, samples=samples, seed=seed))
+        return here.radiance_with_error(air.sun_deg, air.elevation_deg, air.azimuth_deg)
+
+    run(2, 3)
+    begun = time.process_time()
+    run(PILOT, 3)
+    per_sample_s = max(1e-5, (time.process_time() - begun) / PILOT)
+    brief = run(BRIEF, 2)
+    found = run(int(np.clip(sampling_s / per_sample_s, BRIEF, MOST)), 1)
+    return found, np.array([brief.radiance[:, 0], brief.standard_error[:, 0]])
 
 
-def compare(case: str, medium: Medium, places: Sequence[Place], reference: Callable[..., list]) -> list[list]:
-    """Rows of the table.  reference: its columns for (case, medium, place), a row for each sun and direction."""
-    fields = [
-        zones.prepare(
-            medium,
-            replace(zones.QUALITIES[quality], polarisation=False),
-            observer_altitude_km=max(place.altitude_km for place in places),
-            sun_elevations_deg=SUNS_DEG,
-        )
-        for quality in ("draft", "standard")
-    ]
+def draft(air: OddAir) -> np.ndarray:
+    """Radiance (D,) of `zones` at draft."""
+    settings = replace(zones.QUALITIES["draft"], polarisation=False)
+    at = {"observer_altitude_km": air.altitude_km}
+    field = zones.prepare(air.medium, settings, sun_elevations_deg=[air.sun_deg], **at)
+    return field.radiance(air.sun_deg, air.elevation_deg, air.azimuth_deg, **at)[:, 0]
+
+
+def fitted(air: OddAir) -> np.ndarray | None:
+    """Radiance (D,) of `compact`, None: it does not serve."""
+    try:
+        field = compact.prepare(air.medium, observer_altitude_km=air.altitude_km)
+        return field.radiance(air.sun_deg, air.elevation_deg, air.azimuth_deg)[:, 0]
+    except TwilightError:
+        return None
+
+
+def serve(pipe: Connection, sampling_s: float) -> None:
+    """Solve the cases that are asked for, (number, by which solver), one after the other."""
+    warnings.simplefilter("ignore", TwilightWarning)
+    solvers = {"reference": lambda air: reference(air, sampling_s), "draft": draft, "compact": fitted}
+    for solve in solvers.values():  # machine code is made outside any limit
+        solve(case(1))
+    while True:
+        number, solver = pipe.recv()
+        air = case(number)
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        limit = used.ru_utime + used.ru_stime + LIMIT_S * max(1.0, sampling_s / SAMPLING_S)
+        resource.setrlimit(resource.RLIMIT_CPU, (int(np.ceil(limit)), resource.RLIM_INFINITY))
+        try:
+            pipe.send(solvers[solver](air))
+        except TwilightError as error:
+            pipe.send(str(error))
+
+
+class Worker:
+    """A process that solves cases, and is started anew where a limit ended it."""
+
+    def __init__(self, sampling_s: float):
+        self.sampling_s = sampling_s
+        self.process: multiprocessing.process.BaseProcess | None = None
+
+    def solve(self, number: int, solver: str) -> Any:
+        """What `serve` finds; a sentence where it finds nothing."""
+        if self.process is None or not self.process.is_alive():
+            context = multiprocessing.get_context("spawn")
+            self.pipe, other = context.Pipe()
+            self.process = context.Process(target=serve, args=(other, self.sampling_s), daemon=True)
+            self.process.start()
+            other.close()
+        self.pipe.send((number, solver))
+        try:
+            return self.pipe.recv()
+        except EOFError:
+            self.process.join()
+            return f"{solver} stopped after {LIMIT_S:g} processor s"
+
+
+def rows_of(number: int, worker: Worker) -> list[list]:
+    """The rows of a case, one for each direction."""
+    air = case(number)
+    found = worker.solve(number, "reference")
+    sky = worker.solve(number, "draft")
+    model = worker.solve(number, "compact")
+    said = [answer for answer in (found, sky) if isinstance(answer, str)]
+    nothing = np.full(air.elevation_deg.size, np.nan)
+    value, error, brief = nothing, nothing, (nothing, nothing)
+    if not isinstance(found, str):
+        value, error, brief = found[0].radiance[:, 0], found[0].standard_error[:, 0], found[1]
+    sky, model = (nothing if isinstance(answer, str) or answer is None else answer for answer in (sky, model))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        z = (sky - value) / np.hypot(error, TOLERATED * value)
+        percent = [100.0 * (other / value - 1.0) for other in (sky, model)]
+        brief_z = (brief[0] - value) / np.hypot(brief[1], error)
+        noise = 100.0 * error / value
     rows = []
-    for place in places:
-        at = {"observer_altitude_km": place.altitude_km}
-        own = iter(reference(case, medium, place))
-        for sun in SUNS_DEG:
-            skies = [field.radiance(sun, place.elevation_deg, place.azimuth_deg, **at)[:, 0] for field in fields]
-            for d in range(place.elevation_deg.size):
-                value, percent, untrusted = next(own)
-                where = [sun, place.altitude_km, place.elevation_deg[d], place.azimuth_deg[d]]
-                off = [f"{100.0 * (sky[d] / float(value) - 1.0):.2f}" for sky in skies]
-                rows.append([case, *(f"{number:g}" for number in where), value, percent, untrusted, *off])
-                print(*rows[-1], sep="\t", flush=True)
+    for d in range(value.size):
+        numbers = [f"{air.altitude_km:.5g}", f"{air.sun_deg:.6g}", f"{air.elevation_deg[d]:.5g}"]
+        numbers += [f"{air.azimuth_deg[d]:.4g}", f"{value[d]:.4g}", f"{noise[d]:.2f}", f"{percent[0][d]:.2f}"]
+        numbers += [f"{z[d]:.2f}", f"{percent[1][d]:.2f}", f"{brief_z[d]:.2f}"]
+        rows.append([number, air.what.replace(",", ";"), *numbers, "; ".join(said).replace(",", ";")])
     return rows
 
 
-def sampled(error: float, seconds: float) -> Callable[..., list]:
-    """The reference solution, that samples until this relative error or for so long for each sun and observer."""
-
-    def of(case: str, medium: Medium, place: Place) -> list:
-        settings = montecarlo.MonteCarloSettings(target_stderr=error, time_limit_s=seconds, polarisation=False)
-        field = montecarlo.prepare(medium, settings, observer_altitude_km=place.altitude_km)
-        rows = []
-        for sun in SUNS_DEG:
-            found = field.radiance_with_error(sun, place.elevation_deg, place.azimuth_deg)
-            for value, own, untrusted in zip(
-                found.radiance[:, 0], found.standard_error[:, 0], found.untrusted[:, 0], strict=True
-            ):
-                rows.append([f"{value:.5g}", f"{100.0 * own / value:.2f}", int(untrusted)])
-        return rows
-
-    return of
+def solve_drawn(numbers: Sequence[int], sampling_s: float) -> None:
+    """Add the rows of cases to the table, each as soon as it is there; those of the same number go."""
+    begun = results.read_rows(TABLE) if TABLE.exists() else []
+    kept = [list(row.values()) for row in begun if int(row["number"]) not in numbers]
+    results.write(TABLE, COLUMNS, kept, command="python benchmarks/odd_air.py drawn")
+    worker = Worker(sampling_s)
+    for number in numbers:
+        rows = rows_of(number, worker)
+        with open(TABLE, "a", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerows(rows)
+        print(*rows[0][:2], *([row[8], row[9]] for row in rows), rows[0][-1], sep="\t", flush=True)
 
 
-def stored(table: Path) -> Callable[..., list]:
-    """The reference solution as it is in a table."""
-    rows = results.read_rows(table)
-
-    def of(case: str, medium: Medium, place: Place) -> list:
-        there = [row for row in rows if row["case"] == case and row["observer_km"] == f"{place.altitude_km:g}"]
-        return [[row["reference_per_sr"], row["reference_percent"], row["untrusted"]] for row in there]
-
-    return of
-
-
-def compile_first() -> None:
-    """The reference solution's time is not that of its compilation."""
-    settings = montecarlo.MonteCarloSettings(target_stderr=None, samples=2, polarisation=False)
-    field = montecarlo.prepare(air(), settings, observer_altitude_km=0.0)
-    for sun in SUNS_DEG:
-        field.radiance(sun, ELEVATION_DEG, AZIMUTH_DEG)
+def solve_layers() -> None:
+    """Write the table of single layers."""
+    rows = []
+    for what, (base, thickness, depth, ramp) in LAYERS.items():
+        medium = layered(base, thickness, depth, ramp)
+        below, inside, above = (3.0, 20.0, 90.0), (-20.0, 0.5, 20.0), (-90.0, -20.0, 10.0)
+        altitudes_km = 0.0, base + 0.5 * thickness, base + thickness + 5.0
+        fields = [
+            zones.prepare(
+                medium,
+                replace(zones.QUALITIES[quality], polarisation=False),
+                observer_altitude_km=max(altitudes_km),
+                sun_elevations_deg=LAYER_SUNS_DEG,
+            )
+            for quality in ("draft", "standard")
+        ]
+        settings = montecarlo.MonteCarloSettings(target_stderr=0.01, max_samples=MOST, polarisation=False)
+        for altitude_km, views in zip(altitudes_km, (below, inside, above), strict=True):
+            exact = montecarlo.prepare(medium, settings, observer_altitude_km=altitude_km)
+            for sun in LAYER_SUNS_DEG:
+                found = exact.radiance_with_error(sun, views, 40.0)
+                value, error = found.radiance[:, 0], found.standard_error[:, 0]
+                skies = [f.radiance(sun, views, 40.0, observer_altitude_km=altitude_km)[:, 0] for f in fields]
+                for d, view in enumerate(views):
+                    numbers = [f"{sun:g}", f"{altitude_km:g}", f"{view:g}", "40", f"{value[d]:.5g}"]
+                    numbers += [f"{100.0 * error[d] / value[d]:.2f}"]
+                    rows.append([what, *numbers, *(f"{100.0 * (sky[d] / value[d] - 1.0):.2f}" for sky in skies)])
+                    print(*rows[-1], sep="\t", flush=True)
+    results.write(results.FOLDER / "sharp_layers.csv", LAYER_COLUMNS, rows)
 
 
 def main(arguments: list[str]) -> None:
-    seconds = next((float(a) for a in arguments if a.replace(".", "").isdigit()), 60.0)
-    kinds = [a for a in arguments if a in ("odd", "layers")] or ["odd", "layers"]
-    keep = "keep" in arguments
-    notes = STORED_REFERENCE if keep else ()
-    if not keep:
-        compile_first()
-    if "odd" in kinds:
-        table = results.FOLDER / "odd_air.csv"
-        reference = stored(table) if keep else sampled(0.005, seconds)
-        ground = [Place(0.0, ELEVATION_DEG, AZIMUTH_DEG)]
-        rows = [row for case, medium in ODD.items() for row in compare(case, medium(), ground, reference)]
-        results.write(table, COLUMNS.split(","), rows, notes=notes)
-    if "layers" in kinds:
-        table = results.FOLDER / "sharp_layers.csv"
-        reference = stored(table) if keep else sampled(0.01, seconds)
-        rows = []
-        for case, (base, thickness, depth, ramp) in LAYERS.items():
-            below, inside, above = (3.0, 20.0, 90.0), (-20.0, 0.5, 20.0), (-90.0, -20.0, 10.0)
-            altitudes = 0.0, base + 0.5 * thickness, base + thickness + 5.0
-            places = [
-                Place(altitude, np.array(views), np.full(len(views), 40.0))
-                for altitude, views in zip(altitudes, (below, inside, above), strict=True)
-            ]
-            rows += compare(case, layered(base, thickness, depth, ramp), places, reference)
-        results.write(table, COLUMNS.split(","), rows, notes=notes)
+    if arguments[:1] == ["layers"]:
+        solve_layers()
+    elif arguments[:1] == ["again"]:
+        solve_drawn([int(a) for a in arguments[1:]], 16.0 * SAMPLING_S)
+    else:
+        last = int(arguments[1]) if len(arguments) > 1 else 200
+        there = {int(row["number"]) for row in results.read_rows(TABLE)} if TABLE.exists() else set()
+        solve_drawn([number for number in range(last) if number not in there], SAMPLING_S)
 
 
 if __name__ == "__main__":

@@ -42,9 +42,6 @@ def whole_files(folder: Path) -> dict[str, bytes]:
     write_rgb_exr(sky, folder / "rgb.exr", width=32)
     write_spectral_exr(sky, folder / "spectral.exr", width=16)
     cache.store_array(cache.OPTICS, "abc", np.arange(50.0))
-    checkpoint = folder / "checkpoint"
-    with checkpoint.open("wb") as stream:
-        np.savez(stream, fingerprint=np.array("key"), **state())
     rows = [
         f"{z},{w},{0.02 * s},{0.1 * s},0.9,0.7,0,{3e-4 * s}" for z, s in ((0, 1), (5, 0.3), (60, 0)) for w in (450, 600)
     ]
@@ -56,20 +53,9 @@ def whole_files(folder: Path) -> dict[str, bytes]:
         "spectral": (folder / "spectral.exr").read_bytes(),
         "table": (TABLE + "\n".join(rows)).encode(),
         "coefficients": resources.files("twilight").joinpath("data/analytic/perez_preetham1999.yaml").read_bytes(),
-        "checkpoint": checkpoint.read_bytes(),
         "references": (header + "\n".join(radiances)).encode(),
         "optics": cache.path_of(cache.OPTICS, "abc").read_bytes(),
     }
-
-
-def state() -> dict[str, Any]:
-    """The arrays of a Monte-Carlo checkpoint of one pixel and wavelength."""
-    from twilight.solvers.montecarlo.paths import N_ORDERS
-
-    count = np.full((1, 1, 2), 8, dtype=np.int64)
-    sums = np.zeros((1, 1, 2, N_ORDERS + 1))
-    return {"count": count, "sums": sums, "squares": sums, "high": sums[..., :2], "limited": 0, "chunks_used": count,
-            "round_plan": count, "round_index": 0, "batch_index": 0}  # fmt: skip
 
 
 def readers() -> dict[str, Callable[[Path], Any]]:
@@ -78,7 +64,6 @@ def readers() -> dict[str, Callable[[Path], Any]]:
     from twilight.base import cache
     from twilight.io import read_latlong_exr, read_sky, read_spectral_exr
     from twilight.solvers.analytic.coefficients import load_coefficients
-    from twilight.solvers.montecarlo.checkpoint import Checkpoint
     from twilight.studies.compare.reference_solution import read_references
 
     def sky(path: Path) -> None:
@@ -104,12 +89,6 @@ def readers() -> dict[str, Callable[[Path], Any]]:
         luminance, _, _ = found.sky(found.turbidity[0], 90.0 - found.sun_zenith_deg[0], [0.0, 45.0], [0.0, 90.0])
         assert np.all(luminance > 0.0)
 
-    def checkpoint(path: Path) -> None:
-        found = Checkpoint(path, "key").load()
-        assert found is not None
-        expected = state()
-        assert found.sums.shape == expected["sums"].shape and found.count.dtype.kind == "i"
-
     def optics(path: Path) -> None:
         cache.path_of(cache.OPTICS, "abc").write_bytes(path.read_bytes())
         found = cache.read_array(cache.OPTICS, "abc", (50,))
@@ -118,7 +97,7 @@ def readers() -> dict[str, Callable[[Path], Any]]:
         assert np.array_equal(found, np.arange(50.0))
 
     return {"sky": sky, "rgb": picture, "spectral": spectral, "table": table, "coefficients": coefficients,
-            "checkpoint": checkpoint, "references": read_references, "optics": optics}  # fmt: skip
+            "references": read_references, "optics": optics}  # fmt: skip
 
 
 def damage(rng: random.Random, kind: str, whole: bytes) -> bytes:
@@ -175,9 +154,9 @@ def test_damaged_files(tmp_path, kinds):
     assert accepted < count
 
 
-@pytest.mark.parametrize("kind", ["checkpoint", "references", "optics"])
+@pytest.mark.parametrize("kind", ["references", "optics"])
 def test_damaged_files_in_this_process(tmp_path, kind, capsys):
-    """A damaged checkpoint, reference or cache entry would be used."""
+    """A damaged reference or cache entry would be used."""
     main(tmp_path, kind, 0, 100)
     out = capsys.readouterr().out
     assert "fault" not in out, out

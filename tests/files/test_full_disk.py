@@ -24,7 +24,6 @@ from twilight.io.netcdf import write_netcdf
 from twilight.jit import machine_code
 from twilight.show.encode import encode, write_exr
 from twilight.show.film import Animation
-from twilight.solvers.montecarlo.checkpoint import Checkpoint, RunState
 from twilight.studies.camera.response import ResponseCurve, write_response
 from twilight.studies.export.prague import write_folder
 from twilight.transport.steps import distance_to_sphere
@@ -158,18 +157,12 @@ def test_a_film_that_could_not_begin_leaves_no_folder(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def checkpoint(path: Path) -> None:
-    names = [name for name in RunState.__dataclass_fields__]
-    Checkpoint(path, "key").save(RunState(**{name: np.zeros(50) for name in names}))
-
-
 CURVE = np.linspace(0.0, 1.0, 64)
 SINGLE = {
     "x.csv": lambda path: write_csv(path, ["a", "b"], [[i, i] for i in range(500)]),
     "x.json": lambda path: write_json(path, list(range(500))),
     "x.nc": lambda path: write_netcdf(xarray.Dataset({"a": ("x", np.random.default_rng(0).random(3000))}), path),
     "x.exr": lambda path: write_channels(path, {"Y": np.random.default_rng(0).random((64, 64))}),
-    "x.npz": checkpoint,
     "tables": lambda path: write_folder(path, {"a.bin": bytes(3000), "b/c.bin": bytes(9000)}),
     "response.csv": lambda path: write_response(path, ResponseCurve(CURVE, np.stack([CURVE] * 3, 1), residual=0.0)),
 }

@@ -131,7 +131,7 @@ def test_single_scattering_by_air(vza, vaa):
 
 def test_ground_alone_is_unpolarised():
     """Bright Lambertian ground under almost no air: fails if its matrix keeps Q or U."""
-    field = prepare(molecular_slab(1e-6, 0.03, 0.5), replace(FIXED, samples=8))
+    field = prepare(molecular_slab(1e-6, 0.03, 0.5), replace(FIXED, samples=16))
     r = stokes(field, 1.0, 50.0, 0.0, [120.0, 180.0], 70.0)
     assert np.all(np.abs(r.stokes[:, 1:, 0]) < 1e-5 * r.stokes[:, :1, 0])
 

@@ -9,6 +9,7 @@ from layered_sky import layered
 from montecarlo_media import assert_all_agree, hazy_earth
 from scipy.stats import chi2
 
+from twilight.base.errors import TwilightWarning
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
 VIEW = (30.0, np.array([90.0, 20.0, 5.0, 1.0]), np.array([0.0, 60.0, 60.0, 60.0]))
@@ -27,7 +28,6 @@ def test_errors_of_a_layer_far_away_are_the_scatter_between_seeds(far):
     value = np.array([r.radiance[:, 0] for r in runs])
     error = np.array([r.standard_error[:, 0] for r in runs])
     assert np.all(error < 0.05 * value)
-    assert not np.any([r.untrusted for r in runs])
     weight = error**-2.0
     mean = (weight * value).sum(axis=0) / weight.sum(axis=0)
     statistic = (((value - mean) / error) ** 2).sum()
@@ -51,13 +51,14 @@ def test_a_run_ends_when_the_time_is_up(far):
     assert not r.complete
     # samples were still worth hours of time; processor time, because a busy machine stands still in between
     assert time.process_time() - started < 20.0
-    assert np.all(r.samples >= 4) and np.all(r.radiance > 0)
+    assert np.all(r.samples >= 4)
 
 
 def test_few_samples_are_not_trusted(far):
     """Four samples would be trusted, or ordinary air at five suns at 5 % not."""
-    r = replace(far, settings=replace(FIXED, samples=4)).radiance_with_error(*VIEW)
-    assert np.all(r.untrusted)
+    with pytest.warns(TwilightWarning, match="too few paths"):
+        r = replace(far, settings=replace(FIXED, samples=4)).radiance_with_error(*VIEW)
+    assert np.all(np.isnan(r.radiance))
     field = prepare(hazy_earth(refractivity=0.0), MonteCarloSettings(target_stderr=0.05, polarisation=False))
     for sun in (40.0, 0.0, -6.0, -12.0, -16.0):
-        assert not field.radiance_with_error(sun, *VIEW[1:]).untrusted.any(), sun
+        assert np.isfinite(field.radiance(sun, *VIEW[1:])).all(), sun

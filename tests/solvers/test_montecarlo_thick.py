@@ -23,7 +23,7 @@ DEPTH = 16.0
 """Optical depth of the cloud."""
 ASYMMETRY = 0.7
 """Of its droplets."""
-SETTINGS = MonteCarloSettings(target_stderr=None, samples=64, polarisation=False)
+SETTINGS = MonteCarloSettings(target_stderr=None, samples=320, polarisation=False)
 
 
 @pytest.fixture(scope="module")
@@ -31,15 +31,15 @@ def below():
     return prepare(cloud(DEPTH, asymmetry=ASYMMETRY, ground=0.0), SETTINGS)
 
 
-def flux_down(field) -> tuple[float, float, bool]:
-    """Diffuse irradiance of the ground over F0, its standard error, and whether any of its radiances is not trusted.
+def flux_down(field) -> tuple[float, float]:
+    """Diffuse irradiance of the ground over F0 and its standard error.
 
     Under such a cloud radiance does not depend on the azimuth.
     """
     found = field.radiance_with_error(SUN_DEG, np.degrees(np.arcsin(MU)), 90.0)
     weight = 2.0 * np.pi * WEIGHT * MU
     error = np.sqrt(((weight * found.standard_error[:, 0]) ** 2).sum())
-    return float(weight @ found.radiance[:, 0]), float(error), bool(found.untrusted.any())
+    return float(weight @ found.radiance[:, 0]), float(error)
 
 
 @pytest.fixture(scope="module")
@@ -57,15 +57,15 @@ def test_the_importance_function_knows_how_much_light_comes_through(below, truth
 
 def test_light_through_a_cloud_is_within_its_error(below, truth):
     """Against doubling and adding: fails if light that diffuses is lost on the way."""
-    value, error, _ = flux_down(below)
-    assert error < 0.15 * truth
+    value, error = flux_down(below)
+    assert error < 0.08 * truth
     assert abs(value - truth) < 3.0 * error
 
 
 @pytest.mark.slow
 def test_errors_through_a_cloud_are_the_scatter_between_seeds(below, truth):
     """Stated errors are right where a path is scattered hundreds of times."""
-    found = np.array([flux_down(replace(below, settings=replace(SETTINGS, seed=s, samples=128))) for s in range(12)])
+    found = np.array([flux_down(replace(below, settings=replace(SETTINGS, seed=s))) for s in range(12)])
     statistic = (((found[:, 0] - truth) / found[:, 1]) ** 2).sum()
     assert 1e-3 < chi2.sf(statistic, found.shape[0]) < 1.0 - 1e-3
 
@@ -79,7 +79,7 @@ def test_air_without_aerosol_needs_no_altitudes_more():
 
 def tally_of(samples: np.ndarray, control_variate: np.ndarray) -> Tally:
     """One pixel whose arms have these samples: light of paths, and of the control variate."""
-    tally = Tally(1, 1, 1)
+    tally = Tally(1, 1, np.ones(1))
     total = samples + control_variate
     tally.count[:] = samples.size
     for column, x in ((0, samples), (TOTAL, total)):
@@ -91,11 +91,11 @@ def tally_of(samples: np.ndarray, control_variate: np.ndarray) -> Tally:
 
 
 def test_an_answer_that_hangs_on_few_paths_or_on_the_control_variate_is_not_trusted():
-    """The flag `untrusted` where a few samples or the control variate hold the light."""
+    """The rule `Tally.unknown`: a few samples or the control variate hold the light."""
     even = np.tile([0.8, 1.2], 50)
-    assert not tally_of(even, 0.0 * even).untrusted()
+    assert not tally_of(even, 0.0 * even).unknown()
     # the paths found a tenth of the light that the importance function expects
-    assert tally_of(0.1 * even, 0.9 * np.ones(100)).untrusted()
+    assert tally_of(0.1 * even, 0.9 * np.ones(100)).unknown()
     # one in fifty paths holds all the light: 70 % of error in each arm
     rare = np.where(np.arange(100) % 50 == 0, 1.0, 0.0)
-    assert tally_of(rare, 0.0 * rare).untrusted()
+    assert tally_of(rare, 0.0 * rare).unknown()

@@ -8,7 +8,7 @@ import pytest
 from montecarlo_media import assert_all_agree, hazy_earth, slab
 from scipy.stats import chi2, norm
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.numerics.phase import PhaseFunction
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 
@@ -158,53 +158,14 @@ def test_threads_and_order_of_work_change_nothing(field):
     np.testing.assert_array_equal(alone, one.radiance[5])
 
 
-def test_interrupted_run_goes_on_where_it_stopped(field, tmp_path):
-    """Interrupted twice and taken up again: the same bits, and no file is left."""
-    # three batches of 4096 samples and two adaptive rounds
-    settings = MonteCarloSettings(target_stderr=0.02, chunk_samples=16, pilot_samples=400, paths_per_sample=1, seed=4)
-    question = (np.linspace(-6, 20, 16), 15.0, 40.0)
-    whole = replace(field, settings=settings).radiance_with_error(*question)
-    file = tmp_path / "state.npz"
-    for stop_after in (0, 1):
-        calls = 0
-
-        def interrupt(doing, fraction, stop_after=stop_after):
-            nonlocal calls
-            calls += 1
-            if calls > stop_after:
-                raise KeyboardInterrupt
-
-        with pytest.raises(KeyboardInterrupt):
-            replace(field, settings=settings, progress=interrupt).radiance_with_error(*question, checkpoint=file)
-        assert file.exists()
-    resumed = replace(field, settings=settings).radiance_with_error(*question, checkpoint=file)
-    np.testing.assert_array_equal(resumed.radiance, whole.radiance)
-    np.testing.assert_array_equal(resumed.samples, whole.samples)
-    assert not file.exists()
-
-
-def test_checkpoint_of_another_question_is_refused(field, tmp_path):
-    """A file of another seed, or of nonsense, is named and refused."""
-    file = tmp_path / "state.npz"
-
-    def interrupt(doing, fraction):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        replace(field, progress=interrupt).radiance_with_error(*VIEW, checkpoint=file)
-    with pytest.raises(TwilightError, match=r"state\.npz.*another"):
-        variant(field).radiance_with_error(*VIEW, checkpoint=file)
-    file.write_bytes(b"nonsense")
-    with pytest.raises(TwilightError, match=r"state\.npz"):
-        field.radiance_with_error(*VIEW, checkpoint=file)
-
-
 def test_time_limit_ends_a_run_with_what_there_is(field):
-    """A limit of 0 s would give nothing, or progress not end at 1 with the standard error."""
+    """A limit of 0 s would not end, or progress not at 1 with the standard error; light scattered once is known."""
     settings = MonteCarloSettings(target_stderr=1e-4, time_limit_s=0.0)
-    r = replace(field, settings=settings).radiance_with_error(*VIEW)
+    with pytest.warns(TwilightWarning, match=r"too few paths find light in \d+ of \d+ .* no value"):
+        r = replace(field, settings=settings).radiance_with_error(*VIEW)
     assert not r.complete
-    assert np.all(r.radiance > 0) and np.all(r.standard_error > 0)
+    assert np.all(np.isnan(r.radiance)) and np.all(np.isnan(r.standard_error))
+    assert np.all(r.order_radiance[0] > 0) and np.all(r.order_standard_error[0] == 0)
     said = []
     replace(field, progress=lambda doing, fraction: said.append((doing, fraction))).radiance(*VIEW)
     assert said[-1][1] == 1.0 and "standard error" in said[-1][0]

@@ -66,7 +66,6 @@ def test_montecarlo_from_seed_to_seed():
         settings = montecarlo.MonteCarloSettings(target_stderr=0.01, polarisation=False, max_orders=2, seed=seed)
         field = montecarlo.prepare(layer(), settings, observer_altitude_km=0.0)
         found = field.radiance_with_error(SUN_DEG, ELEVATION_DEG, np.full(ELEVATION_DEG.size, AZIMUTH_DEG))
-        assert not found.untrusted.any()
         assert np.all(found.standard_error[:, 0] < 0.015 * found.radiance[:, 0])
         chi_square += float((((found.radiance[:, 0] - FIRST - SECOND) / found.standard_error[:, 0]) ** 2).sum())
     assert chi_square < 26.0, chi_square

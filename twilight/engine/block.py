@@ -11,7 +11,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,7 +35,8 @@ from twilight.transport.scattered_once import ScatteredOnce
 class Answer:
     """What was found for some directions; sun-normalised [sr^-1].
 
-    radiance: shape of the directions plus (W,), and its standard error where there is one.
+    radiance: shape of the directions plus (W,), and its standard error where there is one; both, and the polarisation,
+        are nan where a solver whose answers are estimates does not know them.
     polarisation: the Stokes parameters Q and U, shape of the directions plus (2, W), where they were asked for and the
         field has them (signs: `twilight.base.conventions`), and their standard error.
     """
@@ -193,13 +193,11 @@ class Block:
         observer_altitude_km: float | None = None,
         *,
         polarisation: bool = False,
-        checkpoint: Path | None = None,
     ) -> Answer:
         """Radiance in directions [deg] (azimuth from the sun), seen from an altitude; None: the problem's.
 
-        polarisation: also Q and U, where the field has them.  checkpoint: where a solver with standard errors saves
-        what it has begun.  A solver whose field belongs to one observer solves anew for another one.  Standard errors
-        of a wavelength's terms are added, for their noise may be correlated.
+        polarisation: also Q and U, where the field has them.  A solver whose field belongs to one observer solves anew
+        for another one.  Standard errors of a wavelength's terms are added, for their noise may be correlated.
         Errors: TwilightError for what the solver cannot do, and where it gave radiance that cannot be.
         """
         directions = (sun_elevation_deg, elevation_deg, azimuth_deg)
@@ -209,8 +207,6 @@ class Block:
             asked = (*directions, observer_altitude_km)
             return join([block.answer(*asked, polarisation=polarisation) for block in solved])
         field, more = self._seen_from(observer_altitude_km)
-        if checkpoint is not None and self.capabilities.standard_error:
-            more["checkpoint"] = checkpoint
         polarised = polarisation and field.polarised
         if self.capabilities.standard_error and polarised:
             with_noise = field.stokes_with_error(*directions, **more)
@@ -222,11 +218,14 @@ class Block:
             answered = answer_of_stokes(field.stokes(*directions, **more))
         else:
             answered = Answer(field.radiance(*directions, **more))
-        estimated = answered.standard_error is not None
-        if not (np.isfinite(answered.radiance).all() and (estimated or (answered.radiance >= 0.0).all())):
+        error = answered.standard_error
+        known = np.isfinite(answered.radiance) | (error is not None and np.isnan(error))
+        if not (known.all() and (error is not None or (answered.radiance >= 0.0).all())):
             raise TwilightError("the solver gave radiance that is negative or not a number")
-        if answered.polarisation is not None and not np.isfinite(answered.polarisation).all():
-            raise TwilightError("the solver gave a Stokes parameter that is not a number")
+        if answered.polarisation is not None:
+            known = np.isfinite(answered.polarisation) | np.isnan(answered.radiance)[..., None, :]
+            if not known.all():
+                raise TwilightError("the solver gave a Stokes parameter that is not a number")
         return answered if self.bands is None else sum_terms(answered, self.bands)
 
     def _seen_from(self, altitude_km: float | None) -> tuple[Any, dict[str, Any]]:

@@ -8,7 +8,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -142,20 +141,10 @@ class Field:
         elevation_deg: ArrayLike,
         azimuth_deg: ArrayLike,
         observer_altitude_km: float | None = None,
-        *,
-        checkpoint: Path | None = None,
     ) -> Answer:
-        """Radiance, and its standard error from a solver that estimates it.
-
-        checkpoint: where such a solver saves what it has begun, in a file for each block of wavelengths whose name
-        begins as this one's.
-        """
+        """Radiance, and its standard error from a solver that estimates it; both nan where that does not know it."""
         question = (sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
-        answers = []
-        for i, block in enumerate(self.blocks):
-            begun = None if checkpoint is None else checkpoint.with_suffix(f".part{i or ''}.npz")
-            answers.append(block.answer(*question, checkpoint=begun))
-        return join(answers)
+        return join([block.answer(*question) for block in self.blocks])
 
     def stokes(
         self,

@@ -175,9 +175,10 @@ def warn_of_black(scene: Scene, sky: Sky, without_night: str, stacklevel: int) -
 
     without_night: what to do for light of the night; empty: it is in the sky.
     """
-    if sky.normalised_radiance.max() > DARK:
+    light = sky.normalised_radiance
+    if np.isnan(light).any() or light.max() > DARK:
         return
-    what = "black in every direction" if not sky.normalised_radiance.any() else "darker than a thousandth of any night"
+    what = "black in every direction" if not light.any() else "darker than a thousandth of any night"
     altitude, top_km = sky.observer_altitude_km, scene.medium.top_km
     if is_above_air(scene, altitude):
         why = f"an observer at {altitude:g} km is above the air, which ends at {top_km:g} km, and looks up"

@@ -16,12 +16,13 @@ pbrt       equal-area octahedral square (Clarberg 2008), +Z up, +X east, +Y nort
 Where the sun's azimuth is not known it is taken as 0: the sun stands in the north.
 """
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
 from twilight.base.errors import TwilightError, check_known
-from twilight.sky.sky import Sky
+from twilight.sky.sky import Sky, nearest_known
 
 Target = Literal["openexr", "mitsuba", "blender", "radiance", "pbrt"]
 RENDERERS: tuple[str, ...] = ("openexr", "mitsuba", "blender", "radiance", "pbrt")
@@ -108,8 +109,9 @@ def ground_factor(sky: Sky) -> np.ndarray:
     """Radiance of the Lambertian ground divided by F0 [sr^-1], (W,): albedo / pi x horizontal irradiance.
 
     The beams of sun and moon are part of the irradiance where the sky knows them.  The irradiance is that of the
-    observer's place.
+    observer's place; light that is not known counts as in the nearest known direction.
     """
+    sky = replace(sky, sun_normalised_radiance=nearest_known(sky.sun_normalised_radiance), standard_error=None)
     if sky.ground_albedo is None or not np.any(sky.ground_albedo):
         return np.zeros(sky.wavelength_nm.size)
     falling = sky.irradiance_factor(direct=sky.direct_irradiance is not None)

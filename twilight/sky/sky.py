@@ -33,6 +33,15 @@ class BrowserPage(Protocol):
 
 
 @in_units
+NOISY = ("standard_error", "polarisation", "polarisation_error")
+"""Fields of a `Sky` that are NaN where a solver with noise gives no radiance."""
+
+
+def _array(value: Any, name: str) -> np.ndarray:
+    """An array of whatever library; one of numpy's may hold NaN, which a sky with noise has where nothing is known."""
+    return value if type(value) is np.ndarray else np.asarray(plain(value, name))
+
+
 @dataclass(frozen=True, eq=False)
 class Sky(SkyLight):
     """Radiance of the sky over directions and wavelengths, E x A x W.
@@ -40,14 +49,15 @@ class Sky(SkyLight):
     wavelength_nm (W,): increasing.
     elevation_deg (E,): row centres, increasing, within -90..90 (negative rows: seen from high up).
     azimuth_deg (A,): relative to the sun, clockwise, increasing in [0, 360), all round the circle.
-    sun_normalised_radiance (E, A, W): L / F0 [sr^-1], finite, not negative.
+    sun_normalised_radiance (E, A, W): L / F0 [sr^-1], finite, not negative; nan where the standard error is nan too.
     sun_elevation_deg: true (unrefracted) elevation of the disc's centre.
     sun_azimuth_deg: clockwise from north; None = not known, and pictures of the world then show the sun in the north
         (their centre).
     distance_au: Earth-sun distance [au].
     observer_altitude_km, latitude_deg, longitude_deg, time (with time zone): of the observer, where known.
     ground_albedo (W,): Lambertian albedo below the horizon.
-    standard_error (E, A, W): of sun_normalised_radiance [sr^-1], or None.
+    standard_error (E, A, W): of sun_normalised_radiance [sr^-1], or None; nan where too few paths of a solver found
+        light to know how much there is, which pictures show as in the nearest known direction and sums do not know.
     polarisation (E, A, 2, W): the sun-normalised Stokes parameters Q and U [sr^-1] (signs: ``conventions``), or None.
     polarisation_error (E, A, 2, W): their standard error [sr^-1], or None.
     direct_irradiance (W,): of the sun's beam at the observer at normal incidence, divided by F0 (0 in shadow), or None.
@@ -90,7 +100,7 @@ class Sky(SkyLight):
     def __post_init__(self):
         for key in ("wavelength_nm", "elevation_deg", "azimuth_deg"):
             object.__setattr__(self, key, np.atleast_1d(np.asarray(getattr(self, key), dtype=float)))
-        radiance = np.asarray(plain(self.sun_normalised_radiance, "sun_normalised_radiance"))
+        radiance = _array(self.sun_normalised_radiance, "sun_normalised_radiance")
         if radiance.dtype != np.float32:
             radiance = radiance.astype(float, copy=False)
         object.__setattr__(self, "sun_normalised_radiance", radiance)
@@ -98,8 +108,13 @@ class Sky(SkyLight):
         shape = (elevation.size, azimuth.size, wavelength.size)
         if radiance.shape != shape or 0 in shape:
             raise TwilightError(f"sky: sun_normalised_radiance has shape {radiance.shape}, the grid has {shape}")
-        if not (radiance >= 0).all():
-            raise TwilightError("sky: sun_normalised_radiance must not be negative")
+        unknown = np.isnan(radiance)
+        if self.standard_error is not None and np.shape(self.standard_error) == shape:
+            unknown &= np.isnan(self.standard_error)
+        else:
+            unknown[:] = False
+        if not ((np.isfinite(radiance) & (radiance >= 0)) | unknown).all():
+            raise TwilightError("sky: sun_normalised_radiance must be finite and not negative")
         if wavelength[0] <= 0 or np.any(np.diff(wavelength) <= 0):
             raise TwilightError("sky: wavelength_nm must be positive and increase")
         if np.any(np.diff(elevation) <= 0) or elevation[0] < -90 or elevation[-1] > 90:
@@ -118,10 +133,11 @@ class Sky(SkyLight):
             ("polarisation_error", stokes, -np.inf),
         ):
             if (value := getattr(self, key)) is not None:
-                value = np.asarray(plain(value, key))
-                if value.shape != expected or (value < lowest).any():
+                value = _array(value, key)
+                absent = (unknown if len(expected) == 3 else unknown[:, :, None]) if key in NOISY else False
+                if value.shape != expected or not (np.isfinite(value) | absent).all() or (value < lowest).any():
                     sign = " and not be negative" if lowest == 0.0 else ""
-                    raise TwilightError(f"sky: {key} must have shape {expected}{sign}")
+                    raise TwilightError(f"sky: {key} must have shape {expected}, be finite{sign}")
                 object.__setattr__(self, key, value)
         albedo = np.zeros(wavelength.size) if self.ground_albedo is None else plain(self.ground_albedo, "ground_albedo")
         albedo = np.broadcast_to(albedo, (wavelength.size,)).copy()
@@ -245,7 +261,8 @@ class Sky(SkyLight):
     def fractional_stokes(self) -> np.ndarray:
         """Q and U over the radiance of sun and night together, (E, A, 2, W); the night counts as unpolarised."""
         total = self.normalised_radiance[..., None, :]
-        return np.divide(self._known_polarisation, total, out=np.zeros(self._known_polarisation.shape), where=total > 0)
+        stokes = self._known_polarisation
+        return np.divide(stokes, total, out=np.zeros(stokes.shape), where=~(total <= 0))
 
     @property
     def degree_of_linear_polarisation(self) -> np.ndarray:
@@ -283,7 +300,8 @@ class Sky(SkyLight):
     def sample_fractional_stokes(self, elevation_deg, azimuth_deg, part: slice = slice(None)) -> np.ndarray:
         """`fractional_stokes` in any direction, (..., 2, W), at a part of the wavelengths."""
         both = self.fractional_stokes[..., part]
-        table = SkyTable.of_signed(self.elevation_deg, self.azimuth_deg, both.reshape(*both.shape[:2], -1))
+        both = nearest_known(both.reshape(*both.shape[:2], -1))
+        table = SkyTable.of_signed(self.elevation_deg, self.azimuth_deg, both)
         fractions = _read(table, np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
         return fractions.reshape(*fractions.shape[:-1], 2, -1)
 
@@ -327,7 +345,10 @@ class Sky(SkyLight):
             raise TwilightError(
                 f"sample: elevation_deg is {beyond[0]:g}; allowed in this sky is {lower:g} to 90{below}"
             )
-        return self.smooth(values, elevation, azimuth)
+        found = self.smooth(values, elevation, azimuth)
+        if np.isnan(values).any():
+            found[self.smooth(np.isnan(values).astype(float), elevation, azimuth) > 0.5] = np.nan
+        return found
 
     def resample(self, elevation_deg, azimuth_deg) -> Sky:
         """The sky on another grid (elevation_deg (E',), azimuth_deg (A',)), by ``sample``.
@@ -361,9 +382,10 @@ class Sky(SkyLight):
     def smooth(self, values: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Values (E, A, K) >= 0 on this sky's grid in broadcast directions, (..., K), by the rule of `SkyTable`.
 
-        Elevations (n, 1) with azimuths (1, m), the rows and columns of a picture, are fastest.
+        Elevations (n, 1) with azimuths (1, m), the rows and columns of a picture, are fastest.  What is nan is taken as
+        in the nearest known direction.
         """
-        table = SkyTable.of_samples(self.elevation_deg, self.azimuth_deg, np.asarray(values))
+        table = SkyTable.of_samples(self.elevation_deg, self.azimuth_deg, nearest_known(np.asarray(values)))
         return _read(table, np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
 
     # Integrals --------------------------------------------------------------------------------------------------
@@ -387,6 +409,25 @@ class Sky(SkyLight):
     def irradiance(self, horizontal: bool = True, direct: bool = False) -> np.ndarray:
         """Spectral irradiance [W m^-2 nm^-1], (W,): ``irradiance_factor`` times ``solar_irradiance``."""
         return self.irradiance_factor(horizontal, direct) * self.solar_irradiance
+
+
+def nearest_known(values: np.ndarray) -> np.ndarray:
+    """Values (E, A, K) of a grid that goes all round, with the nearest sample's in place of nan; 0 if all are nan."""
+    unknown = np.isnan(values)
+    if not unknown.any():
+        return values
+    from scipy.ndimage import distance_transform_edt  # start-up
+
+    values = values.copy()
+    for k in np.flatnonzero(unknown.any(axis=(0, 1))):
+        if unknown[..., k].all():
+            values[..., k] = 0.0
+            continue
+        round_twice = np.concatenate([unknown[..., k]] * 3, axis=1)
+        row, column = distance_transform_edt(round_twice, return_distances=False, return_indices=True)
+        middle = slice(values.shape[1], 2 * values.shape[1])
+        values[..., k] = values[row[:, middle], column[:, middle] % values.shape[1], k]
+    return values
 
 
 def _read(table: SkyTable, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:

@@ -34,12 +34,18 @@ SKEWNESS_FACTOR = 1.75
 """The mean of n skewed samples strays from the truth, in units of its own estimated error, with the variance
 1 + (2 + 7/4 skewness^2) / n to first order (Edgeworth expansion of Student's t; Hall 1987, Ann. Prob. 15, 920)."""
 UNTRUSTED = 0.5
-"""Relative error of the variance beyond which a standard error is not to be trusted."""
-FEWEST = 8
-"""Samples of an arm below which a standard error is not to be trusted, unless they are all the same."""
-UNCERTAIN = 0.25
+"""Relative error of the variance beyond which a standard error of more than SMALL is not to be trusted."""
+SMALL = 0.05
+"""Relative error of the mean up to which it is known, whatever its variance hangs on."""
+FEWEST, FEWEST_IN_THICK_AIR = 8, 128
+"""Samples of an arm below which a standard error is not to be trusted, unless they are all the same; the second one
+where the vertical optical depth is above THICK_DEPTH, where one sample in a hundred may hold a tenth of the light."""
+THICK_DEPTH = 3.0
+"""See FEWEST_IN_THICK_AIR."""
+UNCERTAIN = 0.1
 """Relative error of the mean beyond which it is not to be trusted: light is not negative, so that so uncertain a mean
-hangs on a few bright samples, whether they came or not."""
+hangs on a few bright samples, whether they came or not.  In odd air without an importance function, means with 0.2 were
+up to ten standard errors too low, and with 0.1 none (`tests/solvers/test_montecarlo_coverage.py`)."""
 MAX_CONTROL_FRACTION = 0.25
 """Fraction of the light that may come from the control variate, whose mean is 0, in an answer that is trusted."""
 GROWTH = 64
@@ -228,10 +234,11 @@ def run_chunks(air, line_of_sight_air, sun, importance, walk, seed, pixels, jobs
 class MonteCarloResult:
     """Sun-normalised radiance L/F0 [sr^-1] with its noise; arrays (..., W), orders (N_ORDERS, ..., W).
 
-    order_radiance[n]: light scattered n + 1 times, a reflection by the ground being one; the last entry holds the rest.
-    standard_error, order_standard_error: one standard deviation of the means; nan where fewer than 2 samples an arm.
+    radiance, standard_error: mean and its standard deviation; nan where too few paths found light to know them
+    (`Tally.unknown`).
+    order_radiance[n], order_standard_error[n]: of light scattered n + 1 times, a reflection by the ground being one;
+    the last entry holds the rest.  The first one is known everywhere, and a lower bound of the radiance.
     samples: samples taken. limited: samples that met a safety limit of the walk (0 in any sane medium).
-    untrusted (..., W): a few bright samples hold most of the variance, so that the error may be larger than stated.
     complete: False if a limit of time or samples ended the run before twice the target.
     """
 
@@ -240,14 +247,13 @@ class MonteCarloResult:
     order_radiance: np.ndarray
     order_standard_error: np.ndarray
     samples: np.ndarray
-    untrusted: np.ndarray
     limited: int
     complete: bool
 
 
 @dataclass(frozen=True)
 class StokesResult:
-    """Sun-normalised Stokes vectors I, Q, U [sr^-1] with their noise: arrays (..., 3, W); samples, untrusted (..., W).
+    """Sun-normalised Stokes vectors I, Q, U [sr^-1] with their noise: arrays (..., 3, W); samples (..., W).
 
     The signs are those of :meth:`twilight.solvers.montecarlo.Field.stokes`; the rest is as in `MonteCarloResult`.
     """
@@ -255,16 +261,18 @@ class StokesResult:
     stokes: np.ndarray
     standard_error: np.ndarray
     samples: np.ndarray
-    untrusted: np.ndarray
     limited: int
     complete: bool
 
 
 class Tally:
     """Running sums: count (P, W, 2); sums, squares (P, W, 2, S, N_ORDERS + 1), the last column being the total;
-    high (P, W, 2, 2): of the third and fourth power of all of I."""
+    high (P, W, 2, 2): of the third and fourth power of all of I; fewest (W,): samples of an arm that tell its error."""
 
-    def __init__(self, n_pixels: int, n_wavelengths: int, n_stokes: int):
+    def __init__(self, n_pixels: int, n_stokes: int, optical_depth: np.ndarray):
+        """optical_depth (W,): the vertical one of the air."""
+        n_wavelengths = optical_depth.size
+        self.fewest = np.where(optical_depth > THICK_DEPTH, FEWEST_IN_THICK_AIR, FEWEST)
         self.count = np.zeros((n_pixels, n_wavelengths, N_ARMS), dtype=np.int64)
         self.sums = np.zeros((n_pixels, n_wavelengths, N_ARMS, n_stokes, N_ORDERS + 1))
         self.squares = np.zeros_like(self.sums)
@@ -309,27 +317,30 @@ class Tally:
         kurtosis = np.where(varies, (m4 - 4 * m1 * m3 + 6 * m1**2 * m2 - 3 * m1**4) / scale**2, 3.0)
         return skewness, kurtosis
 
-    def untrusted(self) -> np.ndarray:
-        """Where (P, W) the variance itself is known to no better than UNTRUSTED of itself: sqrt((kurtosis - 1) / n).
+    def unknown(self) -> np.ndarray:
+        """Where (P, W) the error of the mean is not known, because too few paths found light.
 
-        And where an arm has fewer than FEWEST samples that vary, the error is more than UNCERTAIN of the mean, or the
-        control variate, which light that no path found yet leaves behind, is more than MAX_CONTROL_FRACTION of it.
+        That is where samples vary and an arm has too few of them, or the error is more than UNCERTAIN of the mean, or
+        more than SMALL of it and the variance known to no better than UNTRUSTED of itself, sqrt((kurtosis - 1) / n);
+        and where the control variate, which light that no path found yet leaves behind, is more than
+        MAX_CONTROL_FRACTION of the mean.
         """
         _, kurtosis = self.shape_of_samples()
-        doubt = np.maximum(kurtosis - 1.0, 0.0) / np.maximum(self.count, 1)
+        doubt = np.sqrt((np.maximum(kurtosis - 1.0, 0.0) / np.maximum(self.count, 1)).mean(axis=-1) / N_ARMS)
         mean, variance = self.moments((0, slice(None)))
-        few = (self.count.min(axis=-1) < FEWEST) & np.any(variance[..., TOTAL] != 0.0, axis=-1)
+        varies = np.any(variance[..., TOTAL] != 0.0, axis=-1)
+        error = self.relative_error()
         mean = mean.mean(axis=2)
         control = np.abs(mean[..., TOTAL] - mean[..., :N_ORDERS].sum(axis=-1))
         by_control = control > MAX_CONTROL_FRACTION * np.abs(mean[..., TOTAL])
-        unknown = np.sqrt(doubt.mean(axis=-1) / N_ARMS) > UNTRUSTED
-        return few | by_control | (self.relative_error() > UNCERTAIN) | unknown
+        few = self.count.min(axis=-1) < self.fewest
+        return by_control | varies & (few | (error > UNCERTAIN) | (error > SMALL) & (doubt > UNTRUSTED))
 
     def wanted(self, target: float, max_samples: int, late: bool) -> np.ndarray:
         """Samples (P, W, 2) each arm should have in all, judged from the other arm: v / (2 (target mean)^2).
 
         No more than GROWTH times those it has.  late: only pixels whose error is above MISSED times the target go on,
-        and both arms by the larger of the two counts.
+        both arms by the larger of the two counts, and those that are unknown by twice as many.
         """
         mean, variance = self.moments((0, TOTAL))
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -338,8 +349,10 @@ class Tally:
             n = np.where(mean > 0, variance * self.count / (2.0 * (target * mean) ** 2), more)
         n = np.nan_to_num(n, nan=0.0, posinf=max_samples)[..., ::-1]
         if late:
-            missed = self.relative_error() > MISSED * target
-            n = np.where(missed[..., None], np.maximum(n.max(axis=-1, keepdims=True), 1.25 * self.count), 0.0)
+            unknown = self.unknown()[..., None]
+            missed = unknown | (self.relative_error() > MISSED * target)[..., None]
+            least = np.where(unknown, 2.0, 1.25) * self.count
+            n = np.where(missed, np.maximum(n.max(axis=-1, keepdims=True), least), 0.0)
         n = np.minimum(n, GROWTH * self.count)
         return np.minimum(np.ceil(n), max_samples // N_ARMS).astype(np.int64)
 
@@ -351,6 +364,8 @@ class Tally:
     def result(self, shape: tuple[int, ...], complete: bool) -> MonteCarloResult:
         """Means and errors of I with the pixels in `shape`."""
         mean, error = self.means((0, slice(None)))
+        # light scattered once has no noise
+        mean[self.unknown(), 1:] = error[self.unknown(), 1:] = np.nan
         full = (*shape, self.count.shape[1])
 
         def orders_first(a):
@@ -362,7 +377,6 @@ class Tally:
             orders_first(mean),
             orders_first(error),
             self.count.sum(axis=-1).reshape(full),
-            self.untrusted().reshape(full),
             self.limited,
             complete,
         )
@@ -370,12 +384,13 @@ class Tally:
     def stokes(self, shape: tuple[int, ...], complete: bool) -> StokesResult:
         """Means and errors of I, Q, U with the pixels in `shape`."""
         mean, error = (np.moveaxis(values, -1, 1) for values in self.means((slice(None), TOTAL)))
+        unknown = np.broadcast_to(self.unknown()[:, None], mean.shape)
+        mean[unknown] = error[unknown] = np.nan
         full = (*shape, self.count.shape[1])
         return StokesResult(
             mean.reshape(*shape, *mean.shape[1:]),
             error.reshape(*shape, *mean.shape[1:]),
             self.count.sum(axis=-1).reshape(full),
-            self.untrusted().reshape(full),
             self.limited,
             complete,
         )

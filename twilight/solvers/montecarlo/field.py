@@ -7,21 +7,20 @@ from __future__ import annotations
 
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.progress import Progress
 from twilight.base.threads import in_slices
 from twilight.solvers.base import BareField, observer_at
 from twilight.solvers.montecarlo import chunks
 from twilight.solvers.montecarlo.air import MonteCarloAir, prepare_air
-from twilight.solvers.montecarlo.checkpoint import Checkpoint, RunState, fingerprint
 from twilight.solvers.montecarlo.importance import ImportanceTables
 from twilight.solvers.montecarlo.importance_solution import solve_importance
 from twilight.solvers.montecarlo.kernel import GOLDEN, N_STOKES, mix
@@ -31,7 +30,7 @@ from twilight.solvers.montecarlo.sunlight import SolarBeam, prepare_beam_table, 
 from twilight.transport.beam import prepare_beam
 
 BATCH_SAMPLES = 4096
-"""Samples of a batch, about: between batches sums are added, progress is reported and the state saved."""
+"""Samples of a batch, about: between batches sums are added and progress is reported."""
 FIRST_SAMPLES = 2
 """Samples of an arm that are taken whatever the time limit: without them there is no standard error."""
 ADAPTIVE_ROUNDS = 2
@@ -75,46 +74,30 @@ def pixels_of(sun_deg, elevation_deg, azimuth_deg, far_km, altitude_km: float, w
 class Run:
     """Samples of one question: `all_rounds` takes them, `tally` holds their sums."""
 
-    def __init__(
-        self, field: Field, pixels: chunks.Pixels, checkpoint: str | Path | None, batch_order: Callable | None
-    ):
+    def __init__(self, field: Field, pixels: chunks.Pixels, batch_order: Callable | None = None):
         self.field = field
         self.pixels = pixels
         self.settings = field.settings
         self.batch_order = batch_order
         self.started = time.monotonic()
         self.n_stokes = N_STOKES if self.settings.polarised else 1
-        self.tally = chunks.Tally(pixels.key.size, field.medium.n_wavelengths, self.n_stokes)
+        self.tally = chunks.Tally(pixels.key.size, self.n_stokes, field.medium.optical_depth("total"))
         self.chunks_used = np.zeros_like(self.tally.count)
-        self.checkpoint = None
-        self.skip_rounds, self.skip_batches = 0, 0
-        if checkpoint is not None:
-            self.checkpoint = Checkpoint(Path(checkpoint), fingerprint(field.medium, field.settings, pixels))
-            state = self.checkpoint.load()
-            if state is not None:
-                self.tally.count, self.tally.sums, self.tally.squares = state.count, state.sums, state.squares
-                self.tally.high, self.tally.limited = state.high, state.limited
-                self.chunks_used, self.round_plan = state.chunks_used, state.round_plan
-                self.skip_rounds, self.skip_batches = state.round_index, state.batch_index
 
     def all_rounds(self) -> bool:
         """Take all samples; False if a limit ended the run before the target."""
         limit = self.settings.time_limit_s
         rounds = self._rounds()
         with stop_after(None if limit is None else max(0.0, limit - (time.monotonic() - self.started))) as stop:
-            for index in range(self.skip_rounds, len(rounds)):
-                resumed = index == self.skip_rounds and self.skip_batches > 0
-                extra = self.round_plan if resumed else self._extra(rounds[index])
+            for index, purpose in enumerate(rounds):
                 if limit is not None and index > 0 and stop[0]:
                     return False
                 # the first round is taken whatever the time limit
                 flag = np.zeros_like(stop) if index == 0 else stop
-                if not self._one_round(index, len(rounds), extra, self.skip_batches if resumed else 0, flag):
+                if not self._one_round(index, len(rounds), self._extra(purpose), flag):
                     return False
         if self.field.progress:
             self._report(len(rounds) - 1, len(rounds), 1.0)
-        if self.checkpoint:
-            self.checkpoint.remove()
         target = self.settings.target_stderr
         return target is None or bool(np.all(self.tally.relative_error() <= 2.0 * target))
 
@@ -135,39 +118,27 @@ class Run:
         wanted = self.tally.wanted(settings.target_stderr, settings.max_samples, purpose == "late")
         return np.maximum(wanted - count, 0)
 
-    def _one_round(self, index: int, n_rounds: int, extra: np.ndarray, first_batch: int, stop: np.ndarray) -> bool:
+    def _one_round(self, index: int, n_rounds: int, extra: np.ndarray, stop: np.ndarray) -> bool:
         """Take `extra` samples; False if time ran out, which the flag `stop` (1,) tells."""
         jobs = self._jobs(extra)
         size = jobs.samples.size
         edges = np.flatnonzero(np.diff(np.cumsum(jobs.samples) // BATCH_SAMPLES)) + 1
         edges = np.unique(np.concatenate([[0], edges, [size]]))
-        todo = list(range(first_batch, edges.size - 1))
-        if self.batch_order is not None:
-            todo = [first_batch + int(b) for b in self.batch_order(len(todo))]
+        todo = [int(b) for b in (self.batch_order or range)(edges.size - 1)]
         waiting: dict[int, tuple[chunks.ChunkJobs, chunks.ChunkSums]] = {}
-        next_batch = first_batch
-        try:
-            for number, b in enumerate(todo):
-                part = chunks.ChunkJobs(*(a[edges[b] : edges[b + 1]] for a in jobs))
-                sums = self._walk(part, stop)
-                waiting[b] = (part, sums)
-                if np.any(sums.samples < part.samples):
-                    # cut short: it counts for the answer, and is taken up whole by who goes on
-                    if self.checkpoint:
-                        self.checkpoint.save(self._state(index, next_batch, extra))
-                    for done in waiting.values():
-                        self.tally.add(*done)
-                    return False
-                while next_batch in waiting:
-                    self.tally.add(*waiting.pop(next_batch))
-                    next_batch += 1
-                self._report(index, n_rounds, (number + 1) / len(todo))
-                if self.checkpoint:
-                    self.checkpoint.save_if_due(self._state(index, next_batch, extra))
-        except KeyboardInterrupt:
-            if self.checkpoint:
-                self.checkpoint.save(self._state(index, next_batch, extra))
-            raise
+        next_batch = 0
+        for number, b in enumerate(todo):
+            part = chunks.ChunkJobs(*(a[edges[b] : edges[b + 1]] for a in jobs))
+            sums = self._walk(part, stop)
+            waiting[b] = (part, sums)
+            if np.any(sums.samples < part.samples):
+                for done in waiting.values():
+                    self.tally.add(*done)
+                return False
+            while next_batch in waiting:
+                self.tally.add(*waiting.pop(next_batch))
+                next_batch += 1
+            self._report(index, n_rounds, (number + 1) / len(todo))
         self.chunks_used += -(-extra // self.settings.chunk_samples)
         return True
 
@@ -205,10 +176,6 @@ class Run:
         in_slices(work, size)
         return chunk_sums
 
-    def _state(self, index: int, next_batch: int, extra: np.ndarray) -> RunState:
-        t = self.tally
-        return RunState(t.count, t.sums, t.squares, t.high, t.limited, self.chunks_used, extra, index, next_batch)
-
     def _report(self, index: int, n_rounds: int, fraction: float) -> None:
         if self.field.progress:
             with np.errstate(all="ignore"):
@@ -217,6 +184,19 @@ class Run:
                 f"montecarlo: round {index + 1} of {n_rounds}, median standard error {100 * error:.2g} %",
                 (index + fraction) / n_rounds,
             )
+
+
+def warn_of_unknown(tally: chunks.Tally) -> None:
+    """A TwilightWarning where too few paths found light to know how much there is."""
+    unknown = tally.unknown()
+    if unknown.any():
+        warnings.warn(
+            f"montecarlo: too few paths find light in {unknown.sum()} of {unknown.size} directions and wavelengths, "
+            "which have no value (nan); more of solver.time_limit_s, solver.samples or solver.max_samples may give "
+            "them one",
+            TwilightWarning,
+            stacklevel=3,
+        )
 
 
 def prepare(
@@ -308,16 +288,18 @@ class Field(BareField):
         return self.stokes_with_error(sun_elevation_deg, elevation_deg, azimuth_deg).stokes
 
     def stokes_with_error(
-        self, sun_elevation_deg, elevation_deg, azimuth_deg, *, checkpoint: str | Path | None = None, batch_order=None
+        self, sun_elevation_deg, elevation_deg, azimuth_deg, *, batch_order: Callable | None = None
     ) -> chunks.StokesResult:
         """:meth:`stokes` with standard errors; arguments as in :meth:`radiance_with_error`."""
         if not self.settings.polarised:
             raise TwilightError("montecarlo was prepared without polarisation: it knows I alone, not Q and U")
-        run, shape = self._run(sun_elevation_deg, elevation_deg, azimuth_deg, checkpoint, batch_order)
-        return run.tally.stokes(shape, run.all_rounds())
+        run, shape = self._run(sun_elevation_deg, elevation_deg, azimuth_deg, batch_order)
+        complete = run.all_rounds()
+        warn_of_unknown(run.tally)
+        return run.tally.stokes(shape, complete)
 
     def radiance_with_error(
-        self, sun_elevation_deg, elevation_deg, azimuth_deg, *, checkpoint: str | Path | None = None, batch_order=None
+        self, sun_elevation_deg, elevation_deg, azimuth_deg, *, batch_order: Callable | None = None
     ) -> chunks.MonteCarloResult:
         """Radiance with standard errors, in all and by order of scattering.
 
@@ -326,24 +308,28 @@ class Field(BareField):
         sun_elevation_deg, elevation_deg, azimuth_deg : array_like
             Elevation of the true sun and direction of view [deg], broadcast; azimuth from the sun; elevation below 0
             looks down.
-        checkpoint : path, optional
-            File in which the state is saved every few seconds and when interrupted; a later call with the same question
-            goes on from there.
         batch_order : callable, optional
             Maps a number of batches to a permutation of them; the answer does not depend on it.
 
         Returns
         -------
         MonteCarloResult
-            Arrays (..., W) over the directions and wavelengths.
+            Arrays (..., W) over the directions and wavelengths; nan where too few paths find light.
+
+        Warns
+        -----
+        TwilightWarning
+            Where there is no value.
 
         Raises
         ------
         TwilightError
-            For an angle out of range, or a checkpoint of another question.
+            For an angle out of range.
         """
-        run, shape = self._run(sun_elevation_deg, elevation_deg, azimuth_deg, checkpoint, batch_order)
-        return run.tally.result(shape, run.all_rounds())
+        run, shape = self._run(sun_elevation_deg, elevation_deg, azimuth_deg, batch_order)
+        complete = run.all_rounds()
+        warn_of_unknown(run.tally)
+        return run.tally.result(shape, complete)
 
     def inscatter(self, sun_elevation_deg, elevation_deg, azimuth_deg, distance_km) -> tuple[np.ndarray, np.ndarray]:
         """As `SegmentField.inscatter`: (sun-normalised radiance [sr^-1], transmittance), shape (..., W) each."""
@@ -373,7 +359,7 @@ class Field(BareField):
             As :meth:`radiance_with_error`, and for a distance that is not a number of 0 or more.
         """
         far = np.minimum(np.asarray(distance_km, dtype=float), FARTHEST_KM)
-        run, shape = self._run(sun_elevation_deg, elevation_deg, azimuth_deg, None, None, far)
+        run, shape = self._run(sun_elevation_deg, elevation_deg, azimuth_deg, None, far)
         passed = np.empty((run.pixels.key.size, self.medium.n_wavelengths))
         walk = self.settings.walk(self.medium.has_refraction)
         in_slices(
@@ -382,12 +368,14 @@ class Field(BareField):
             ),
             run.pixels.key.size,
         )
-        return run.tally.result(shape, run.all_rounds()), passed.reshape(*shape, -1)
+        complete = run.all_rounds()
+        warn_of_unknown(run.tally)
+        return run.tally.result(shape, complete), passed.reshape(*shape, -1)
 
-    def _run(self, sun_elevation_deg, elevation_deg, azimuth_deg, checkpoint, batch_order, distance_km=np.inf):
+    def _run(self, sun_elevation_deg, elevation_deg, azimuth_deg, batch_order, distance_km=np.inf):
         """The question as a :class:`Run`, and the shape of its directions."""
         pixels, shape = self.question(sun_elevation_deg, elevation_deg, azimuth_deg, distance_km)
-        return Run(self, pixels, checkpoint, batch_order), shape
+        return Run(self, pixels, batch_order), shape
 
     def question(
         self, sun_elevation_deg, elevation_deg, azimuth_deg, distance_km=np.inf

@@ -65,7 +65,8 @@ def solve_importance(
 ) -> ImportanceTables:
     """The linear solution and then `sweeps` logarithmic ones; 0: no importance function.
 
-    air: of the medium; stop (1,): once it is not 0, what is not solved yet is left as it is, at the cost of noise.
+    air: of the medium; stop (1,): once it is not 0, no second sweep is taken, at the cost of noise.  The linear
+    solution and one sweep are there in any case: without them paths may miss nearly all light, and agree on it.
     """
     between = diffusion_depth(air, [phase.legendre_moments(1)[:, 1] for phase in medium.phase_functions])
     importance = empty_importance(air, between)
@@ -86,28 +87,25 @@ def solve_importance(
             todo = sweeps - 1
         else:
             thick = bool(is_thick[w])
-            _linear(diffuse if thick else air, sun, importance, w, thick, stop)
-        for _ in range(todo):
+            _linear(diffuse if thick else air, sun, importance, w, thick)
+        for sweep in range(todo):
             radiance = np.zeros((*shape, N_DIRECTIONS))
-            in_slices(partial(_sweep, air, sun, importance, w, stop, radiance), math.prod(shape))
-            if stop[0]:
-                return importance
+            flag = np.zeros_like(stop) if sweep == 0 else stop
+            in_slices(partial(_sweep, air, sun, importance, w, flag, radiance), math.prod(shape))
+            if flag[0]:
+                break
             _store(importance, w, phase, radiance)
     return importance
 
 
-def _linear(
-    air: MonteCarloAir, sun: SolarBeam, importance: ImportanceTables, w: int, integrated: bool, stop: np.ndarray
-) -> None:
+def _linear(air: MonteCarloAir, sun: SolarBeam, importance: ImportanceTables, w: int, integrated: bool) -> None:
     """Mean light at the nodes from the linear system of one wavelength, the same in all directions."""
     n_sun = importance.cos_sun.size
     n = importance.altitude_km.size * n_sun
     # unknowns: mean light at the nodes, then diffuse irradiance on the ground
     source = np.zeros(n + n_sun)
     kernel = np.zeros((n + n_sun, n + n_sun))
-    in_slices(partial(_system, air, sun, importance, w, integrated, stop, source, kernel), n)
-    if stop[0]:
-        return
+    in_slices(partial(_system, air, sun, importance, w, integrated, source, kernel), n)
     light = np.linalg.solve(np.eye(n + n_sun) - kernel, source)
     floor = math.exp(LOG_OF_NO_LIGHT)
     importance.log_source[w] = np.log(np.maximum(light[:n], floor)).reshape(-1, n_sun, 1)
@@ -170,12 +168,12 @@ def _leg_from_node(air, sun, importance, w, options, to_sun, i, d, stream, leg, 
 
 
 @njit(cache=True, nogil=True)
-def _system(air, sun, importance, w, integrated, stop, source, kernel, first, end):
+def _system(air, sun, importance, w, integrated, source, kernel, first, end):
     """S and K of the module's equation, rows of some nodes.
 
-    integrated: whether what a piece scatters is integrated over the piece, not taken from its middle; stop (1,): no
-    node is begun once it is not 0; source (N,) [sr^-1], kernel (N, N): S and K, added to, for N = A Z mean lights and Z
-    irradiances on the ground; first, end: the first node and the one after the last.
+    integrated: whether what a piece scatters is integrated over the piece, not taken from its middle; source (N,)
+    [sr^-1], kernel (N, N): S and K, added to, for N = A Z mean lights and Z irradiances on the ground; first, end: the
+    first node and the one after the last.
     """
     altitude_km = importance.altitude_km
     n_sun = importance.cos_sun.size
@@ -187,8 +185,6 @@ def _system(air, sun, importance, w, integrated, stop, source, kernel, first, en
     to_sun = np.zeros(3)
     stream = np.zeros(1, dtype=np.uint64)
     for node in range(first, end):
-        if stop[0] != 0:
-            break
         stream[0] = node
         i, j = _to_node(importance, node, to_sun)
         sx, sz = to_sun[0], to_sun[2]

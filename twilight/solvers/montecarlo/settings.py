@@ -25,10 +25,11 @@ class MonteCarloSettings:
     """What is computed, when a run stops, and how paths are sampled; sampling changes the noise and never the mean."""
 
     target_stderr: float | None = option(
-        "relative standard error of each pixel and wavelength; null: `samples` alone decides",
+        "relative standard error of each pixel and wavelength; null: `samples` alone decides. What is known to no "
+        "better than 0.1 has no value",
         default=0.01,
         ge=1e-6,
-        le=1.0,
+        le=0.1,
     )
     samples: int = option(
         "samples per pixel and wavelength where there is no target; a sample is a line of sight with "
@@ -38,9 +39,9 @@ class MonteCarloSettings:
         le=10**12,
     )
     time_limit_s: float | None = option(
-        "time [s] of one call after which no sample is begun; `prepare` leaves the importance function as it is "
-        "after the same time again. Two samples of each arm are taken in any case, and a result says whether it is "
-        "complete. null: no limit",
+        "time [s] of one call after which no sample is begun; `prepare` improves the importance function no "
+        "more after the same time. Two samples of each arm are taken in any case; where they are too few to know the "
+        "light, it has no value (nan, with a warning). null: no limit",
         default=None,
         ge=0.0,
         le=1e12,

@@ -29,8 +29,9 @@ from twilight.transport.beam import Beam, beam_at_one
 
 N_ALTITUDE = 64
 """Steps of the root of the relative height."""
-N_HIGH = 32
-"""Steps of a sun above the horizontal."""
+N_HIGH = 128
+"""Steps of a sun above the horizontal: with 32, a layer of depth 10 had 6 % less sunlight between two of them, which
+the exact values of one sample in some made good by twice its light: few samples agreed on too little."""
 N_LOW = 128
 """Steps of a lower sun."""
 COSINE_SCALE = 0.05

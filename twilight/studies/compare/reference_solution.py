@@ -161,7 +161,7 @@ class ReferenceSolver:
                 if solved is None:
                     scene = resolve(self.config, solver=(solver, settings))
                     solved = solve(scene, progress=meter, cached=False)
-                write_references(file, {sun: _computed(solved, sun, directions, file)})
+                write_references(file, {sun: computed(solved, sun, directions)})
             solutions[sun] = read_references(file)[sun]
         return solutions
 
@@ -174,9 +174,14 @@ class ReferenceSolver:
         return configuration_hash(hashed)[:24]
 
 
-def _computed(solved: Field, sun: float, directions: tuple[np.ndarray, np.ndarray], file: Path) -> ReferenceSolution:
-    """The reference of one sun; what is begun is cached in files beside `file` until it is done."""
-    answer = solved.radiance_with_error(sun, *directions, checkpoint=file)
+def computed(solved: Field, sun: float, directions: tuple[np.ndarray, np.ndarray]) -> ReferenceSolution:
+    """The reference of one sun, in those directions whose light is known at all wavelengths."""
+    answer = solved.radiance_with_error(sun, *directions)
     assert answer.standard_error is not None
-    error = np.nan_to_num(answer.standard_error, nan=0.0)
-    return ReferenceSolution(*directions, solved.medium.wavelength_nm, answer.radiance, error)
+    known = np.isfinite(answer.radiance).all(axis=-1)
+    if not known.any():
+        raise TwilightError(f"the reference solution knows no radiance of the sun at {sun:g} deg; raise --time-limit")
+    elevation, azimuth, radiance, error = (
+        values[known] for values in (*directions, answer.radiance, answer.standard_error)
+    )
+    return ReferenceSolution(elevation, azimuth, solved.medium.wavelength_nm, radiance, error)

@@ -195,6 +195,9 @@ class _Execution:
         self._send(sun, self._light(field, sun, np.array(d["elevation_deg"]), np.array(d["azimuth_deg"])))
 
     def _send(self, sun: float, radiance: np.ndarray) -> None:
+        if unknown := int(np.isnan(radiance).sum()):
+            self._fail(sun, TwilightError(f"too few paths find light: {unknown} of {radiance.size} radiances unknown"))
+            return
         if not (radiance >= 0).all():  # an estimate, by its noise
             self._fail(sun, TwilightError("gave radiance that is negative or not a number"))
             return
