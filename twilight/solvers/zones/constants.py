@@ -52,6 +52,8 @@ HAZE_DEPTH: Tuned[float, "optical depth", CLOUD, "test_what_the_air_needs_follow
     "depth from which on the degree grows less and less, up to THICK_HAZE_DEPTH"] = 3.0
 ALOFT_KM: Tuned[float, "km", VOLCANO, "test_later_orders_below_a_volcano_follow_its_peak",
     "altitude from which on particles count as a volcano's"] = 10.0
+ALOFT_TAIL_KM: Tuned[float, "km", VOLCANO, "test_haze_that_reaches_up_is_no_volcano",
+    "scale height of haze that reaches up to ALOFT_KM from below, whose depth above does not count"] = 2.0
 ALOFT_DEPTH: Tuned[float, "optical depth", VOLCANO, "test_later_orders_below_a_volcano_follow_its_peak",
     "depth of scattering by particles above ALOFT_KM beyond which later orders follow ALOFT_MOMENT: red light of deep "
     "twilight has then been scattered ten times, each time from a line on the horizon"] = 0.04
@@ -104,6 +106,9 @@ LOW_EDGE_GROWTH: Tuned[float, "1", THIN, "test_light_of_a_low_sun_in_a_thin_laye
     "the same for layers below LEAK_KM: fewer steps move light below a deck of stratus by 0.05 %"] = 1.8
 
 # Node altitudes.
+SMALL_JUMP: Tuned[float, "1", LAYERED, "test_five_hundred_layers_are_the_air_that_they_are_cut_from",
+    "largest jump of any coefficient over the extinction there, and of the refractivity, that is taken as a bend: each "
+    "jump has a node, and 500 layers of equal mass took more than 70 s"] = 0.05
 LOWEST_STEP_KM: Tuned[float, "km", ANY, "test_refinement_converges",
     "interval between node altitudes at the ground, at altitude_density 1"] = 0.12
 STEP_GROWTH: Tuned[float, "1", ANY, "test_refinement_converges",

@@ -34,6 +34,7 @@ from twilight.solvers.zones.aureole import forward_peak
 from twilight.solvers.zones.next_order import ZenithGrid
 from twilight.solvers.zones.ray_points import SpeciesMoments
 from twilight.solvers.zones.settings import ZonesSettings
+from twilight.solvers.zones.small_jumps import without_small_jumps
 from twilight.transport.beam import Beam, prepare_beam
 from twilight.transport.lines import with_refraction
 from twilight.transport.profile import Profile, expected_factors, prepare_profile, with_steps_of
@@ -205,6 +206,7 @@ def spectral_groups(medium: Medium, settings: ZonesSettings) -> list[bytes]:
     at a low quality moves the others by per cents: only wavelengths that need the same grid share a key.  Air that is
     thicker than any that steps are made for shortens them by its own extinction: no other wavelength shares its key.
     """
+    medium = without_small_jumps(medium)
     ranges, served = [range_of(w) for w in medium.wavelength_nm], serves_range(medium)
     all_wavelengths = range(medium.n_wavelengths)
     return [f"range {ranges[w]}".encode() if served[w] else _own_key(medium, settings, w) for w in all_wavelengths]
@@ -304,7 +306,7 @@ def _spin2_degree(settings: ZonesSettings) -> int:
 class FieldGrids:
     """Grids of a field.
 
-    medium: before scaling; settings: of the field; directions: the settings with the degree and as many directions and
+    medium: before scaling; air: the same without small jumps; settings: of the field; directions: the settings with the degree and as many directions and
     harmonics as this air needs; zenith_range_deg: of the sun
     scaled, scattering: the delta-scaled air and the moments of its phase matrices
     joined: whether its light is interpolated, as of `lay_out`
@@ -313,6 +315,7 @@ class FieldGrids:
     """
 
     medium: Medium
+    air: Medium
     settings: ZonesSettings
     directions: ZonesSettings
     zenith_range_deg: tuple[float, float]
@@ -330,19 +333,21 @@ class FieldGrids:
         medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[float, float], joined: bool = False
     ) -> FieldGrids:
         """Grids for a medium under settings; joined: as of `lay_out`."""
-        of_air, degree = settings_for(medium, settings, joined)
-        scaled = delta_scaled(medium, degree)
-        layout = lay_out(medium, scaled, of_air, joined)
+        air = without_small_jumps(medium)
+        of_air, degree = settings_for(air, settings, joined)
+        scaled = delta_scaled(air, degree)
+        layout = lay_out(air, scaled, of_air, joined)
         bent = with_refraction(layout.profile, layout.bends)
         zenith = zenith_nodes(*zenith_range_deg, settings.zenith_density)
         return FieldGrids(
             medium,
+            air,
             settings,
             layout.directions,
             zenith_range_deg,
             joined,
             scaled,
-            SpeciesMoments.of(medium, scaled, _spin2_degree(settings)),
+            SpeciesMoments.of(air, scaled, _spin2_degree(settings)),
             layout.profile,
             bent if settings.bent_lines_of_sight else layout.profile,
             bent if settings.bent_paths else layout.profile,
@@ -383,6 +388,7 @@ def kinds_met(medium: Medium, settings: ZonesSettings) -> set[str]:
 
     medium: of the terms, where gases have bands
     """
+    medium = without_small_jumps(medium)
     grown, degree = settings_for(medium, settings)
     scaled = delta_scaled(medium, degree)
     layout = lay_out(medium, scaled, grown)

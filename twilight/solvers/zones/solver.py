@@ -29,6 +29,7 @@ from twilight.solvers.zones.orders import reduced_depth, solve
 from twilight.solvers.zones.ray_points import LANES
 from twilight.solvers.zones.scattering import Solution
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
+from twilight.solvers.zones.small_jumps import without_small_jumps
 from twilight.solvers.zones.spectrum import SpectralInterpolation
 from twilight.solvers.zones.storage import field_hash, read, stored_hash
 from twilight.transport.scaling import delta_scaled
@@ -93,7 +94,7 @@ def cost(
     medium: Medium, settings: ZonesSettings, sun_elevations_deg: Sequence[float] | None, observer_altitude_km: float
 ) -> Cost:
     """Cost of a field in the air of the medium's first wavelength, whose grids are about those of the others."""
-    monochromatic = medium.select(slice(0, 1))
+    monochromatic = without_small_jumps(medium).select(slice(0, 1))
     settings, _ = settings_to_solve(medium, settings, sun_elevations_deg)
     settings, degree = settings_for(monochromatic, settings)
     scaled = delta_scaled(monochromatic, degree)
