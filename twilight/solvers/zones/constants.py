@@ -238,6 +238,8 @@ FAINT: Tuned[float, "1/sr", ANY, "test_deep_night_is_finite_and_darker_and_darke
     "radiance over F0 below which convergence does not matter: a thousandth of a moonless night's own light"] = 1e-12
 STIFF_DECAY: Tuned[float, "1", CLOUD, "test_conservative_air_of_every_depth_is_right_and_solved_in_tens_of_steps",
     "fraction of an order's light left in the next beyond which light is solved for all orders at once"] = 0.72
+CONSERVED_DECAY: Tuned[float, "1", CLOUD, "test_conservative_air_of_every_depth_is_right_and_solved_in_tens_of_steps",
+    "the same beyond which they are solved with directions that conserve energy: what a scattering loses adds up"] = 0.85
 FEW_ORDERS: Tuned[int, "orders", CLOUD, "test_air_thicker_than_was_compared_is_said",
     "largest max_orders that is taken literally: so few are followed one by one, however thick the air"] = 30
 SETTLED_ORDER: Tuned[int, "order", CLOUD, "test_conservative_air_of_every_depth_is_right_and_solved_in_tens_of_steps",

@@ -315,19 +315,27 @@ def solve_orders(
             retained = early.angles.shared_with(operator.angles)
             order = np.ascontiguousarray(order[:, :, retained])
         if orders == tuned.SETTLED_ORDER and all_at_once:
-            some = np.flatnonzero(unfinished & (decay > tuned.STIFF_DECAY))
-            if some.size:
+            # solved faster with the same operator; or where its small losses would add up, with one that conserves
+            weak = unfinished & (decay > tuned.STIFF_DECAY) & (decay <= tuned.CONSERVED_DECAY)
+            strong = unfinished & (decay > tuned.CONSERVED_DECAY)
+            for some in (np.flatnonzero(weak), np.flatnonzero(strong)):
+                if not some.size:
+                    continue
+                rest_operator = operator
+                if strong[some[0]]:
+                    rest_operator = (early if operator is early else thick()).conserving()
                 followed = orders
                 remaining = all_orders_from(
-                    operator.conserving(), some, (order, ground), total[:, :, 0] - mean, tuned.FAINT,
+                    rest_operator, some, (order, ground), total[:, :, 0] - mean, tuned.FAINT,
                     min(tolerance, tuned.STIFF_TOLERANCE), max(1, max_orders - orders),
-                    lambda n, r: progress(followed + n, r),
+                    lambda n, r, followed=followed: progress(followed + n, r),
                 )  # fmt: skip
                 total[:, :, retained[:, None], some] += remaining.moments - order[..., some]
                 total_ground[..., some] += remaining.ground - ground[..., some]
                 steps, residual[some] = max(steps, orders + remaining.steps), remaining.residual
-                unfinished[some] = False
-                continue
+            unfinished &= ~(weak | strong)
+            if not unfinished.any():
+                break
         before = mean
         mean, order, ground = operator.analyse(operator.next_order(mean, order, ground))
         counts = unfinished.astype(np.float32)
