@@ -67,7 +67,8 @@ class AirProfile:
 
     Between two altitudes temperature and the logarithms of pressure and of the densities of air and water vapour are
     monotone cubics with continuous slopes (:mod:`twilight.atmosphere.levels`); ozone and nitrogen dioxide go
-    exponentially, as water vapour does where some level has none; a gas goes linearly to a level without it.  source: where they come from, in words.
+    exponentially, as water vapour does where some level has none; a gas goes linearly to a level without it.
+    source: where they come from, in words.
     """
 
     name: str

@@ -6,6 +6,7 @@ the solar zenith angles that the suns and observers of a scene need.
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -204,7 +205,8 @@ def spectral_groups(medium: Medium, settings: ZonesSettings) -> list[bytes]:
     All the wavelengths of a field share its grids.  Wavelengths of one range have the grid of that range.  Where that
     grid is not known, or not made for such air, the grid of a field follows the wavelength that needs the finest, and
     at a low quality moves the others by per cents: only wavelengths that need the same grid share a key.  Air that is
-    thicker than any that steps are made for shortens them by its own extinction: no other wavelength shares its key.
+    thicker than any that steps are made for shortens them by its own extinction: only wavelengths of the very same share
+    its key.
     """
     medium = without_small_jumps(medium)
     ranges, served = [range_of(w) for w in medium.wavelength_nm], serves_range(medium)
@@ -219,7 +221,7 @@ def _own_key(medium: Medium, settings: ZonesSettings, w: int) -> bytes:
     profile = prepare_profile(scaled.medium)
     nodes = _field_altitudes(medium, profile, settings.altitude_density)
     factors = expected_factors(profile.altitude_km, profile.extinction[:, 0])
-    steps = f"as expected times {factors}" if factors else f"of wavelength {w}"
+    steps = f"as expected times {factors}" if factors else hashlib.sha256(profile.extinction.tobytes()).hexdigest()
     directions = str(directions_needed(settings, scaled, profile))
     return steps.encode() + directions.encode() + nodes.tobytes() + near_edges(profile, profile).stop_km.tobytes()
 
@@ -306,8 +308,8 @@ def _spin2_degree(settings: ZonesSettings) -> int:
 class FieldGrids:
     """Grids of a field.
 
-    medium: before scaling; air: the same without small jumps; settings: of the field; directions: the settings with the degree and as many directions and
-    harmonics as this air needs; zenith_range_deg: of the sun
+    medium: before scaling; air: the same without small jumps; settings: of the field; directions: the settings with the
+    degree and as many directions and harmonics as this air needs; zenith_range_deg: of the sun
     scaled, scattering: the delta-scaled air and the moments of its phase matrices
     joined: whether its light is interpolated, as of `lay_out`
     profile: of the scaled air, along straight rays; line_profile, path_profile: through which lines of sight and rays

@@ -308,7 +308,7 @@ def solve_orders(
             *operators, first, early_orders, some, max_orders, tolerance, progress
         )
     del first
-    previous = None
+    previous, decay = None, np.zeros(LANES)
     while orders + 1 < max_orders and unfinished.any():
         operator = early if orders < early_orders else late()
         if operator is not early and orders == max(early_orders, 1):
@@ -374,7 +374,8 @@ def _solution(
 def _stiff_wavelengths(early, late, first, early_orders, wavelengths, max_orders, tolerance, progress):
     """All orders at some wavelengths (L,) of the block: the early ones one by one, all later ones at once.
 
-    first: Stokes parameters of sunlight scattered once.  Returns (moments (Z, T, C, L), radiance of the ground (T, L), steps, largest fraction that may be missing (L,)).
+    first: Stokes parameters of sunlight scattered once.
+    Returns (moments (Z, T, C, L), radiance of the ground (T, L), steps, largest fraction that may be missing (L,)).
     """
     mean, order, ground = early.analyse(first)
     total, total_ground = order.copy(), ground.copy()

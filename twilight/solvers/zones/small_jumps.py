@@ -1,9 +1,9 @@
 """Air cut into layers so fine that light is as smooth as in the air that they were cut from.
 
-Every jump has a node altitude, is an end of steps along rays and has rows of its own in the sunbeam's tables.  At a jump
-whose coefficients a below and b above differ by no more than SMALL_JUMP of the extinction, one level with sqrt(a b) takes
-the place of both: the mean over a layer between two such jumps, each a change by e^d, grows by a fraction of d^2/24,
-1e-4 at most.
+Every jump has a node altitude, is an end of steps along rays and has rows of its own in the sunbeam's tables.  At one
+whose coefficients a below and b above differ by no more than SMALL_JUMP of the extinction, one level with sqrt(a b)
+takes the place of both: the mean over a layer between two such jumps, each a change by e^d, grows by a fraction of
+d^2/24, 1e-4 at most.
 """
 
 from dataclasses import replace
