@@ -7,6 +7,7 @@ import pytest
 from hazy_zones import QUICK
 from stability_media import Air, medium_of
 
+from twilight.base.errors import TwilightWarning
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
@@ -82,3 +83,11 @@ def test_slow_orders_solved_at_once_are_those_followed_one_by_one(air, monkeypat
     assert fast.convergence.orders < 0.7 * slow.convergence.orders
     skies = [field.radiance(15.0, ELEVATION_DEG, AZIMUTH_DEG) for field in (fast, slow)]
     np.testing.assert_allclose(*skies, rtol=1e-3)
+
+
+@pytest.mark.parametrize(("quality", "said"), [("draft", "draft is up to 15 %"), ("standard", "standard is up to 9 %")])
+def test_the_warning_of_a_sharp_peak_is_that_of_the_quality(quality, said):
+    """`draft` promised what `standard` keeps."""
+    few = replace(COARSE, max_orders=2, tolerance=0.0, max_degree=zones.QUALITIES[quality].max_degree)
+    with pytest.warns(TwilightWarning, match=said):
+        zones.prepare(medium_of(Air(aerosol=1.0, asymmetry=0.98)), few, sun_elevations_deg=[15.0])
