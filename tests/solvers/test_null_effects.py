@@ -19,9 +19,7 @@ TABLES = replace(
     tables.QUALITIES["bruneton2017"], step_density=0.7, scattering_r=8, scattering_mu=8, scattering_mu_s=6,
     scattering_nu=3, max_orders=2, lowest_sun_deg=-12.0,
 )  # fmt: skip
-MONTECARLO = replace(
-    montecarlo.QUALITIES["standard"], target_stderr=None, samples=8, max_orders=2, importance_sweeps=0
-)
+MONTECARLO = replace(montecarlo.QUALITIES["standard"], target_stderr=None, samples=8, max_orders=2, importance_sweeps=0)
 SOLVERS = {"zones": (zones, ZONES), "tables": (tables, TABLES), "montecarlo": (montecarlo, MONTECARLO),
            "compact": (compact, compact.QUALITIES["standard"])}  # fmt: skip
 SUNS_DEG = (20.0, 0.0, -4.0, -12.0)

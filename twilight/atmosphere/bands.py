@@ -221,7 +221,13 @@ def amounts(gas: str, profile: AirProfile, wavelength_nm: np.ndarray, column_mm:
     """SPCTRL2's x of one vertical column above the ground of a profile, (W,); column_mm: of water, None: its own."""
     if gas == OXYGEN:
         return coefficient(gas, wavelength_nm) * float(profile.pressure_hpa[0]) / STANDARD_HPA
-    column = water_column_mm(profile) if column_mm is None else column_mm
+    own = water_column_mm(profile)
+    column = own if column_mm is None else column_mm
+    if own == 0.0 and column > 0.0:
+        raise TwilightError(
+            f"gases.water_vapour.column_mm is {column:g}, but the levels have no water vapour at any altitude; allowed "
+            "is 0"
+        )
     return coefficient(gas, wavelength_nm) * 0.1 * column
 
 

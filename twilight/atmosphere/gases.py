@@ -126,7 +126,12 @@ def ozone_factor(profile: AirProfile, column_du: float | None) -> float:
         return 1.0
     if not (math.isfinite(column_du) and 0.0 <= column_du <= 2000.0):
         raise TwilightError(f"ozone_column_du: {column_du} is not possible, allowed is 0 to 2000 DU")
-    return column_du / profile.ozone_column_du
+    own = profile.ozone_column_du
+    if own == 0.0 and column_du > 0.0:
+        raise TwilightError(
+            f"gases.ozone.column_du is {column_du:g}, but the levels have no ozone at any altitude; allowed is 0"
+        )
+    return column_du / own if own > 0.0 else 1.0
 
 
 def overhead_ozone_optical_depth(profile: AirProfile, wavelength_nm, factor: float = 1.0) -> np.ndarray:

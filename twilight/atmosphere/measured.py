@@ -370,6 +370,7 @@ def _gas(
     known = np.zeros(0, dtype=bool) if measured is None else np.isfinite(measured)
     if measured is None or np.count_nonzero(known) < 2 or z[known][0] >= top_km:
         return None
+    outer = np.maximum(outer, LEAST_FRACTION)
     own = np.interp(z[known], fine, np.log(outer))
     factor = np.log(np.maximum(measured[known], LEAST_FRACTION)) - own
     return outer * np.exp(_continued(fine, levels, z[known], factor, top_km, np.zeros_like(outer)))

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from twilight.atmosphere.levels import layer_mean, monotone_cubic
+from twilight.atmosphere.levels import interpolate_coefficient, layer_mean, monotone_cubic
 from twilight.base.errors import TwilightError
 from twilight.base.shipped_data import data_numbers
 
@@ -67,7 +67,8 @@ class AirProfile:
 
     Between two altitudes temperature and the logarithms of pressure and of the densities of air and water vapour are
     monotone cubics with continuous slopes (:mod:`twilight.atmosphere.levels`); ozone and nitrogen dioxide go
-    exponentially.  source: where they come from, in words.
+    exponentially, as water vapour does where some level has none; a gas goes linearly to a level without it.
+    source: where they come from, in words.
     """
 
     name: str
@@ -90,10 +91,14 @@ class AirProfile:
             )
 
         def exponential(a):
-            return np.exp(np.interp(z, self.altitude_km, np.log(a)))
+            if np.all(a > 0.0):
+                return np.exp(np.interp(z, self.altitude_km, np.log(a)))
+            place = np.interp(z, self.altitude_km, np.arange(a.size))
+            below = np.minimum(place.astype(int), a.size - 2)
+            return interpolate_coefficient(a[below], a[below + 1], place - below)
 
         def smooth(a):
-            return np.exp(monotone_cubic(z, self.altitude_km, np.log(a)))
+            return np.exp(monotone_cubic(z, self.altitude_km, np.log(a))) if np.all(a > 0.0) else exponential(a)
 
         return AirProfile(
             self.name,

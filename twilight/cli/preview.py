@@ -26,6 +26,8 @@ COMPILING_S = 30.0
 """Processor seconds that compiling takes, about (benchmarks/results/cold_start.csv)."""
 LONG_S = 8.0
 """Processor seconds of a sky from which on it has a preview though nothing is compiled."""
+PATIENCE_S = 30.0
+"""Processor seconds from which on a sky without a preview is said to take long, and why."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,16 @@ def wait_s(config: Config, compiles: bool) -> float | None:
     return seconds if seconds is not None and seconds > LONG_S else None
 
 
+def _why_long(config: Config, seconds: float) -> str:
+    """How long a sky takes, and why."""
+    from twilight.engine.problem import full_cost  # start-up
+    from twilight.scene import resolve  # start-up
+
+    blocks = full_cost(resolve(config, for_plan=True)).blocks
+    why = f"its wavelengths need grids of their own, {blocks} in all" if blocks > 1 else "its air needs fine grids"
+    return f"this sky takes about {terminal.time_of(seconds)} of processor time: {why}"
+
+
 @contextmanager
 def show_preview(config: Config, sun: str, folder: Path) -> Iterator[None]:
     """Write the preview of a sky into its folder where it has one, say so, and take it away at the end."""
@@ -109,6 +121,8 @@ def show_preview(config: Config, sun: str, folder: Path) -> Iterator[None]:
                 file=sys.stderr,
                 flush=True,
             )
+        elif seconds is not None and seconds > PATIENCE_S:
+            print(f"twilight: {_why_long(config, seconds)}", file=sys.stderr, flush=True)
         yield
     finally:
         path.unlink(missing_ok=True)

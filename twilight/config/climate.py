@@ -130,8 +130,8 @@ LEVEL_COLUMNS = {
     "altitude_km": (LOWEST_GROUND_KM, 120.0, f"{LOWEST_GROUND_KM:g} to 120 (km)"),
     "pressure_hpa": (1e-9, 1200.0, "1e-9 to 1200 (hPa)"),
     "temperature_k": (120.0, 1000.0, "120 to 1000 (K)"),
-    "water_vapour_ppm": (1e-9, 2e5, "1e-9 to 2e5"),
-    "ozone_ppm": (1e-9, 1e3, "1e-9 to 1e3"),
+    "water_vapour_ppm": (0.0, 2e5, "0 to 2e5"),
+    "ozone_ppm": (0.0, 1e3, "0 to 1e3"),
 }
 """Columns of a file of levels, and the numbers that they may hold."""
 
@@ -153,10 +153,10 @@ class Levels(Section):
         ..., "one for each altitude, decreasing", unit="hPa"
     )
     temperature_k: tuple[Annotated[Number, Field(ge=120.0, le=1000.0)], ...] = key(..., "likewise", unit="K")
-    water_vapour_ppm: tuple[Annotated[Number, Field(gt=0.0, le=2e5)], ...] = key(
+    water_vapour_ppm: tuple[Annotated[Number, Field(ge=0.0, le=2e5)], ...] = key(
         ..., "molecules per million of moist air, likewise", unit="1e-6"
     )
-    ozone_ppm: tuple[Annotated[Number, Field(gt=0.0, le=1e3)], ...] = key(..., "likewise", unit="1e-6")
+    ozone_ppm: tuple[Annotated[Number, Field(ge=0.0, le=1e3)], ...] = key(..., "likewise", unit="1e-6")
 
     @model_validator(mode="before")
     @classmethod

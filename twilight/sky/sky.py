@@ -32,7 +32,6 @@ class BrowserPage(Protocol):
         """Write the page as one HTML file that needs no network, whole or not at all."""
 
 
-@in_units
 NOISY = ("standard_error", "polarisation", "polarisation_error")
 """Fields of a `Sky` that are NaN where a solver with noise gives no radiance."""
 
@@ -42,6 +41,7 @@ def _array(value: Any, name: str) -> np.ndarray:
     return value if type(value) is np.ndarray else np.asarray(plain(value, name))
 
 
+@in_units
 @dataclass(frozen=True, eq=False)
 class Sky(SkyLight):
     """Radiance of the sky over directions and wavelengths, E x A x W.

@@ -2,10 +2,11 @@
 
 from twilight.solvers.base import Capabilities
 from twilight.solvers.zones.constants import table as tuned_numbers
+from twilight.solvers.zones.cost import cost
 from twilight.solvers.zones.field import Field
 from twilight.solvers.zones.grids import kinds_met, spectral_groups
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
-from twilight.solvers.zones.solver import carried, cost, load, prepare
+from twilight.solvers.zones.solver import carried, load, prepare
 from twilight.solvers.zones.stated_error import stated_error
 
 CAPABILITIES = Capabilities(

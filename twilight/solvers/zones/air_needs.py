@@ -59,8 +59,7 @@ def degree_needed(settings: ZonesSettings, medium: Medium) -> float:
     layered = _volcanic_fraction(medium.altitude_km, _scattered_by_aerosol(medium))
     least = settings.degree + layered * max(0, min(tuned.ALOFT_DEGREE, most) - settings.degree)
     scattering = medium.air_scattering_per_km + _scattered_by_aerosol(medium)
-    depth = np.trapezoid(scattering, medium.altitude_km, axis=0).max()
-    grows = np.clip((tuned.THICK_HAZE_DEPTH - depth) / (tuned.THICK_HAZE_DEPTH - tuned.HAZE_DEPTH), 0.0, 1.0)
+    grows = _haze_fraction(medium.altitude_km, scattering)
     peak = _peak_fractions(medium, most)[settings.degree :]
     large = np.flatnonzero(peak > tuned.MAX_PEAK_FRACTION)
     if not grows or not large.size:
@@ -138,7 +137,9 @@ def truncation_needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Pr
     layered = _volcanic_fraction(z, profile.species_scattering[1:].sum(axis=0))
     thin = bool(np.any(thin_layers(profile)[0][:, 0] >= tuned.LEAK_KM))
     least = tuned.THIN_MOMENT if thin else tuned.LATE_MOMENT ** (1.0 - layered) * tuned.ALOFT_MOMENT**layered
-    late = min(_grown(settings.late_degree, _exceeding(moments, least), tuned.LATE_SLACK), settings.degree)
+    wanted = _grown(settings.late_degree, _exceeding(moments, least), tuned.LATE_SLACK) - settings.late_degree
+    grows = max(_haze_fraction(z, profile.species_scattering.sum(axis=0)), layered, float(thin))
+    late = min(settings.late_degree + grows * wanted, settings.degree)
     if late <= settings.late_degree:
         return FractionalTruncation(orders, settings.late_degree, settings.late_azimuth_directions)
     return FractionalTruncation(orders, late, max(settings.late_azimuth_directions, min(orders, late)))
@@ -147,8 +148,16 @@ def truncation_needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Pr
 def _volcanic_fraction(altitude_km: np.ndarray, scattering_per_km: np.ndarray) -> float:
     """0 where the particles above ALOFT_KM do not count as a volcano's, 1 where they do; scattering_per_km (N, W)."""
     aloft = np.where(altitude_km[:, None] >= tuned.ALOFT_KM, scattering_per_km, 0.0)
-    depth = np.trapezoid(aloft, altitude_km, axis=0).max()
+    # what reaches up from below is no layer of its own
+    haze = [tuned.ALOFT_TAIL_KM * np.interp(tuned.ALOFT_KM, altitude_km, column) for column in scattering_per_km.T]
+    depth = (np.trapezoid(aloft, altitude_km, axis=0) - haze).max()
     return float(np.clip((depth - tuned.LEAST_ALOFT_DEPTH) / (tuned.ALOFT_DEPTH - tuned.LEAST_ALOFT_DEPTH), 0.0, 1.0))
+
+
+def _haze_fraction(altitude_km: np.ndarray, scattering_per_km: np.ndarray) -> float:
+    """1 where all wavelengths of scattering_per_km (N, W) have depths below HAZE_DEPTH, 0 above THICK_HAZE_DEPTH."""
+    depth = np.trapezoid(scattering_per_km, altitude_km, axis=0).max()
+    return float(np.clip((tuned.THICK_HAZE_DEPTH - depth) / (tuned.THICK_HAZE_DEPTH - tuned.HAZE_DEPTH), 0.0, 1.0))
 
 
 def directions_needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> ZonesSettings:
@@ -291,12 +300,19 @@ def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) ->
 
 
 def _graded(altitude_km: np.ndarray) -> np.ndarray:
-    """The altitudes [km] and more, so that intervals beside each other differ by no more than MAX_INTERVAL_RATIO."""
-    out = altitude_km
+    """The altitudes [km] and more, so that intervals beside each other differ by no more than MAX_INTERVAL_RATIO.
+
+    A wide interval is cut near its narrow neighbour, so that what is left of it is not much narrower than the next one:
+    cut in halves, each would have the next one cut, and so on up to the top of the air.
+    """
+    out, ratio = altitude_km, tuned.MAX_INTERVAL_RATIO
     while True:
         step = np.diff(out)
-        beside = np.minimum(np.append(step[1:], np.inf), np.append(np.inf, step[:-1]))
-        coarse = step > tuned.MAX_INTERVAL_RATIO * beside
+        below, above = np.append(np.inf, step[:-1]), np.append(step[1:], np.inf)
+        beside = np.minimum(below, above)
+        coarse = step > ratio * beside
         if not coarse.any():
             return out
-        out = np.sort(np.append(out, out[:-1][coarse] + 0.5 * step[coarse]))
+        piece = np.minimum(ratio * beside, step / (1.0 + ratio))
+        cut = np.where(below <= above, out[:-1] + piece, out[1:] - piece)
+        out = np.sort(np.append(out, cut[coarse]))

@@ -47,7 +47,7 @@ class Field(BareField):
         """Those of the call: with a target error the field's own may be finer."""
         self.observer_altitude_km = observer_at(grids.medium, observer_altitude_km)
         several = grids.settings.max_orders > 1
-        self.peak = forward_peak(grids.medium, grids.scaled, grids.profile) if several else None
+        self.peak = forward_peak(grids.air, grids.scaled, grids.profile) if several else None
         self._cached_lines = lines_of_sight.LineCache()
 
     def save(self, path: str | Path) -> None:

@@ -6,6 +6,7 @@ the solar zenith angles that the suns and observers of a scene need.
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -34,6 +35,7 @@ from twilight.solvers.zones.aureole import forward_peak
 from twilight.solvers.zones.next_order import ZenithGrid
 from twilight.solvers.zones.ray_points import SpeciesMoments
 from twilight.solvers.zones.settings import ZonesSettings
+from twilight.solvers.zones.small_jumps import without_small_jumps
 from twilight.transport.beam import Beam, prepare_beam
 from twilight.transport.lines import with_refraction
 from twilight.transport.profile import Profile, expected_factors, prepare_profile, with_steps_of
@@ -198,8 +200,10 @@ def spectral_groups(medium: Medium, settings: ZonesSettings) -> list[bytes]:
     All the wavelengths of a field share its grids.  Wavelengths of one range have the grid of that range.  Where that
     grid is not known, or not made for such air, the grid of a field follows the wavelength that needs the finest, and
     at a low quality moves the others by per cents: only wavelengths that need the same grid share a key.  Air that is
-    thicker than any that steps are made for shortens them by its own extinction: no other wavelength shares its key.
+    thicker than any that steps are made for shortens them by its own extinction: only wavelengths of the very same
+    share its key.
     """
+    medium = without_small_jumps(medium)
     ranges, served = [range_of(w) for w in medium.wavelength_nm], serves_range(medium)
     all_wavelengths = range(medium.n_wavelengths)
     return [f"range {ranges[w]}".encode() if served[w] else _own_key(medium, settings, w) for w in all_wavelengths]
@@ -212,7 +216,7 @@ def _own_key(medium: Medium, settings: ZonesSettings, w: int) -> bytes:
     profile = prepare_profile(scaled.medium)
     nodes = _field_altitudes(medium, profile, settings.altitude_density)
     factors = expected_factors(profile.altitude_km, profile.extinction[:, 0])
-    steps = f"as expected times {factors}" if factors else f"of wavelength {w}"
+    steps = f"as expected times {factors}" if factors else hashlib.sha256(profile.extinction.tobytes()).hexdigest()
     directions = str(directions_needed(settings, scaled, profile))
     return steps.encode() + directions.encode() + nodes.tobytes() + near_edges(profile, profile).stop_km.tobytes()
 
@@ -290,14 +294,15 @@ def _spin2_degree(settings: ZonesSettings) -> int:
 class FieldGrids:
     """Grids of a field.
 
-    medium: before scaling; settings: of the field; directions: the settings with the degree and as many directions and
-    harmonics as this air needs; zenith_range_deg: of the sun
+    medium: before scaling; air: the same without small jumps; settings: of the field; directions: the settings with the
+    degree and as many directions and harmonics as this air needs; zenith_range_deg: of the sun
     scaled, scattering: the delta-scaled air and the moments of its phase matrices
     profile: of the scaled air, along straight rays; line_profile, path_profile: through which lines of sight and rays
     between two scatterings go, bent where the settings say so; nodes: of the field; layout: of `lay_out`
     """
 
     medium: Medium
+    air: Medium
     settings: ZonesSettings
     directions: ZonesSettings
     zenith_range_deg: tuple[float, float]
@@ -312,18 +317,20 @@ class FieldGrids:
     @staticmethod
     def of(medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[float, float]) -> FieldGrids:
         """Grids for a medium under settings."""
-        of_air, degree = settings_for(medium, settings)
-        scaled = delta_scaled(medium, degree)
-        layout = lay_out(medium, scaled, of_air)
+        air = without_small_jumps(medium)
+        of_air, degree = settings_for(air, settings)
+        scaled = delta_scaled(air, degree)
+        layout = lay_out(air, scaled, of_air)
         bent = with_refraction(layout.profile, layout.bends)
         zenith = zenith_nodes(*zenith_range_deg, settings.zenith_density)
         return FieldGrids(
             medium,
+            air,
             settings,
             layout.directions,
             zenith_range_deg,
             scaled,
-            SpeciesMoments.of(medium, scaled, _spin2_degree(settings)),
+            SpeciesMoments.of(air, scaled, _spin2_degree(settings)),
             layout.profile,
             bent if settings.bent_lines_of_sight else layout.profile,
             bent if settings.bent_paths else layout.profile,
@@ -363,6 +370,7 @@ def kinds_met(medium: Medium, settings: ZonesSettings) -> set[str]:
 
     medium: of the terms, where gases have bands
     """
+    medium = without_small_jumps(medium)
     grown, degree = settings_for(medium, settings)
     scaled = delta_scaled(medium, degree)
     layout = lay_out(medium, scaled, grown)

@@ -293,34 +293,56 @@ def solve_orders(
     progress
         Called with the number of orders and the residual.
     """
-    all_at_once = max_orders > tuned.FEW_ORDERS
-
-    def solve_at_once(wavelengths: np.ndarray, progress: Callable[[int, float], None]):
-        operators = early.conserving(), thick().conserving()
-        return _stiff_wavelengths(*operators, early_orders, wavelengths, sunlight, max_orders, tolerance, progress)
-
-    if all_at_once and tolerance > 0.0 and slow.all():
-        # what single orders do here is known beforehand
-        total, total_ground, steps, missing = solve_at_once(np.arange(LANES), progress)
-        return _solution(early, total, total_ground, steps + 1, missing)
-    mean, order, ground = early.analyse(early.first_order(sunlight))
+    all_at_once = max_orders > tuned.FEW_ORDERS and tolerance > 0.0
+    slow = slow & all_at_once
+    first = early.first_order(sunlight)
+    mean, order, ground = early.analyse(first)
     total, total_ground = order.copy(), ground.copy()
     retained = np.arange(order.shape[2])
-    orders, residual = 1, np.ones(LANES)
-    unfinished, stiff = np.ones(LANES, bool), np.zeros(LANES, bool)
-    slow = slow & all_at_once
-    previous = None
+    orders, steps, residual, unfinished = 1, 0, np.ones(LANES), ~slow
+    if slow.any():
+        # what single orders do here is known beforehand
+        some = np.flatnonzero(slow)
+        operators = early.conserving(), thick().conserving()
+        total[..., some], total_ground[..., some], steps, residual[some] = _stiff_wavelengths(
+            *operators, first, early_orders, some, max_orders, tolerance, progress
+        )
+    del first
+    previous, decay = None, np.zeros(LANES)
     while orders + 1 < max_orders and unfinished.any():
         operator = early if orders < early_orders else late()
         if operator is not early and orders == max(early_orders, 1):
             retained = early.angles.shared_with(operator.angles)
             order = np.ascontiguousarray(order[:, :, retained])
+        if orders == tuned.SETTLED_ORDER and all_at_once:
+            # solved faster with the same operator; or where its small losses would add up, with one that conserves
+            weak = unfinished & (decay > tuned.STIFF_DECAY) & (decay <= tuned.CONSERVED_DECAY)
+            strong = unfinished & (decay > tuned.CONSERVED_DECAY)
+            for some in (np.flatnonzero(weak), np.flatnonzero(strong)):
+                if not some.size:
+                    continue
+                rest_operator = operator
+                if strong[some[0]]:
+                    rest_operator = (early if operator is early else thick()).conserving()
+                followed = orders
+                remaining = all_orders_from(
+                    rest_operator, some, (order, ground), total[:, :, 0] - mean, tuned.FAINT,
+                    min(tolerance, tuned.STIFF_TOLERANCE), max(1, max_orders - orders),
+                    lambda n, r, followed=followed: progress(followed + n, r),
+                )  # fmt: skip
+                total[:, :, retained[:, None], some] += remaining.moments - order[..., some]
+                total_ground[..., some] += remaining.ground - ground[..., some]
+                steps, residual[some] = max(steps, orders + remaining.steps), remaining.residual
+            unfinished &= ~(weak | strong)
+            if not unfinished.any():
+                break
         before = mean
         mean, order, ground = operator.analyse(operator.next_order(mean, order, ground))
         counts = unfinished.astype(np.float32)
         total[:, :, retained] += order * counts
         total_ground += ground * counts
         orders += 1
+        decay = _decay(mean, before)
         # written so that nothing overflows where there was no light before
         ratio = np.clip(mean, 0.0, 0.97 * np.maximum(before, 0.0)) / np.maximum(before, scattering.TINY)
         # what is left behaves like a geometric series at every node; two such guesses in a row show how well
@@ -332,21 +354,12 @@ def solve_orders(
         previous = guess
         progress(orders, float(residual[unfinished].max()))
         if tolerance > 0.0:
-            done = unfinished & ~slow & (residual < tolerance)
+            done = unfinished & (residual < tolerance)
             rest = ratio / (1.0 - ratio) * done
             total[:, :, retained] += order * rest[:, :, None]
             total_ground += ground * rest[0]
             unfinished &= ~done
-            if orders == tuned.SETTLED_ORDER and all_at_once:
-                stiff = unfinished & (slow | (_decay(mean, before) > tuned.STIFF_DECAY))
-                unfinished &= ~stiff
-    if stiff.any():
-        some = np.flatnonzero(stiff)
-        total[..., some], total_ground[..., some], steps, residual[some] = solve_at_once(
-            some, lambda n, r: progress(orders + n, r)
-        )
-        orders += steps
-    return _solution(early, total, total_ground, orders + 1, residual)
+    return _solution(early, total, total_ground, max(orders, steps) + 1, residual)
 
 
 def _solution(
@@ -358,12 +371,13 @@ def _solution(
     return scattering.Solution(light, orders, float(residual.max()))
 
 
-def _stiff_wavelengths(early, late, early_orders, wavelengths, sunlight, max_orders, tolerance, progress):
+def _stiff_wavelengths(early, late, first, early_orders, wavelengths, max_orders, tolerance, progress):
     """All orders at some wavelengths (L,) of the block: the early ones one by one, all later ones at once.
 
+    first: Stokes parameters of sunlight scattered once.
     Returns (moments (Z, T, C, L), radiance of the ground (T, L), steps, largest fraction that may be missing (L,)).
     """
-    mean, order, ground = early.analyse(early.first_order(sunlight))
+    mean, order, ground = early.analyse(first)
     total, total_ground = order.copy(), ground.copy()
     steps = 0
     while steps + 1 < min(early_orders, tuned.MAX_EARLY_ORDERS):

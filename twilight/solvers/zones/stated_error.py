@@ -6,7 +6,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.solver import MEASURED_ERRORS, NOT_OF_QUALITY, at_quality, expected_error, quality_for
 
-PHYSICS = tuple(key for key in NOT_OF_QUALITY if key not in ("target_error", "spectral_interpolation", "field_file"))
+PHYSICS = tuple(key for key in NOT_OF_QUALITY if key not in ("target_error", "spectrum", "field_file"))
 """Settings without which the errors of a quality are others."""
 
 MAX_MEASURED_DEPTH = 1.0
