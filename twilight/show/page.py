@@ -27,10 +27,11 @@ from twilight.base.progress import Progress, part_of
 from twilight.base.whole_files import whole_file
 from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG, SunTables
-from twilight.engine.table import first_columns, sudden_edges
+from twilight.engine.table import first_columns
 from twilight.show import tones
 from twilight.sky.table import SkyTable
 from twilight.transport.rays import horizon_dip_deg
+from twilight.transport.scattered_once import sudden_edges
 
 LEVELS = 65535
 """Largest sample of 16 bits."""

@@ -11,8 +11,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
-
 from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
 from twilight.transport.clear_air.shells import (
@@ -246,6 +244,8 @@ class ScatteredOnce:
         """`ShellsBelow.scattered_once_below`, through the limb between lines that are lowest in the middle of a
         layer: at its edges the path has a root of the height, which neither of a table's layers can hold.  Logarithms
         between them stay between those of both neighbours: cubics swing where the shadow of the ground begins."""
+        from scipy.interpolate import PchipInterpolator  # start-up
+
         middle = self._shells.middles_km
         limb = invariant_km > middle[0]
         middle = np.sort(np.append(middle, self._shells.below_edges_km(self._edges)))
