@@ -205,8 +205,8 @@ def spectral_groups(medium: Medium, settings: ZonesSettings) -> list[bytes]:
     All the wavelengths of a field share its grids.  Wavelengths of one range have the grid of that range.  Where that
     grid is not known, or not made for such air, the grid of a field follows the wavelength that needs the finest, and
     at a low quality moves the others by per cents: only wavelengths that need the same grid share a key.  Air that is
-    thicker than any that steps are made for shortens them by its own extinction: only wavelengths of the very same share
-    its key.
+    thicker than any that steps are made for shortens them by its own extinction: only wavelengths of the very same
+    share its key.
     """
     medium = without_small_jumps(medium)
     ranges, served = [range_of(w) for w in medium.wavelength_nm], serves_range(medium)
