@@ -78,7 +78,7 @@ def work_of_block(layout: Layout, scaled: ScaledMedium, suns: int, early: _Order
     d, profile = layout.directions, layout.profile
     nodes = layout.altitude_km.size * (suns + ZENITHS)
     depth = float(np.trapezoid(profile.scattering, profile.altitude_km, axis=0).max())
-    orders, radiances = FEWEST_ORDERS + MORE_ORDERS * depth / (1.0 + depth), late.radiances
+    orders, radiances = FEWEST_ORDERS + MORE_ORDERS * depth / (1.0 + depth), float(late.radiances)
     if reduced_depth(scaled, profile).max() > tuned.SLOW_DEPTH:
         radiances *= max(1.0, tuned.POLAR_PER_DEGREE * d.late_degree / d.late_polar_directions)
     azimuthal_orders = d.late_azimuth_directions

@@ -324,11 +324,9 @@ def solve_orders(
                 rest_operator = operator
                 if strong[some[0]]:
                     rest_operator = (early if operator is early else thick()).conserving()
-                followed = orders
                 remaining = all_orders_from(
                     rest_operator, some, (order, ground), total[:, :, 0] - mean, tuned.FAINT,
-                    min(tolerance, tuned.STIFF_TOLERANCE), max(1, max_orders - orders),
-                    lambda n, r, followed=followed: progress(followed + n, r),
+                    min(tolerance, tuned.STIFF_TOLERANCE), max(1, max_orders - orders), partial(_after, progress, orders),
                 )  # fmt: skip
                 total[:, :, retained[:, None], some] += remaining.moments - order[..., some]
                 total_ground[..., some] += remaining.ground - ground[..., some]
@@ -360,6 +358,11 @@ def solve_orders(
             total_ground += ground * rest[0]
             unfinished &= ~done
     return _solution(early, total, total_ground, max(orders, steps) + 1, residual)
+
+
+def _after(progress: Callable[[int, float], None], orders: int, steps: int, residual: float) -> None:
+    """Report steps that come after some orders."""
+    progress(orders + steps, residual)
 
 
 def _solution(

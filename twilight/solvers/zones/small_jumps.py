@@ -63,5 +63,5 @@ def _joined(medium: Medium, lower: np.ndarray) -> Medium:
         medium,
         altitude_km=np.delete(medium.altitude_km, lower + 1),
         aerosol_phase_fraction=fractions / np.where(total > 0.0, total, 1.0),
-        **{key: joined(getattr(medium, key)) for key in ON_LEVELS},
+        **{key: joined(getattr(medium, key)) for key in ON_LEVELS},  # type: ignore[arg-type]
     )

@@ -265,7 +265,8 @@ def _doubts(field: Field, settings: ZonesSettings) -> Iterator[str]:
         known = f"{coarse[0]} is up to {PEAKED_ERRORS[coarse[0]]} % off" if coarse else "reference was not compared"
         yield (
             f"an aerosol of asymmetry {peak:.2g} scatters more sharply forward than the series of the zones solver can "
-            f"follow: at an asymmetry of 0.99 and a depth of 0.5 quality {known}; here it is {peaked_depth:.2g}"
+            f"follow: at an asymmetry of 0.99 and an optical depth of 0.5 quality {known}; here the depth is "
+            f"{peaked_depth:.2g}"
         )
     layers, layer_depth = thin_layers(profile)
     base = layers[:, 0]
