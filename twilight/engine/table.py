@@ -58,6 +58,9 @@ CLOSEST_COLUMNS_DEG = 0.25
 MOST_ROWS, MOST_COLUMNS = 140, 70
 """Most rows and columns of a table, which bounds its time in air with edges."""
 
+ROWS_FOR_BREAK = 20
+"""Rows that a table may have more for each break."""
+
 FAINT = 1e-3
 """Light, of the brightest at a wavelength, whose errors count as if it were so bright."""
 
@@ -179,6 +182,8 @@ def fill(
     """
     samples = _Samples(light, rows_deg, first_columns() if columns_deg is None else columns_deg)
     breaks = rows_deg[1:][np.diff(rows_deg) == 0.0]
+
+    most = most[0] + ROWS_FOR_BREAK * breaks.size, most[1]
 
     def table() -> SkyTable:
         return _table(samples, once, sun_elevation_deg, widening)
