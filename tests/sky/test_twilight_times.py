@@ -106,7 +106,7 @@ def test_the_command_lists_them():
     assert made.exit_code == 0
     lines = made.output.splitlines()
     assert len(lines) == 1 + len(EVENTS) + 2 and {line.split("\t")[0] for line in lines[-2:]} == {"moonrise", "moonset"}
-    assert lines[4].split("\t") == ["sunrise", "2026-06-21 04:43:05+02:00", "-0.83", "47.7"]
+    assert lines[4].split("\t")[:4] == ["sunrise", "2026-06-21 04:43:05+02:00", "-0.83", "47.7"]
     assert "the sun does not get there" in lines[1]
 
 
@@ -132,4 +132,4 @@ def test_moonrise_and_moonset_are_where_its_limb_is_on_the_horizon():
         for day in range(1, 31)
     ]
     assert set(counts) == {0, 1} and counts.count(0) <= 2
-    assert moon_times(dt.date(2026, 6, 21), 90.0, 0.0) == []
+    assert sum(len(moon_times(dt.date(2026, 6, day), 90.0, 0.0)) for day in range(1, 29)) in (1, 2)  # once a month
