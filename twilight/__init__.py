@@ -12,7 +12,7 @@ the package costs nothing.
 
 from importlib import import_module
 
-__version__ = "0.1.0"
+__version__ = "1.0.0rc1"
 
 _WHERE = {
     "Climate": "twilight.config",

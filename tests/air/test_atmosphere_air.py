@@ -144,3 +144,22 @@ def test_wavelengths_outside_the_data(bad):
     """Wavelengths without optical data, or not increasing, would be computed."""
     with pytest.raises(TwilightError, match="wavelength_nm"):
         gases.check_wavelengths(bad)
+
+
+def test_a_gas_of_ones_own_has_its_column_and_cross_section(tmp_path):
+    """An absorber that the program does not have could not be in the air."""
+    from twilight.base.errors import TwilightError
+    from twilight.config import load_climate
+    from twilight.scene.medium import climate_medium
+
+    (tmp_path / "so2.csv").write_text("wavelength_nm,cross_section_cm2\n300,4e-20\n400,2e-20\n700,0\n")
+    nm = np.array([350.0, 450.0, 650.0])
+    for ground in (0.0, 2.0):
+        plain = load_climate("pure-air", {"ground.altitude_km": ground})
+        more = {"gases.own": {"file": str(tmp_path / "so2.csv"), "column_du": 50}, "ground.altitude_km": ground}
+        made = climate_medium(load_climate("pure-air", more), nm)
+        added = made.optical_depth("absorption") - climate_medium(plain, nm).optical_depth("absorption")
+        right = 50 * 2.68678e16 * np.interp(nm, [300, 400, 700], [4e-20, 2e-20, 0])
+        np.testing.assert_allclose(added, right, atol=2e-5)  # of the rule between levels
+    with pytest.raises(TwilightError, match="has 300 to 700 nm, asked for are 400 to 800 nm"):
+        climate_medium(load_climate("pure-air", more), np.array([400.0, 800.0]))

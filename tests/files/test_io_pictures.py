@@ -312,3 +312,14 @@ def test_the_usd_file_has_the_map_and_the_sun_where_they_are(tmp_path):
     assert f"EV100 {facts['exposure_ev100']:.2f}" in text
     write_outputs(sky, tmp_path / "alone", files=("sun",), width=64)
     assert "DomeLight" not in (tmp_path / "alone" / "sky.usda").read_text()
+
+
+def test_the_views_of_a_series_are_numbered_too(tmp_path):
+    """A series of views, which a film cannot show, would be no image sequence."""
+    from twilight.io.series import number_files
+
+    for sun in ("a", "b"):
+        (tmp_path / sun).mkdir()
+        (tmp_path / sun / "sky.view.png").write_bytes(sun.encode())
+    assert number_files([tmp_path / "a", tmp_path / "b"], tmp_path / "frames") == 2
+    assert (tmp_path / "frames" / "sky.view.0002.png").read_bytes() == b"b"

@@ -168,3 +168,37 @@ def test_the_double_hour_has_its_offset_in_its_name(tmp_path):
         warnings.simplefilter("error")
         twilight.light((52.5, 13.4), "2026-10-25T03:30", time_zone="Europe/Berlin")
         twilight.light((52.5, 13.4), "2026-10-25T02:30+01:00", time_zone="Europe/Berlin")
+
+
+@pytest.mark.parametrize("chosen", [True, False], ids=["TWILIGHT_CACHE_DIR", "nowhere"])
+def test_kernels_are_kept_in_the_cache_or_not_where_the_package_cannot_be_written(tmp_path, monkeypatch, chosen):
+    """In a container whose package and home are read-only the first command would be a traceback of numba's."""
+    from twilight.jit import machine_code
+    from twilight.jit.kernels import njit
+
+    class Refused:
+        @classmethod
+        def from_function(cls, py_func, py_file):
+            return None
+
+    locators = [Refused, Refused, machine_code._InCacheFolder, Refused, machine_code._NotKept]
+    monkeypatch.setattr(machine_code._Files, "_locator_classes", locators)
+
+    def read_only(self):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(machine_code._NotKept, "ensure_cache_path", read_only)
+    monkeypatch.setattr(machine_code, "_warned", [])
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    if chosen:
+        monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path))
+    else:
+        monkeypatch.delenv("TWILIGHT_CACHE_DIR", raising=False)
+    kernels = [njit(cache=True)(lambda x: x + 1.5), njit(cache=True)(lambda x: x - 1.5)]
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        assert [kernel(2.0) for kernel in kernels] == [3.5, 0.5]
+    mine = [str(one.message) for one in said if issubclass(one.category, TwilightWarning)]
+    assert len(mine) == (0 if chosen else 1)
+    assert bool(list(tmp_path.rglob("*.nbi"))) == chosen
+    assert chosen or "Read-only file system" in mine[0]

@@ -10,8 +10,8 @@ from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
 from twilight.scene.scene import suns_of
-from twilight.sky.ephemeris import sun_position
-from twilight.sky.twilight_times import EVENTS, time_of, twilight_times
+from twilight.sky.ephemeris import Sites, sun_position
+from twilight.sky.twilight_times import EVENTS, SUNRISE_DEG, moon_times, time_of, twilight_times
 
 OF_NREL = [
     (51.48, 0.0, "05:13:13", "12:01:00", "18:49:53"),
@@ -105,8 +105,8 @@ def test_the_command_lists_them():
     made = CliRunner().invoke(app, words.split())
     assert made.exit_code == 0
     lines = made.output.splitlines()
-    assert len(lines) == 1 + len(EVENTS)
-    assert lines[4].split("\t") == ["sunrise", "2026-06-21 04:43:05+02:00", "-0.83", "47.7"]
+    assert len(lines) == 1 + len(EVENTS) + 2 and {line.split("\t")[0] for line in lines[-2:]} == {"moonrise", "moonset"}
+    assert lines[4].split("\t")[:4] == ["sunrise", "2026-06-21 04:43:05+02:00", "-0.83", "47.7"]
     assert "the sun does not get there" in lines[1]
 
 
@@ -117,3 +117,19 @@ def test_render_plans_a_date_and_an_elevation():
     assert made.exit_code == 0, made.output
     made = CliRunner().invoke(app, ["render", "pure-air", "--at", "2026-06-21T20:00", "--sun-elevation", "-6", *place])
     assert made.exit_code == 2 and "on a date" in made.output
+
+
+def test_moonrise_and_moonset_are_where_its_limb_is_on_the_horizon():
+    """The moon would rise at another time; days without a rise or a set, and poles, would fail."""
+    found = {one.event: one.time for one in moon_times(dt.date(2026, 6, 21), 52.5, 13.4, "UTC")}
+    for event, moment in found.items():
+        site = Sites([moment], 52.5, 13.4)
+        assert float(site.moon().elevation_deg[0]) == pytest.approx(SUNRISE_DEG, abs=0.02), event
+        later = Sites([moment + dt.timedelta(minutes=10)], 52.5, 13.4).moon().elevation_deg[0]
+        assert (later > SUNRISE_DEG) == (event == "moonrise")
+    counts = [
+        len([one for one in moon_times(dt.date(2026, 6, day), 52.5, 13.4) if one.event == "moonrise"])
+        for day in range(1, 31)
+    ]
+    assert set(counts) == {0, 1} and counts.count(0) <= 2
+    assert sum(len(moon_times(dt.date(2026, 6, day), 90.0, 0.0)) for day in range(1, 29)) in (1, 2)  # once a month

@@ -58,7 +58,7 @@ def test_a_crossing_is_found_to_the_second():
     assert float(sun_position(crossing.time, *PLACE).elevation_deg) == pytest.approx(-7.25, abs=0.004)
     assert [outcome.sentence for outcome in made.outcomes[1:]] == ["not reached", "all the time"]
     events = [mark.event for mark in made.marks]
-    assert events == ["sunset", "civil dusk", "nautical dusk", "astronomical dusk"]
+    assert events == ["sunset", "civil dusk", "nautical dusk", "astronomical dusk", "moonset"]
 
 
 def test_a_day_without_dusk_says_so_once():
@@ -121,7 +121,9 @@ def test_files_hold_what_the_table_holds(tmp_path):
     write_dataset(made, tmp_path / "a.nc", {"title": "a test"})
     draw(made, tmp_path / "a.png", "a test")
     _, head, *rows = (tmp_path / "a.csv").read_text().splitlines()
-    assert head == "time,sun_elevation_deg,magnitude_V_per_arcsec2_zenith,cct_k" and len(rows) == len(made.times)
+    assert head == (
+        "time,sun_elevation_deg,magnitude_V_per_arcsec2_zenith,cct_k,moon_elevation_deg,moon_illuminated_fraction"
+    ) and len(rows) == len(made.times)
     with xarray.open_dataset(tmp_path / "a.nc") as data:
         assert np.allclose(data.magnitude_V_per_arcsec2_zenith, made.values[0]) and data.cct_k.attrs["units"] == "K"
     assert (tmp_path / "a.png").stat().st_size > 10_000
@@ -174,3 +176,29 @@ def test_tonight_into_one_file(tmp_path, monkeypatch):
     rows = (tmp_path / "night.csv").read_text().splitlines()
     assert len(rows) == 27 or len(rows) == 26  # noon to noon, 24 hours and some seconds
     assert float(rows[2].split(",")[2]) > 1000.0 > float(rows[14].split(",")[2])
+
+
+def test_a_condition_that_is_asked_for_twice_is_printed_once(tmp_path):
+    """--when would repeat what --for has, and the moon stand in no file."""
+    from typer.testing import CliRunner
+
+    from twilight.cli.app import app
+
+    command = [
+        "timeline",
+        "pure-air",
+        "--latitude",
+        "28.3",
+        "--longitude",
+        "-16.5",
+        "--at",
+        "2026-06-21",
+        "--step",
+        "2h",
+    ]
+    command += ["--for", "reading", "--when", "illuminance < 3.4", "--output", str(tmp_path / "a.csv")]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 0, result.output
+    said = [line for line in result.stdout.splitlines() if line.startswith("illuminance < 3.4")]
+    assert len(said) == len(set(said)) and any(line.startswith("moonset") for line in result.stdout.splitlines())
+    assert "moon_elevation_deg" in (tmp_path / "a.csv").read_text()

@@ -40,6 +40,7 @@ def build_medium(
     ozone_treatment: str = "layer",
     no2: bool = True,
     o4: bool = True,
+    own_gas: tuple[str, float] | None = None,
     aerosol: AerosolSpec | None = None,
     stratosphere: StratosphereSpec | None = None,
     clouds: tuple[CloudLayer, ...] = (),
@@ -60,7 +61,7 @@ def build_medium(
         sec. 4.3); None for both keeps the profile's own above the ground.
     ozone_treatment: `layer` absorbs where the ozone is; `overhead_filter` puts the whole column into
         ``Medium.overhead_absorption_optical_depth``; `none` leaves ozone out.
-    no2, o4: absorption by nitrogen dioxide and by pairs of oxygen molecules.
+    no2, o4: absorption by nitrogen dioxide and by pairs of oxygen molecules; own_gas: file and column [DU] of another.
     aerosol, stratosphere: None for none; a StratosphereSpec replaces the stratospheric part of the AerosolSpec.
     clouds: layers around the whole globe; where some overlap their coefficients add.
     refraction: `ciddor` (with the profile's temperature, pressure and humidity), `haber` (his closed form with
@@ -93,6 +94,8 @@ def build_medium(
     state = full.at(altitude)
     air = state.air_per_cm3[:, None] * gases.cross_section_cm2(wavelength, co2_ppm) * 1e5
     parts, overhead = _gas_absorption(full, state, wavelength, ozone_treatment, ozone_factor, no2, o4)
+    if own_gas is not None:
+        parts["own"] = gases.own_absorption_per_km(*own_gas, full, state, wavelength)
     extinction, scattering, phase_fraction, phases = _aerosol_levels(regions, altitude, upper_side, wavelength.size)
     medium = Medium(
         wavelength_nm=wavelength,

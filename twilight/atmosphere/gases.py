@@ -17,12 +17,14 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from twilight.atmosphere.csv_columns import Columns, read_columns
 from twilight.atmosphere.levels import vertical_integral
-from twilight.atmosphere.profiles import AirProfile
+from twilight.atmosphere.profiles import MOLECULES_PER_CM2_PER_DU, AirProfile
 from twilight.base.errors import TwilightError
 from twilight.base.shipped_data import data_numbers
 
@@ -34,6 +36,8 @@ MAX_WAVELENGTH_NM = 1000.0
 """Where the optical data end [nm]."""
 _TABLES = {"o3": "o3_serdyuchenko2014", "no2": "no2_vandaele1998", "o4": "o2o2_hitran2016"}
 """File of each gas in data/gases."""
+OWN_COLUMNS: Columns = {"wavelength_nm": (100.0, 2e4, "100 to 20000"), "cross_section_cm2": (0.0, 1e-10, "0 to 1e-10")}
+"""Columns of the file of a gas of one's own, with the range that is allowed."""
 _OZONE_BELOW_301_NM = "o3_malicet1995"
 """Of ozone at 279 to 301 nm."""
 
@@ -107,6 +111,25 @@ def absorption_per_km(gas: str, profile: AirProfile, wavelength_nm, factor: floa
         "o4": (OXYGEN_FRACTION * profile.air_per_cm3 * factor) ** 2,
     }[gas]
     return density[:, None] * cross_section(gas, wavelength_nm, profile.temperature_k) * 1e5
+
+
+def own_absorption_per_km(
+    file: str, column_du: float, full: AirProfile, state: AirProfile, wavelength_nm: np.ndarray
+) -> np.ndarray:
+    """Absorption coefficient [km^-1] of a gas that is mixed evenly into the air, (Z, W).
+
+    file: CSV of wavelength_nm and cross_section_cm2, linear between them; full: the profile whose column it has.
+    Errors: TwilightError for a table that is none, or does not reach as far as the wavelengths.
+    """
+    names, rows, _ = read_columns(Path(file), OWN_COLUMNS)
+    nm, section = rows[np.argsort(rows[:, names.index("wavelength_nm")])].T[:: 1 if names[0] == "wavelength_nm" else -1]
+    if wavelength_nm[0] < nm[0] or wavelength_nm[-1] > nm[-1]:
+        raise TwilightError(
+            f"{file}: has {nm[0]:g} to {nm[-1]:g} nm, asked for are {wavelength_nm[0]:g} to {wavelength_nm[-1]:g} nm; "
+            "give 0 where it absorbs nothing"
+        )
+    part = column_du * MOLECULES_PER_CM2_PER_DU / full.column_per_cm2(full.air_per_cm3)
+    return part * state.air_per_cm3[:, None] * np.interp(wavelength_nm, nm, section) * 1e5
 
 
 def seasonal_ozone_column_du(day_of_year: float) -> float:

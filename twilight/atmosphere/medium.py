@@ -128,6 +128,17 @@ class Medium:
                 f"medium {self.name}: aerosol_phase_fraction has shape {self.aerosol_phase_fraction.shape}"
             )
 
+    def __repr__(self) -> str:
+        """Three lines: its size, and how thick it is at its middle wavelength."""
+        nm, middle = self.wavelength_nm, self.wavelength_nm.size // 2
+        parts = ("air", "absorption", "aerosol")
+        thick = ", ".join(f"{part} {self.optical_depth(part)[middle]:.3g}" for part in parts)
+        return (
+            f"<Medium {self.name or 'without a name'}: {self.altitude_km.size} levels from {self.bottom_km:g} to "
+            f"{self.top_km:g} km\n  {nm.size} wavelengths {nm[0]:g} to {nm[-1]:g} nm, {len(self.phase_functions)} "
+            f"phase functions of aerosol\n  optical depth at {nm[middle]:g} nm: {thick}>"
+        )
+
     @property
     def n_wavelengths(self) -> int:
         return self.wavelength_nm.size

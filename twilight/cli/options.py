@@ -198,7 +198,7 @@ def parse_date(text: str, option: str, example: str = "2026-06-21") -> dt.date:
         raise TwilightError(f"{option}: {text} is not a date such as {example}") from None
 
 
-SENTENCE = "the first run compiles its kernels, which takes a minute or two; their machine code is kept for later runs"
+SENTENCE = "the first run compiles its kernels, about half a minute of processor time; their machine code is kept"
 
 
 def must_compile(package: str) -> bool:

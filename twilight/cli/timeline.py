@@ -70,7 +70,7 @@ def timeline(
     if preset is not None:
         texts, conditions = [*preset.columns, *texts], [*preset.conditions, *conditions]
     columns = [column(text) for text in dict.fromkeys(texts or ["V@zenith", "illuminance"])]
-    wanted = [work.condition(text) for text in conditions]
+    wanted = list({one.text: one for one in map(work.condition, conditions)}.values())
 
     keys, names = options.settings_of(settings)
     given = {"solver.quality": (quality, "--quality"), "observer.altitude_km": (altitude_km, "--altitude-km")}

@@ -1,4 +1,4 @@
-"""`twilight times`: sunrise, sunset, and the dawns and dusks of a place and date."""
+"""`twilight times`: sunrise, sunset, dawns, dusks and the moon of a place and date."""
 
 from typing import Annotated
 
@@ -14,21 +14,29 @@ def times(
     time_zone: Annotated[str | None, options.TIME_ZONE] = None,
     altitude_km: Annotated[float, options.ALTITUDE_KM] = 0.0,
 ) -> None:
-    """List sunrise, solar noon, sunset, and civil, nautical and astronomical dawn and dusk of a place and date.
+    """List sunrise, solar noon, sunset, civil, nautical and astronomical dawn and dusk, moonrise and moonset.
 
-    Elevations are of the sun's centre, without refraction.  `twilight render --at 'DATE civil dusk'` takes these names.
+    Elevations are of the centres, without refraction; the azimuth is that of the event's body.  `twilight render --at
+    'DATE civil dusk'` takes the names of the sun's.
     """
-    from twilight.sky.twilight_times import today_at, twilight_times
+    from twilight.sky.ephemeris import sun_position
+    from twilight.sky.moon import moon_over
+    from twilight.sky.twilight_times import moon_times, today_at, twilight_times
 
     options.check_range(latitude, "--latitude", -90.0, 90.0)
     options.check_range(longitude, "--longitude", -720.0, 720.0)
     day = today_at(longitude, time_zone) if date is None else options.parse_date(date, "--date")
     longitude = longitude if -180.0 <= longitude <= 360.0 else (longitude + 180.0) % 360.0 - 180.0
     rows = []
-    for event in twilight_times(day, latitude, longitude, time_zone, altitude_km):
+    place = latitude, longitude, time_zone, altitude_km
+    for event in (*twilight_times(day, *place), *moon_times(day, *place)):
         if event.time is None:
-            rows.append([event.event, "the sun does not get there", f"{event.elevation_deg:.2f}", ""])
-        else:
-            time = event.time.isoformat(sep=" ", timespec="seconds")
-            rows.append([event.event, time, f"{event.elevation_deg:.2f}", f"{event.azimuth_deg:.1f}"])
-    print_table(["event", "time", "sun elevation [deg]", "azimuth [deg]"], rows, right=(2, 3))
+            rows.append([event.event, "the sun does not get there", f"{event.elevation_deg:.2f}", "", "", ""])
+            continue
+        sun = sun_position(event.time, latitude, longitude, altitude_km)
+        moon = moon_over(event.time, latitude, longitude, float(sun.azimuth_deg), altitude_km)
+        lit = f"{100 * moon.illuminated_fraction:.0f} %, {'waxing' if moon.waxing else 'waning'}"
+        time, angles = event.time.isoformat(sep=" ", timespec="seconds"), (sun.elevation_deg, event.azimuth_deg or 0.0)
+        rows.append([event.event, time, f"{angles[0]:.2f}", f"{angles[1]:.1f}", f"{moon.elevation_deg:.1f}", lit])
+    columns = ["event", "time", "sun elevation [deg]", "azimuth [deg]", "moon elevation [deg]", "moon lit"]
+    print_table(columns, rows, right=(2, 3, 4))

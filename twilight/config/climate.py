@@ -79,6 +79,7 @@ CLIMATE_FILES: tuple[tuple[tuple[str, ...], str, str | None], ...] = (
     (("aerosol", "table"), "file", "sha256"),
     (("aerosol", "table"), "phase_function", "phase_function_sha256"),
     (("ground",), "albedo_map", "albedo_map_sha256"),
+    (("gases", "own"), "file", "sha256"),
 )
 """Keys of a climate that name files, by section, and the keys of their SHA-256."""
 
@@ -244,6 +245,14 @@ class WaterVapour(Section):
     )
 
 
+class OwnGas(Section):
+    """An absorber of one's own, mixed evenly into the air."""
+
+    file: FilePath = key(..., "CSV with wavelength_nm and cross_section_cm2 (per molecule)", min_length=1)
+    column_du: Number = key(..., "its vertical column", unit="DU", ge=0.0, le=1e6)
+    sha256: str | None = key(None, "the file's SHA-256; if given, another is an error", pattern="^[0-9a-f]{64}$")
+
+
 class Gases(Section):
     """Absorbing gases."""
 
@@ -252,6 +261,7 @@ class Gases(Section):
     oxygen: Flag = key(True, "oxygen absorbs in its bands at 688 and 762 nm")
     no2: Flag = key(True, "nitrogen dioxide absorbs")
     o4: Flag = key(True, "oxygen collision pairs (O4) absorb")
+    own: OwnGas | None = key(None, "one more absorber; unset: none")
 
 
 class Refraction(Section):

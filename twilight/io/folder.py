@@ -28,7 +28,7 @@ SHEETS = ("contact-sheet.png", "series.csv", "series.nc")
 """What a series has once, made again at its end."""
 FRAMES = "frames"
 """The folder of a series' files by number, also once."""
-NUMBERED: tuple[str, ...] = ("sky.png", "sky.rgb.exr")
+NUMBERED: tuple[str, ...] = ("sky.png", "sky.rgb.exr", "sky.view.png")
 
 
 @dataclass(frozen=True)

@@ -82,6 +82,7 @@ def built_medium(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
         ozone_treatment=climate.gases.ozone.treatment,
         no2=climate.gases.no2,
         o4=climate.gases.o4,
+        own_gas=None if (own := climate.gases.own) is None else (own.file, own.column_du),
         aerosol=None if climate.aerosol is None else aerosol_spec(climate.aerosol),
         stratosphere=stratosphere_spec(climate),
         clouds=cloud_layers(climate),

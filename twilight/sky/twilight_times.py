@@ -14,7 +14,7 @@ import numpy as np
 
 from twilight.base.conventions import EARTH_RADIUS_KM, YEARS
 from twilight.base.errors import TwilightError
-from twilight.sky.ephemeris import parse_time, sun_position, zone_of
+from twilight.sky.ephemeris import Sites, parse_time, sun_position, zone_of
 
 SUNRISE_DEG = -0.8333
 """True elevation [deg] of the sun's centre when its upper limb stands on a level horizon: 34' of standard refraction
@@ -113,6 +113,27 @@ def twilight_times(
             continue
         at = sun_position(moment, latitude_deg, longitude_deg, altitude_km)
         rows.append(TwilightTime(name, day.local(moment), float(at.elevation_deg), float(at.azimuth_deg)))
+    return rows
+
+
+def moon_times(
+    date: dt.date, latitude_deg: float, longitude_deg: float, time_zone: str | None = None, altitude_km: float = 0.0
+) -> list[TwilightTime]:
+    """Moonrise and moonset between the midnights of a date, each as often as it is (0 to 2 times), by their time.
+
+    As of the sun: of the upper limb on a level horizon, with 34' of refraction; elevation and azimuth are the moon's.
+    Arguments and errors as `time_of`.
+    """
+    day = _Day(date, latitude_deg, longitude_deg, time_zone, altitude_km)
+    horizon, (first, last) = SUNRISE_DEG - day.dip_deg, day.midnights
+    moments = [first + (last - first) * f for f in np.linspace(0.0, 1.0, 289)]
+    above = Sites(moments, latitude_deg, longitude_deg, altitude_km).moon().elevation_deg - horizon
+    rows = []
+    for i in np.flatnonzero((above[:-1] < 0.0) != (above[1:] < 0.0)).tolist():
+        moment = moments[i] + (moments[i + 1] - moments[i]) * float(above[i] / (above[i] - above[i + 1]))
+        at = Sites([moment], latitude_deg, longitude_deg, altitude_km).moon()
+        name = "moonrise" if above[i] < 0.0 else "moonset"
+        rows.append(TwilightTime(name, day.local(moment), float(at.elevation_deg[0]), float(at.azimuth_deg[0])))
     return rows
 
 

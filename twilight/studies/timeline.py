@@ -25,7 +25,7 @@ from twilight.engine.light_sources import SOURCE_NAMES, Moments, moments_at
 from twilight.engine.surfaces import Direction, Surface, towards
 from twilight.io.netcdf import write_netcdf
 from twilight.sky.quantities.measure import Quantity, check_of, quantity, unit_of
-from twilight.sky.twilight_times import SUNRISE_DEG, TwilightTime, twilight_times
+from twilight.sky.twilight_times import SUNRISE_DEG, TwilightTime, moon_times, twilight_times
 
 
 @dataclass(frozen=True)
@@ -169,11 +169,13 @@ class Outcome:
 
 @dataclass(frozen=True)
 class TimeSeries:
-    """Rows of times (T,) with their suns [deg] (T,), values of every column (T,), marks, and the outcomes of
-    conditions."""
+    """Rows of times (T,) with their suns and moons [deg] (T,), the moon's lit fraction (T,), values of every column
+    (T,), marks, and the outcomes of conditions."""
 
     times: tuple[datetime, ...]
     sun_elevation_deg: np.ndarray
+    moon_elevation_deg: np.ndarray
+    moon_lit: np.ndarray
     columns: tuple[Column, ...]
     values: tuple[np.ndarray, ...]
     marks: tuple[TwilightTime, ...]
@@ -276,8 +278,9 @@ def timeline(
         outcomes.append(Outcome(asked, held, tuple(crossings), prevented))
     days = sorted({moment.date() for moment in times})
     place = latitude_deg, longitude_deg, time_zone, light.solved.scene.altitude_km
-    all_marks = [mark for day in days for mark in twilight_times(day, *place)]
+    all_marks = [mark for day in days for mark in (*twilight_times(day, *place), *moon_times(day, *place))]
     passed = [mark for mark in all_marks if mark.time is not None and times[0] <= mark.time <= times[-1]]
+    passed.sort(key=lambda mark: (mark.time or times[0], mark.event))
     # an event that no day of the table has is reported one time
     missing = {mark.event: mark for mark in all_marks if mark.time is None}
     present = {mark.event for mark in passed}
@@ -285,6 +288,8 @@ def timeline(
     return TimeSeries(
         tuple(times),
         moments.sun_elevation_deg,
+        moments.moon.elevation_deg,
+        0.5 * (1.0 + np.cos(np.radians(moments.moon.phase_angle_deg))),
         tuple(columns),
         tuple(values[asked.text] for asked in columns),
         marks,
@@ -330,7 +335,7 @@ def _refined(
 
 SHADED = {"civil": -6.0, "nautical": -12.0, "astronomical": -18.0}
 """Twilights by the sun's lowest elevation [deg]."""
-LABEL_PLACES = [(x, y) for y in (4.0, 13.0, -8.0, 22.0, -17.0, 31.0, -26.0, 40.0) for x in (5.0, -41.0)]
+LABEL_PLACES = [(x, sign * y) for y in range(4, 120, 9) for sign in (1, -1) for x in (5.0, -41.0)]
 """Where the clock of a crossing may stand beside its point [points], the first that is free."""
 SHADE_STEP_S = 20.0
 """Step of time at which the shades of a figure begin and end [s]."""
@@ -339,8 +344,10 @@ SHADE_STEP_S = 20.0
 def write_table(series: TimeSeries, path: Path, note: str) -> None:
     """A row for each time: time, the sun's elevation, and every column with its unit in its name."""
     names = ["time", "sun_elevation_deg", *(column.variable for column in series.columns)]
+    names += ["moon_elevation_deg", "moon_illuminated_fraction"]
+    moon = (series.moon_elevation_deg, series.moon_lit)
     cells = (
-        [time.isoformat(), f"{sun:.4f}", *(_cell(values[i]) for values in series.values)]
+        [time.isoformat(), f"{sun:.4f}", *(_cell(values[i]) for values in series.values), *(_cell(m[i]) for m in moon)]
         for i, (time, sun) in enumerate(zip(series.times, series.sun_elevation_deg, strict=True))
     )
     write_csv(path, names, cells, note)
@@ -360,12 +367,15 @@ def write_dataset(series: TimeSeries, path: Path, attributes: dict[str, Any]) ->
         for one, values in zip(series.columns, series.values, strict=True)
     }
     sun = ("time", series.sun_elevation_deg, {"units": "degree", "standard_name": "solar_elevation_angle"})
+    moon = ("time", series.moon_elevation_deg, {"units": "degree", "long_name": "true elevation of the moon"})
+    lit = ("time", series.moon_lit, {"units": "1", "long_name": "lit fraction of the moon's disc"})
     coords = {"time": time.astype("datetime64[ns]"), "solar_elevation_angle": sun}
+    coords |= {"moon_elevation": moon, "moon_illuminated_fraction": lit}
     write_netcdf(xarray.Dataset(variables, coords, {"Conventions": "CF-1.10", **attributes}), path)
 
 
 def draw(series: TimeSeries, path: Path, title: str) -> None:
-    """One panel a column over the hours, twilights shaded, crossings marked."""
+    """One panel a column over the hours, twilights shaded, the moon a bar below, crossings marked."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter  # optional
     from matplotlib.figure import Figure
 
@@ -378,6 +388,10 @@ def draw(series: TimeSeries, path: Path, title: str) -> None:
         for start, stop, depth in shaded:  # day white, each twilight darker, night darkest
             panel.axvspan(start, stop, color=str(1.0 - 0.11 * depth), linewidth=0)
         panel.plot(series.times, values, color="black", linewidth=1.4)
+        panel.fill_between(
+            series.times, 0.0, 0.03, series.moon_elevation_deg > SUNRISE_DEG, color="goldenrod",
+            transform=panel.get_xaxis_transform(), linewidth=0,
+        )  # fmt: skip
         panel.set_ylabel(f"{one.text}\n[{one.unit}]" if one.unit != "1" else one.text, fontsize="small")
         known = values[np.isfinite(values)]
         if known.size and known.min() > 0.0 and known.max() > 100.0 * known.min():
@@ -415,7 +429,8 @@ def _label(panel: Any, places: list[tuple[datetime, float]]) -> None:
         for place in LABEL_PLACES:
             text.set_position(place)
             box = text.get_window_extent()
-            inside = panel.bbox.x0 <= box.x0 and box.x1 <= panel.bbox.x1
+            inside = panel.bbox.padded(1.0).containsx(box.x0) and panel.bbox.padded(1.0).containsx(box.x1)
+            inside &= panel.bbox.y0 <= box.y0 and box.y1 <= panel.bbox.y1
             if inside and not any(box.overlaps(other) for other in taken):
                 break
         taken.append(box)
