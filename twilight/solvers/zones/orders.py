@@ -326,7 +326,8 @@ def solve_orders(
                     rest_operator = (early if operator is early else thick()).conserving()
                 remaining = all_orders_from(
                     rest_operator, some, (order, ground), total[:, :, 0] - mean, tuned.FAINT,
-                    min(tolerance, tuned.STIFF_TOLERANCE), max(1, max_orders - orders), partial(_after, progress, orders),
+                    min(tolerance, tuned.STIFF_TOLERANCE), max(1, max_orders - orders),
+                    partial(_after, progress, orders),
                 )  # fmt: skip
                 total[:, :, retained[:, None], some] += remaining.moments - order[..., some]
                 total_ground[..., some] += remaining.ground - ground[..., some]
