@@ -22,7 +22,6 @@ from twilight.engine import solve
 from twilight.numerics.phase import HENYEY_GREENSTEIN, PhaseFunction
 from twilight.scene import resolve
 from twilight.scene.plan import not_computed
-from twilight.solvers import compact, zones
 
 E, A = (x.ravel() for x in np.meshgrid([2.0, 10.0, 35.0, 80.0], [0.0, 60.0, 180.0], indexing="ij"))
 SUNS_DEG = (10.0, -1.0, -4.0, -9.0)
@@ -132,7 +131,7 @@ def leaves(section: type[BaseModel], path: str = "") -> Iterator[str]:
 
     for name, key in section.model_fields.items():
         inner = list(sections(key.annotation))
-        if not inner or type(None) in typing.get_args(key.annotation) or name == "clouds":
+        if not inner or name in ("albedo", "clouds"):
             yield path + name
         for one in inner:
             yield from leaves(one, f"{path}{name}.")
@@ -197,7 +196,8 @@ PARTS: dict[str, Any] = {
     "aerosol_single_scattering_albedo": lambda m: 0.8 * m.aerosol_single_scattering_albedo,
     "aerosol_phase_fraction": lambda m: m.aerosol_phase_fraction[::-1].copy(),
     "phase_functions": lambda m: tuple(
-        PhaseFunction(HENYEY_GREENSTEIN, np.full(m.n_wavelengths, g)) for g in np.linspace(0.4, 0.7, len(m.phase_functions))
+        PhaseFunction(HENYEY_GREENSTEIN, np.full(m.n_wavelengths, g))
+        for g in np.linspace(0.4, 0.7, len(m.phase_functions))
     ),
     "refractivity": lambda m: 0.7 * m.refractivity,
     "depolarisation": lambda m: m.depolarisation + 0.06,
@@ -209,8 +209,10 @@ PARTS: dict[str, Any] = {
 """Of each part of a medium another one."""
 QUALITY = {"zones": "draft", "montecarlo": "draft", "tables": "bruneton2017", "cells": "draft", "sasktran2": "draft"}
 FEW_E, FEW_A = np.array([8.0, 30.0, 60.0, 30.0]), np.array([0.0, 0.0, 90.0, 180.0])
-NEAR = {"montecarlo": 0.1, "tables": 0.15, "cells": 0.2}
-"""How far ln of a change may be from that of zones, relative to it; 0.1 of others, and 0.02 in any case."""
+NEAR = {"montecarlo": 0.05, "tables": 0.15, "cells": 0.2}
+"""How far ln of a change may be from that of zones, relative to it; 0.1 of others."""
+NOISE = {"montecarlo": 0.05}
+"""And in any case, 0.02 of others: by noise of 0.01 in each of two skies."""
 
 
 @pytest.fixture(scope="module")
@@ -228,6 +230,8 @@ def light(solver: str, medium: Medium) -> np.ndarray:
     quality = module.QUALITIES[QUALITY.get(solver, "standard")]
     if hasattr(quality, "polarisation"):
         quality = replace(quality, polarisation=False)
+    if module.CAPABILITIES.standard_error:
+        quality = replace(quality, target_stderr=0.01)
     field = module.prepare(medium, quality, observer_altitude_km=medium.bottom_km)
     return np.array([field.radiance(sun, FEW_E, FEW_A) for sun in (20.0, -1.0)])
 
@@ -261,4 +265,5 @@ def test_each_part_of_a_medium_moves_a_sky_as_that_of_zones_or_is_refused(solver
         return
     exact = np.log(lights["zones", part] / lights["zones", ""])
     assert np.abs(exact).max() > 1e-3
-    assert np.abs(moved - exact).max() < 0.02 + NEAR.get(solver, 0.1) * np.abs(exact).max(), (moved[..., 0], exact[..., 0])
+    most = NOISE.get(solver, 0.02) + NEAR.get(solver, 0.1) * np.abs(exact).max()
+    assert np.abs(moved - exact).max() < most, (moved[..., 0], exact[..., 0])

@@ -92,8 +92,8 @@ def make_plan(config: Config, wavelength_nm: np.ndarray | None = None) -> Plan:
 
 
 def not_computed(config: Config) -> tuple[Omission, ...]:
-    """What matters in this scene and is not computed all the same: polarisation, refraction where rays are straight, what
-    a formula does not take, and bands that the air lacks."""
+    """What matters in this scene and is not computed all the same: polarisation, refraction where rays are straight,
+    what a formula does not take, and bands that the air lacks."""
     omissions = []
     name, quality, settings = config.chosen_solver
     if not hasattr(settings, "polarisation"):

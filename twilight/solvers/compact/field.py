@@ -237,7 +237,10 @@ def check_medium(medium: Medium) -> None:
     for wrong, is_made_of in (
         (clouds, f"clear air, and this has {[*clouds, ''][0]}"),
         (outside, f"wavelengths from {low_nm:g} to {high_nm:g} nm, and {[*outside, 0.0][0]:g} nm is asked for"),
-        (not low_km <= thick <= high_km, f"airs of {low_km:g} to {high_km:g} km above the ground, and this has {thick:g}"),
+        (
+            not low_km <= thick <= high_km,
+            f"air of {low_km:g} to {high_km:g} km, and this has {thick:g}",
+        ),
         (not least <= medium.earth_radius_km <= most, f"the Earth, not of a radius of {medium.earth_radius_km:g} km"),
         (rho > MOST_DEPOLARISATION, f"depolarisation up to {MOST_DEPOLARISATION:g}, and this air has {rho:g}"),
     ):
