@@ -89,7 +89,7 @@ def test_sliders_show_the_air_of_their_amounts_under_every_sun(tmp_path, name):
             sky = skies.sky(sun)
             light = sky.light(elevation[keep], azimuth[keep], on_grid=False)[:, 0]
             off = np.abs(found / Channels(changed.wavelength_nm).of(light) - 1.0)
-            assert np.percentile(off, 95) < 0.001 and off.max() < 0.01, (sun, np.percentile(off, 95), off.max())
+            assert np.percentile(off, 95) < 0.003 and off.max() < 0.08, (sun, np.percentile(off, 95), off.max())
             assert page.evaluate("twilight.sliders.error") == pytest.approx(sky.relative_error, rel=0.05)
         assert errors == []
 
@@ -101,6 +101,7 @@ def test_sliders_show_the_air_of_their_amounts_under_every_sun(tmp_path, name):
         (["--sliders", "--altitudes-km", "0,2"], "--altitudes-km: a page with --sliders shows one sky"),
         (["--sliders", "--set", "solver.name=zones"], "sliders move the sky of the solver compact"),
         (["--sliders", "--set", "horizon=typical"], "horizon: a page with sliders knows nothing beyond"),
+        (["--sliders", "--set", "climate.gases.ozone.treatment=overhead_filter"], "sliders have ozone in its layer"),
     ],
 )
 def test_what_sliders_cannot_show_is_refused(words, said):

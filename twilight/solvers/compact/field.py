@@ -77,6 +77,7 @@ def load_model(path: Path) -> Model:
         return Model.load(path)
 
 
+@one_blas_thread()
 def prepare(
     medium: Medium,
     settings: CompactSettings | None = None,
@@ -235,7 +236,7 @@ def check_medium(medium: Medium) -> None:
     outside = [nm for nm in medium.wavelength_nm if not low_nm <= nm <= high_nm]
     clouds = [name for name, _, _ in medium.notes.get("regions", ()) if name == "fog" or name.endswith(" cloud")]
     for wrong, is_made_of in (
-        (clouds, f"clear air, and this has {[*clouds, ''][0]}"),
+        (clouds, f"air without clouds, and this has {[*clouds, ''][0]}"),
         (outside, f"wavelengths from {low_nm:g} to {high_nm:g} nm, and {[*outside, 0.0][0]:g} nm is asked for"),
         (
             not low_km <= thick <= high_km,
