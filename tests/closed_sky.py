@@ -20,6 +20,8 @@ FIVE_NM = np.array([400.0, 470.0, 540.0, 600.0, 680.0])
 """Wavelengths of films [nm]."""
 COARSE = PageNodes(ground=5, haze=5, sky=17, limb=17, columns=13)
 """Nodes of the tables of pages."""
+ELEVEN_SUNS_DEG = (20.0, 10.0, 4.0, 1.0, -1.0, -2.5, -4.0, -6.0, -9.0, -12.0, -17.9)
+"""Suns under which every page is compared with Python [deg]."""
 ALL_SKY = {"projection": "fisheye", "fov": 180, "elevation": 90, "azimuth": 0}
 """State of a page that shows the whole sky."""
 

@@ -351,10 +351,10 @@ def test_light_changes_smoothly_with_the_sun_the_air_and_the_observer():
 
 
 REFUSED = [
-    ({"climate": "overcast-stratus"}, "the optical depth of aerosol is 0 to"),
-    ({"climate": "bruneton2008", "wavelengths__list_nm": [450.0, 550.0]}, "the part of scattering by air above 39 km"),
-    ({"climate": "haber2005-air"}, "the part of scattering by air above 39 km"),
-    ({"climate": "noctilucent"}, "the part above 78 km of the aerosol above 60 km"),
+    ({"climate": "overcast-stratus"}, "air without clouds, and this has stratus cloud"),
+    ({"climate": "noctilucent"}, "air without clouds, and this has noctilucent cloud"),
+    ({"climate": "bruneton2008", "wavelengths__list_nm": [450.0, 550.0]}, "air of 95 to 100.5 km, and this has 60"),
+    ({"climate__atmosphere__top_km": 85.0}, "air of 95 to 100.5 km, and this has 85"),
     ({"climate__aerosol__optical_depth_550nm": 4.0}, "the optical depth of aerosol is 0 to"),
     ({"climate__ground__altitude_km": 5.5, "observer__altitude_km": 5.5}, "the compact model of clear air"),
     ({"observer__altitude_km": 20.0}, r"observer\.altitude_km is 20, allowed is 0 to 15"),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twilight import solvers
 from twilight.atmosphere import bands, gases
 from twilight.atmosphere.aerosols import VISIBLE_CONTRAST_DEPTH
 from twilight.atmosphere.medium import Medium
@@ -91,13 +92,19 @@ def make_plan(config: Config, wavelength_nm: np.ndarray | None = None) -> Plan:
 
 
 def not_computed(config: Config) -> tuple[Omission, ...]:
-    """What matters in this scene and is not computed all the same: polarisation, and bands that the air lacks."""
+    """What matters in this scene and is not computed all the same: polarisation, refraction where rays are straight,
+    what a formula does not take, and bands that the air lacks."""
     omissions = []
     name, quality, settings = config.chosen_solver
     if not hasattr(settings, "polarisation"):
         omissions.append(Omission("polarisation", f"{name} computes radiance alone", "no Q, no U"))
     elif not settings.polarisation:
         omissions.append(Omission("polarisation", f"{name} ({quality}) with solver.polarisation: false", SCALAR_ERROR))
+    can = solvers.load(name).CAPABILITIES
+    if can.kind == "formula":
+        omissions.append(Omission("the air", f"{name} is a formula of turbidity and ground albedo", "not known"))
+    elif can.straight_rays and config.climate.refraction.model != "none":
+        omissions.append(Omission("refraction", f"rays of {name} are straight", "9 to 23 % at -4 deg"))
     wavelength_nm = wavelengths_of(config)
     if config.climate.medium is None and wavelength_nm is not None:
         low, high = WITHOUT_DATA_NM

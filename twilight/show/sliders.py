@@ -48,6 +48,10 @@ def check_sliders(scene: Scene, name: str) -> None:
         raise TwilightError(f"{name}: sliders move the sky of the solver compact, not of {scene.solver_name}")
     if scene.medium.screen is not None:
         raise TwilightError(f"{name}: horizon: a page with sliders knows nothing beyond the horizon; leave it out")
+    if scene.medium.overhead_absorption_optical_depth.any():
+        raise TwilightError(
+            f"{name}: gases.ozone.treatment: sliders have ozone in its layer, not in a filter above the air"
+        )
     if scene.bands is not None:
         raise TwilightError(
             f"{name}: a page with sliders has no bands of gases; set climate.gases.water_vapour.column_mm=0 and "

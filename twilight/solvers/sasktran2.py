@@ -32,7 +32,9 @@ from twilight.transport.scaling import matrix_moments
 JUMP_KM = 1e-3
 """Thickness of the layer that stands for a jump of a coefficient [km]."""
 
-CAPABILITIES = Capabilities(looks_down=False, wavelengths_at_once=ALL_WAVELENGTHS, package="sasktran2")
+CAPABILITIES = Capabilities(
+    looks_down=False, straight_rays=True, wavelengths_at_once=ALL_WAVELENGTHS, package="sasktran2"
+)
 """All wavelengths are done at once: most of the time goes into geometry, which they share."""
 
 
@@ -162,7 +164,8 @@ class Field(BareField):
             parts = [_engine(self.medium, self.settings, *more, single) for single in (1, 0)]
         except (RuntimeError, ValueError) as error:
             raise TwilightError(f"sasktran2: {error}") from None
-        return (parts[0] + parts[1]).reshape(*elevation.shape, *parts[0].shape[1:])
+        light = (parts[0] + parts[1]) * np.exp(-self.medium.overhead_absorption_optical_depth)
+        return light.reshape(*elevation.shape, *parts[0].shape[1:])
 
 
 def levels(medium: Medium, start_km: float, growth: float) -> np.ndarray:

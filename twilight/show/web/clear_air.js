@@ -2,7 +2,7 @@
 const SUN_DEG = [-18, -16.5, -15, -13.5, ...steps(-12, 3, 1), 3.5, 5, 7.5, 10, 15, ...steps(20, 91, 10)];
 const ELEVATION_DEG = [0, 1, 2.5, 5, 8, 12, 17, 23, 30, 38, 47, 57, 68, 79, 90], AZIMUTH_DEG = [0, 6, 12, 20, 30, 45, 60, 80, 100, 120, 140, 160, 180];
 const NODES = ELEVATION_DEG.length * AZIMUTH_DEG.length, BASE_ELEVATION_DEG = [0, 3, 6, 10, 14].map((i) => ELEVATION_DEG[i]), BASE_AZIMUTH_DEG = [0, 6, 12].map((i) => AZIMUTH_DEG[i]);
-const PEAK_DEGREE = 400, PEAK_ANGLES = 161, LEAST_PEAK_DEPTH = 1e-4, MOST_PEAK_DEPTH = 60, OUTERMOST = 5, NEGLIGIBLE = 0.01, SHADOWED_DEG = 2, DARKEST_TERM = 1e-3;
+const PEAK_DEGREE = 400, PEAK_ANGLES = 161, LEAST_PEAK_DEPTH = 1e-4, MOST_PEAK_DEPTH = 60, OUTERMOST = 5, NEGLIGIBLE = 0.01, SHADOWED_DEG = 2, DARKEST_TERM = 1e-3, LEAST_SHARE = 0.5, MANY_PARTICLES = 0.1;
 const halved = (nodes, from = 0) => nodes.flatMap((v, i) => (i && nodes[i - 1] >= from ? [0.5 * (nodes[i - 1] + v), v] : [v])), FINER_ELEVATION_DEG = halved(ELEVATION_DEG), SHADOWED = FINER_ELEVATION_DEG.filter((e) => e <= 8);
 // Elevations and azimuths at which light is computed: in the day, and where the shadow of the Earth crosses the sky.
 const DAY = [FINER_ELEVATION_DEG, AZIMUTH_DEG], ROWS_DEG = [...halved(ELEVATION_DEG.filter((e) => e <= 12)), ...ELEVATION_DEG.filter((e) => e > 12)], TWILIGHT = [[...halved(SHADOWED), ...FINER_ELEVATION_DEG.slice(SHADOWED.length)], halved(AZIMUTH_DEG, AZIMUTH_DEG[3])];
@@ -164,7 +164,7 @@ const legendreTerms = () => (peakTerms ??= range(PEAK_ANGLES, (i) => Float32Arra
 class Sky {
   constructor(apparent, at, sun, error) {
     Object.assign(this, { apparent, at });
-    this.spreads = this.light(ELEVATION_DEG, AZIMUTH_DEG, false).map(({ light }, w) => ({ brightest: Math.max(...light), of: at[w].spread.map((v, n) => v / light[n]) }));
+    this.spreads = this.light(ELEVATION_DEG, AZIMUTH_DEG, false).map(({ light }, w) => ({ brightest: Math.max(...light), share: LEAST_SHARE + (1 - LEAST_SHARE) * Math.min(sum(at[w].air.depth[EXTINCTION]) / MANY_PARTICLES, 1), of: at[w].spread.map((v, n) => v / light[n]) }));
     this.relativeError = relativeError(this.spreads, sun, error);
   }
 
@@ -195,9 +195,9 @@ class Sky {
 
 // The error of radiance at 95 % of directions, from how far the networks are apart at each wavelength.
 function relativeError(spreads, sun, error) {
-  const least = DARKEST_TERM * Math.max(...spreads.map((one) => one.brightest)), counted = spreads.flatMap(({ brightest, of }) => (brightest > least ? Array.from(of) : [])).sort((a, b) => a - b);
+  const least = DARKEST_TERM * Math.max(...spreads.map((one) => one.brightest)), bright = spreads.filter(({ brightest }) => brightest > least), counted = bright.flatMap(({ of }) => Array.from(of)).sort((a, b) => a - b);
   const [fixed, times] = [0, 1].map((row) => interp(sun, SUN_DEG, error.slice(row * SUN_DEG.length, (row + 1) * SUN_DEG.length)));
-  return fixed + times * interp(0.95 * (counted.length - 1), range(counted.length), counted);
+  return sum(bright.map(({ share }) => share)) / bright.length * (fixed + times * interp(0.95 * (counted.length - 1), range(counted.length), counted));
 }
 
 // The cubic spline (not-a-knot) through values at the nodes, as rows of a matrix that gives its values at x.

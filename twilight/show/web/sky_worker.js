@@ -64,13 +64,17 @@ function degreeOf(at) {
   return LEAST_DEGREE + grows * (last + (last + 1 < peaks.length ? (peaks[last] - MOST_PEAK) / (peaks[last] - peaks[last + 1]) : 0));
 }
 
-// X, Y, Z and scotopic luminance of a spectrum at the page's wavelengths.
-function channelsOf(spectrum) {
+// X, Y, Z and scotopic luminance of a spectrum at the page's wavelengths, or of parts of it: these are interpolated, not
+// their logarithms, for in the shadow of the Earth some are 0.
+function channelsOf(spectrum, parts = null) {
   const logs = spectrum.map((v) => Math.log(Math.max(v, 1e-37))), bands = logs.length, sums = [0, 0, 0, 0, 0];
   for (let t = 0; t < given.colour.length / 5; t++) {
-    let log = 0;
-    for (let w = 0; w < bands; w++) log += given.logSpectrum[t * bands + w] * logs[w];
-    const light = Math.exp(log);
+    let log = 0, part = 0;
+    for (let w = 0; w < bands; w++) {
+      log += given.logSpectrum[t * bands + w] * logs[w];
+      if (parts) part += given.logSpectrum[t * bands + w] * parts[w];
+    }
+    const light = Math.exp(log) * (parts ? within(part, 0, 1) : 1);
     for (let c = 0; c < 5; c++) sums[c] += given.colour[5 * t + c] * light;
   }
   const [x, y, z, luminance, scotopic] = sums.map((v) => Math.max(v, 0)), scale = y > 0 ? luminance / y : 0;
@@ -95,7 +99,7 @@ function tableOf({ answers, sun }) {
   const { rows, columns, column, phaseCount } = given, { apparent } = answers[0], light = given.below.at.map((_, w) => answers[w % answers.length].light[Math.floor(w / answers.length)]), wide = column.length, size = rows.length * wide;
   const smooth = new Float32Array(4 * size), aureole = phase && new Float32Array(4 * size), spectrum = new Float32Array(light.length * size), s = apparent * RAD;
   for (let r = 0; r < rows.length; r++) for (let c = 0; c < columns.length; c++) {
-    const i = r * columns.length + c, all = channelsOf(light.map((one) => one.light[i])), once = phase && channelsOf(light.map((one) => one.aerosol[i])), e = rows[r] * RAD;
+    const i = r * columns.length + c, spectral = light.map((one) => one.light[i]), all = channelsOf(spectral), once = phase && channelsOf(spectral, light.map((one, w) => one.aerosol[i] / Math.max(spectral[w], 1e-37))), e = rows[r] * RAD;
     const angle = Math.acos(within(Math.sin(e) * Math.sin(s) + Math.cos(e) * Math.cos(s) * Math.cos(columns[c] * RAD), -1, 1)), where = Math.sqrt(angle / Math.PI) * (phaseCount - 1), j = Math.min(Math.floor(where), phaseCount - 2);
     column.forEach((own, k) => {
       if (own !== c) return;

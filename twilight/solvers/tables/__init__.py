@@ -9,7 +9,13 @@ from twilight.solvers.tables.algorithm import QUALITIES, TablesSettings, cost
 from twilight.solvers.tables.field import Field, prepare
 
 CAPABILITIES = Capabilities(
-    every_sun=True, every_observer=True, finite_segments=True, screen=True, wavelengths_at_once=16, cost=cost
+    every_sun=True,
+    every_observer=True,
+    finite_segments=True,
+    screen=True,
+    straight_rays=True,
+    wavelengths_at_once=16,
+    cost=cost,
 )
 
 __all__ = ["CAPABILITIES", "QUALITIES", "Field", "TablesSettings", "prepare"]

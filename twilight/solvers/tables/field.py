@@ -57,6 +57,7 @@ class Field(BareField):
         report = progress or silent
         self.scaled = delta_scaled(medium, settings.degree)
         self.profile = prepare_profile(medium)
+        self._filtered = np.exp(-medium.overhead_absorption_optical_depth)
         self.tables = solve(self.scaled, settings, report)
         of_ground = self.tables.irradiance_by_order[:, 0, self._sunlit()]
         whole = of_ground.sum(axis=0)
@@ -140,7 +141,7 @@ class Field(BareField):
             in_slices(partial(read, self.mapping, part, log, *where, out), rays.mu.size)
             values.append(out)
         phase = species_phase(self.medium, self.scaled.forward_fraction, rays.nu)
-        light = np.einsum("dsw,sdw->dw", phase, np.stack(values))
+        light = np.einsum("dsw,sdw->dw", phase, np.stack(values)) * self._filtered
         return np.where(rays.hits[:, None], light, 0.0)
 
     def _ground(self, rays: ViewRays) -> np.ndarray:
@@ -162,7 +163,7 @@ class Field(BareField):
         nodes = np.linspace(-1.0, 1.0, self.mapping.n_e_mu_s)
         sky = np.stack([np.interp(mu_s, nodes, column) for column in tables.irradiance[0].T], axis=-1)
         passed = np.exp(-self._depths(tables.profile, rays, rays.length_km)[g])
-        return passed * self.medium.ground_albedo / np.pi * (direct + sky)
+        return passed * self._filtered * self.medium.ground_albedo / np.pi * (direct + sky)
 
     def _depths(self, profile, rays: ViewRays, stop_km: np.ndarray) -> np.ndarray:
         """Optical depths (D, W) up to distances (D,)."""

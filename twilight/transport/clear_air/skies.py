@@ -64,6 +64,11 @@ FINER_AZIMUTH_DEG = {False: AZIMUTH_DEG, True: np.unique(np.append(AZIMUTH_DEG, 
 DARKEST_TERM = 1e-3
 """Light of a wavelength, of that of the brightest one, below which it does not count in the error of a sky."""
 
+LEAST_SHARE = 0.5
+"""Share of the estimated error without particles; by `benchmarks/clear_air.py calibrate`."""
+MANY_PARTICLES = 0.1
+"""Optical depth of aerosol from which on all of it is stated."""
+
 
 class Skies:
     """The skies of an air seen by one observer, under every sun; observer_km: above the ground, 0 to 15."""
@@ -129,6 +134,13 @@ class Skies:
             raise ValueError("a sky needs a model; without one there is M_0 alone")
         return self.model
 
+    @property
+    def share(self) -> np.ndarray:
+        """Share of the estimated error that counts at each wavelength, (W,): networks disagree by more than they are
+        off where there are few particles."""
+        many = np.minimum(self.air.depth[EXTINCTION].real.sum(axis=0) / MANY_PARTICLES, 1.0)
+        return LEAST_SHARE + (1.0 - LEAST_SHARE) * many
+
     def lowest_spared_deg(self, screen: Screen) -> float:
         """Sun elevation [deg] from which on a screen takes nothing (0.1 %) of a sky: `SPARED_DEG` above the highest one
         whose beams it dims anywhere."""
@@ -182,11 +194,11 @@ class Skies:
         spread = np.abs(spread) * np.exp(finer[np.searchsorted(elevation, ELEVATION_DEG)].real) / light
         # terms of bands of gases that let no light through have no part in the sky
         brightest = light.max(axis=(0, 1))
-        counted = spread[..., brightest > DARKEST_TERM * brightest.max()]
+        bright = brightest > DARKEST_TERM * brightest.max()
         least, times, taken = (
             np.interp(sun_elevation_deg, SUN_DEG, row) for row in (*self._fitted_model.error, self._taken)
         )
-        error = least + times * np.percentile(counted, 95)
+        error = self.share.real[bright].mean() * (least + times * np.percentile(spread[..., bright], 95))
         return sky._replace(relative_error=float(np.hypot(error, SCREEN_ERROR * taken)))
 
     def single_scattering(self, sun_elevation_deg: float) -> np.ndarray:
