@@ -19,7 +19,7 @@ from twilight.scene import resolve
 from twilight.show import film as films
 from twilight.show.draw import DiscPainter, Painter
 from twilight.show.film import Animation
-from twilight.show.night import sky_elevations
+from twilight.show.lights import sky_elevations
 from twilight.show.timeline import meter, smoothed
 from twilight.show.tones import Channels
 from twilight.sky.disc import SOLAR_RADIUS_DEG

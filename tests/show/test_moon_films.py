@@ -12,7 +12,7 @@ from twilight.io.exr import read_latlong_exr
 from twilight.scene import resolve
 from twilight.show.draw import MoonDiscPainter
 from twilight.show.film import Animation
-from twilight.show.night import MoonColours, sky_elevations
+from twilight.show.lights import MoonColours, sky_elevations
 from twilight.show.tones import Channels
 from twilight.sky.colour import REC709_LUMINANCE
 from twilight.sky.moon import Moon

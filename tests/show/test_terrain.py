@@ -15,6 +15,7 @@ from twilight.engine import solve
 from twilight.engine.view import landscape, view_radiance
 from twilight.scene import Scene
 from twilight.scene.medium import climate_medium
+from twilight.sky.lights import Sun
 from twilight.solvers import zones
 from twilight.solvers.analytic import preetham
 from twilight.solvers.analytic.daylight import hemisphere
@@ -174,16 +175,16 @@ def test_a_plain_is_the_ground_that_the_solver_sees(tmp_path):
     medium = turbid(3.0, wavelength_nm=np.array([550.0]))
     sun, view = 12.0, View(kind="perspective", width=24, height=16, field_of_view_deg=30.0, elevation_deg=-16.0)
     solved = solve(Scene(medium, None, zones, SCALAR, observer=Observer(altitude_km=2.0)), cached=False)
-    seen = view_radiance(solved, view, sun).whole()
+    seen = view_radiance(solved, view, Sun(sun)).whole()
     np.save(tmp_path / "plain.npy", np.zeros((16, 16)))
     plain = Terrain(heights=str(tmp_path / "plain.npy"), size_km=200.0, albedo=float(medium.ground_albedo[0]))
-    made = landscape(solved, seen, plain, sun)
+    made = landscape(solved, seen, plain, Sun(sun))
     assert made.hidden is not None and made.hidden.all()
     np.testing.assert_allclose(made.radiance, seen.radiance, rtol=0.03)
     # mountains: their shadows in the air take light and give none
     crest = Terrain(heights="ridges", size_km=60.0, height_km=1.5, albedo=plain.albedo, count=64)
-    shaded = landscape(solved, seen, crest, sun)
-    open_ = landscape(solved, seen, crest.model_copy(update={"shadows": "none"}), sun)
+    shaded = landscape(solved, seen, crest, Sun(sun))
+    open_ = landscape(solved, seen, crest.model_copy(update={"shadows": "none"}), Sun(sun))
     assert shaded.hidden is not None and shaded.hidden.any() and np.isfinite(shaded.radiance).all()
     assert (shaded.radiance <= open_.radiance * (1.0 + 1e-6)).all()
 
@@ -281,7 +282,7 @@ def test_no_pixel_is_black_beside_its_neighbours(hazy_field, seed):
         seed=seed, distance_km=0.0 if kind == "ridges" else float(random.uniform(8, 25)),
     )  # fmt: skip
     view = View(kind="perspective", width=96, height=64, field_of_view_deg=30.0, elevation_deg=sun)
-    made = landscape(hazy_field, view_radiance(hazy_field, view, sun).whole(), mountain, sun)
+    made = landscape(hazy_field, view_radiance(hazy_field, view, Sun(sun)).whole(), mountain, Sun(sun))
     assert made.hidden is not None and made.hidden.any()
     light = made.radiance.astype(float)
     assert (light > 0.0).all()

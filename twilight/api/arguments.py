@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
 from twilight.config import Config, load
-from twilight.engine.surfaces import Direction, Surface
+from twilight.sky.surfaces import Direction, Surface
 
 if TYPE_CHECKING:
     from twilight.config import Config

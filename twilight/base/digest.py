@@ -12,8 +12,8 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 _DATA = _PACKAGE / "data"
 """Folder of the data that come with the package."""
 
-DISPLAY = ("twilight.sky.sky", "twilight.io.exr", "twilight.io.netcdf")
-"""Modules that show or read and do not compute radiance."""
+DISPLAY = ("twilight.sky.sky", "twilight.io.exr", "twilight.io.netcdf", "twilight.scene.lights")
+"""Modules that show or read and do not compute radiance, and the lights of a sky that are in no field."""
 
 
 @functools.cache

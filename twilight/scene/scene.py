@@ -22,8 +22,8 @@ from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.climate import Spectrum, climate_files
 from twilight.config.scene import Config, Horizon, Observer
 from twilight.config.solver import complete_solver
-from twilight.config.sun import MoonSection, SunAt, SunElevation, SunElevations, SunInterval, SunTimes
-from twilight.numerics.directions import direction
+from twilight.config.sun import SunAt, SunElevation, SunElevations, SunInterval, SunTimes
+from twilight.scene.lights import SceneLights, lights_of
 from twilight.scene.medium import (
     check_sha256,
     climate_gas_bands,
@@ -33,8 +33,7 @@ from twilight.scene.medium import (
     wavelengths_of,
 )
 from twilight.scene.plan import Omission, make_plan
-from twilight.sky.ephemeris import AU_KM, sun_position
-from twilight.sky.moon import MEAN_DISTANCE_KM, Moon, moon_over
+from twilight.sky.ephemeris import sun_position
 
 if TYPE_CHECKING:
     import numpy as np
@@ -143,33 +142,6 @@ def described(horizon: Horizon) -> str | None:
     return (
         f"{beams} at {section.heights_km[0]:g} to {section.heights_km[-1]:g} km, from {section.from_km:g} km on{haze}"
     )
-
-
-def moon_of(config: Config, sun: SceneSun) -> Moon | None:
-    """The moon at the moment of a sun; None where the configuration has none."""
-    section = config.moon
-    if section is None:
-        return None
-    if section.elevation_deg is None:
-        place = sun.section
-        assert isinstance(place, SunAt) and sun.time is not None and sun.azimuth_deg is not None
-        altitude = config.observer.altitude_km
-        return moon_over(sun.time, place.latitude_deg, place.longitude_deg, sun.azimuth_deg, altitude)
-    return placed_moon(section, sun.elevation_deg, sun.distance_au)
-
-
-def placed_moon(section: MoonSection, sun_elevation_deg: float, sun_distance_au: float) -> Moon:
-    """The moon that a configuration puts somewhere (`elevation_deg`), under a sun."""
-    assert section.elevation_deg is not None
-    azimuth = 180.0 if section.azimuth_deg is None else section.azimuth_deg % 360.0
-    distance = section.distance_km or MEAN_DISTANCE_KM
-    moon = distance * direction(azimuth, section.elevation_deg)
-    from_sun = moon - sun_distance_au * AU_KM * direction(0.0, sun_elevation_deg)
-    phase = section.phase_angle_deg
-    if phase is None:
-        phase = float(np.degrees(np.arctan2(np.linalg.norm(np.cross(moon, from_sun)), moon @ from_sun)))
-    away = float(np.linalg.norm(from_sun)) / AU_KM
-    return Moon(section.elevation_deg, azimuth, phase, distance, away)
 
 
 def _with_mean_of_map(config: Config) -> Config:
@@ -300,6 +272,10 @@ class Scene:
     def sun_elevations_deg(self) -> tuple[float, ...]:
         """True elevations of the suns [deg]."""
         return tuple(sun.elevation_deg for sun in self.suns)
+
+    def lights(self, sun: SceneSun) -> SceneLights:
+        """What shines at the moment of one of the suns, and what does not, with the reason."""
+        return lights_of(self, sun)
 
 
 def resolve(

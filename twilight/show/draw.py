@@ -19,8 +19,8 @@ from twilight.config.sun import SunInterval
 from twilight.jit.kernels import njit
 from twilight.jit.simd import LANES, broadcast, exp, load, store
 from twilight.numerics.directions import PHASE_COUNT
-from twilight.scene.scene import placed_moon
-from twilight.show.night import MoonColours, sky_elevations
+from twilight.scene.lights import placed_moon
+from twilight.show.lights import MoonColours, sky_elevations
 from twilight.show.timeline import FilmTimeline
 from twilight.show.tones import CHANNELS, NO_LIGHT, padded_columns
 from twilight.sky.disc import SOLAR_RADIUS_DEG, limb_darkening, mean_limb_darkening

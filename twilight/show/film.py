@@ -20,7 +20,6 @@ from twilight.base.whole_files import check_file, check_folder, whole_file
 from twilight.config.pictures import View
 from twilight.config.scene import Config
 from twilight.engine import solve
-from twilight.engine.night import check_stars
 from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT, SunTables, suns_between
 from twilight.engine.table import first_columns, first_rows, with_ground
 from twilight.io.picture import to_bytes
@@ -28,10 +27,10 @@ from twilight.io.provenance import configuration_hash, locked
 from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import Scene, resolve
-from twilight.show import night
+from twilight.scene.lights import check_stars
 from twilight.show.draw import DiscPainter, MoonDiscPainter, Painter, horizon_of, moons_of
 from twilight.show.encode import check_output, encode, write_exr
-from twilight.show.night import MoonColours, NightPainter, Nights, nights_of
+from twilight.show.lights import FilmGlows, GlowPainter, MoonColours, glows_of_film, sky_elevations, sunbeam
 from twilight.show.skies import check_altitudes
 from twilight.show.timeline import FilmTimeline, meter, smoothed, timeline
 from twilight.show.tones import Channels
@@ -70,7 +69,7 @@ class FilmParts:
     """What pictures are made of; None where a film has no such part."""
 
     table: SkyTable
-    nights: Nights | None
+    glows: FilmGlows | None
     moon: MoonColours | None
     disc: DiscPainter | None
     moon_disc: MoonDiscPainter | None
@@ -82,7 +81,7 @@ class SkyPainter:
     def __init__(self, parts: FilmParts, directions: tuple[np.ndarray, np.ndarray]):
         self.directions, self._moon = directions, parts.moon
         self._air = Painter(parts.table, *directions)
-        self._night = None if parts.nights is None else NightPainter(parts.nights, *directions)
+        self._glows = None if parts.glows is None else GlowPainter(parts.glows, *directions)
         self.outside = self._air.outside
 
     def light(self, time_s: float, sun: tuple[float, float, float], moon: Moon | None) -> np.ndarray:
@@ -90,7 +89,7 @@ class SkyPainter:
         light = self._air.light(*sun)
         if moon is not None and self._moon is not None and moon.shines:
             light += self._moon.moonlit(self._air.light(moon.elevation_deg, sun[1] + moon.azimuth_deg), moon)
-        return light if self._night is None else light + self._night.light(time_s)
+        return light if self._glows is None else light + self._glows.light(time_s)
 
 
 class Animation:
@@ -195,23 +194,23 @@ class Animation:
             if self.moons is not None:
                 arrays["moon"] = MoonColours.of(spectra.light_at_nodes()[::2, ::2, ::2], channels).matrices
             if self.config.sun.disc or self.moons is not None:
-                nodes = night.sky_elevations(horizon_of(table))
-                arrays["refraction_deg"], arrays["beam"] = night.sunbeam(solved, channels, altitude, nodes)
-            nights = nights_of(self.config, solved.medium, channels, self.line)
-            if nights is not None:
-                arrays |= nights.arrays()
+                nodes = sky_elevations(horizon_of(table))
+                arrays["refraction_deg"], arrays["beam"] = sunbeam(solved, channels, altitude, nodes)
+            glows = glows_of_film(self.config, solved.medium, channels, self.line)
+            if glows is not None:
+                arrays |= glows.arrays()
             with whole_file(path) as temporary:
                 np.savez(temporary, allow_pickle=False, **arrays)
         held = {name.removeprefix("table_"): value for name, value in arrays.items() if name.startswith("table_")}
         table = SkyTable.of_arrays(held)
-        nights = Nights.from_arrays(arrays) if "night_time_s" in arrays else None
+        glows = FilmGlows.from_arrays(arrays) if "glow_time_s" in arrays else None
         moon = MoonColours(arrays["moon"]) if "moon" in arrays else None
         disc = moon_disc = None
         if "beam" in arrays:
             beam = arrays["refraction_deg"], arrays["beam"], horizon_of(table)
             disc = DiscPainter(*beam) if self.config.sun.disc else None
             moon_disc = None if moon is None else MoonDiscPainter(*beam, moon)
-        return FilmParts(table, nights, moon, disc, moon_disc)
+        return FilmParts(table, glows, moon, disc, moon_disc)
 
     @cached_property
     def _scene(self) -> str:

@@ -20,11 +20,11 @@ import numpy as np
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.base.whole_files import whole_file, write_csv
-from twilight.engine.light import LightField
-from twilight.engine.light_sources import SOURCE_NAMES, Moments, moments_at
-from twilight.engine.surfaces import Direction, Surface, towards
+from twilight.engine.light import SOURCE_NAMES, LightField
 from twilight.io.netcdf import write_netcdf
+from twilight.sky.moments import Moments, moments_at
 from twilight.sky.quantities.measure import Quantity, check_of, quantity, unit_of
+from twilight.sky.surfaces import Direction, Surface, towards
 from twilight.sky.twilight_times import SUNRISE_DEG, TwilightTime, twilight_times
 
 
@@ -79,8 +79,8 @@ def column(text: str) -> Column:
 
 def _angles(target: Direction, moments: Moments) -> tuple[np.ndarray, np.ndarray]:
     """Elevation and azimuth from north (N, 1)."""
-    count = len(moments.places)
-    azimuth = target.azimuth_deg + (moments.sun_azimuth_deg if target.from_sun else np.zeros(count))
+    count = len(moments)
+    azimuth = target.azimuth_deg + (moments.sun.azimuth_deg if target.from_sun else np.zeros(count))
     return np.full((count, 1), target.elevation_deg), azimuth[:, None]
 
 
@@ -268,7 +268,7 @@ def timeline(
         for i in np.flatnonzero(_passes(over)).tolist():
             when = _refined(asked, times[i], times[i + 1], partial(evaluate, asked.column))
             at = moments_at([latitude_deg], [longitude_deg], [when])
-            crossings.append(Crossing(asked, bool(over[i + 1] > 0), when, float(at.sun_elevation_deg[0])))
+            crossings.append(Crossing(asked, bool(over[i + 1] > 0), when, float(at.sun.elevation_deg[0])))
         held = bool(over[0] > 0)
         prevented = not (crossings or held) and _moon_prevents(asked, light, moments)
         outcomes.append(Outcome(asked, held, tuple(crossings), prevented))
@@ -282,7 +282,7 @@ def timeline(
     marks = (*passed, *(mark for event, mark in missing.items() if event not in present))
     return TimeSeries(
         tuple(times),
-        moments.sun_elevation_deg,
+        moments.sun.elevation_deg,
         tuple(columns),
         tuple(values[asked.text] for asked in columns),
         marks,
@@ -292,6 +292,7 @@ def timeline(
 
 def _moon_prevents(one: Condition, light: LightField, moments: Moments) -> bool:
     """Whether a condition that no moment fulfils is fulfilled at one when the moon is taken away."""
+    assert moments.moon is not None
     moonlit = np.flatnonzero(moments.moon.shines)
     if not moonlit.size:
         return False

@@ -16,11 +16,11 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.config.scene import Config, Observer
 from twilight.engine.field import solve
-from twilight.engine.night import levels_of
 from twilight.engine.sunbeam import Sunbeam, disc_irradiance
 from twilight.numerics import spectrum
 from twilight.numerics.directions import hemisphere
 from twilight.scene import resolve
+from twilight.scene.lights import levels_of
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.night import Place, night_radiance
 from twilight.studies.validate.measured import meter

@@ -1,6 +1,7 @@
-"""The night's light in a film: found at some moments, drawn once for each, mixed in between.
+"""The lights of a film or a page beside the sky that the sun makes: moonlight, glows of the night, stars, the beam.
 
-Moonlit channels of sunlit ones: the moon's light in the air is the sun's, times a smooth spectrum.
+Glows of a film are found at some moments, drawn once for each, mixed in between.  Moonlit channels follow from sunlit
+ones: the moon's light in the air is the sun's, times a smooth spectrum.
 
     moonlit = f(550 nm) C sunlit,      C (4, 4) so that C see(L) = see(L f / f(550 nm)) for the spectra L of one air
 
@@ -22,15 +23,16 @@ from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Config
 from twilight.config.sun import SunInterval
 from twilight.engine import Field
-from twilight.engine.night import NightLight, levels_of, night_light, star_sky, without_points
 from twilight.numerics.directions import direction
-from twilight.numerics.spectrum import wavelength_bounds
+from twilight.scene.lights import levels_of
 from twilight.show.timeline import FilmTimeline
 from twilight.show.tones import Channels
+from twilight.sky.moments import Moments
 from twilight.sky.moon import PHASE_RANGE_DEG, Moon
-from twilight.sky.night import Place, light
-from twilight.sky.night.points import Raster, StarSky
-from twilight.sky.night.world import veil
+from twilight.sky.night import NightLevels, Place, light
+from twilight.sky.night.glows import ROWS_DEG, glow_table, glows_of, hemisphere_weights
+from twilight.sky.night.points import Raster, StarSky, with_points
+from twilight.sky.table import SkyTable, stack
 
 STEP_S = 900.0
 """Largest time between two moments: the stars turn by 3.75 deg."""
@@ -71,104 +73,87 @@ class MovingStars:
 
 
 @dataclass(frozen=True)
-class Nights:
-    """time_s (K,): of the moments; sun_azimuth_deg (K,), from which the azimuths of `lights` count.
+class FilmGlows:
+    """The glows of a film at K moments.
 
-    lights: X, Y, Z and scotopic luminance [cd m^-2]; stars: those that are points, whose light `lights` lack.
+    time_s (K,): of the moments; sun_azimuth_deg (K,), from which azimuths count; table: of X, Y, Z and scotopic
+    luminance [cd m^-2], a sun for each moment; stars: those that are points, whose light the table lacks.
     """
 
     time_s: np.ndarray
     sun_azimuth_deg: np.ndarray
-    lights: tuple[NightLight, ...]
+    table: SkyTable
     stars: MovingStars | None = None
 
     def arrays(self) -> dict[str, np.ndarray]:
         """As `from_arrays` takes them."""
-        return {
-            "night_time_s": self.time_s,
-            "night_sun_azimuth_deg": self.sun_azimuth_deg,
-            "night_elevation_deg": self.lights[0].elevation_deg,
-            "night_azimuth_deg": self.lights[0].azimuth_deg,
-            "night_radiance": np.stack([one.radiance for one in self.lights]),
-            "night_ground": np.stack([one.ground for one in self.lights]),
-            **({} if self.stars is None else self.stars.arrays()),
-        }
+        held = {f"glow_table_{name}": value for name, value in self.table.arrays().items()}
+        held |= {"glow_time_s": self.time_s, "glow_sun_azimuth_deg": self.sun_azimuth_deg}
+        return held | ({} if self.stars is None else self.stars.arrays())
 
     @classmethod
-    def from_arrays(cls, cached: dict[str, np.ndarray]) -> Nights:
+    def from_arrays(cls, cached: dict[str, np.ndarray]) -> FilmGlows:
         """What `arrays` gave."""
-        axes = cached["night_elevation_deg"], cached["night_azimuth_deg"]
-        pairs = zip(cached["night_radiance"], cached["night_ground"], strict=True)
-        lights = tuple(NightLight(*axes, r, g) for r, g in pairs)
+        prefix = "glow_table_"
+        held = {name.removeprefix(prefix): value for name, value in cached.items() if name.startswith(prefix)}
         stars = MovingStars.from_arrays(cached) if "stars_place" in cached else None
-        return cls(cached["night_time_s"], cached["night_sun_azimuth_deg"], lights, stars)
+        return cls(cached["glow_time_s"], cached["glow_sun_azimuth_deg"], SkyTable.of_arrays(held), stars)
 
 
-def nights_of(config: Config, medium: Medium, channels: Channels, line: FilmTimeline) -> Nights | None:
-    """The nights of a film, None where its configuration has none."""
+def glows_of_film(config: Config, medium: Medium, channels: Channels, line: FilmTimeline) -> FilmGlows | None:
+    """The glows of a film, None where its configuration has no night."""
     if config.night is None:
         return None
-    span = float(line.time_s[-1])
+    span, altitude_km = float(line.time_s[-1]), config.observer.altitude_km
     times = np.linspace(0.0, span, 1 + int(np.ceil(span / STEP_S)))
     elevation, azimuth = (np.interp(times, line.time_s, v) for v in (line.elevation_deg, line.azimuth_deg))
-    levels, stars, lights, site = levels_of(config.night), None, [], None
+    glows, stars, site = glows_of(levels_of(config.night), medium, altitude_km), None, None
     if isinstance(config.sun, SunInterval):
         site = Place(config.sun.latitude_deg, config.sun.longitude_deg, config.sun.aware(config.sun.start))
-        sky = star_sky(config.night, medium, config.observer.altitude_km)
-        if sky is not None:
-            levels = without_points(levels)
-            stars = MovingStars(sky, channels.of(np.diag(1.0 / channels.solar_irradiance)), site)
+        if config.night.stars is not False:
+            glows, sky = with_points(glows)
+            if sky is not None:
+                stars = MovingStars(sky, channels.of(np.diag(1.0 / channels.solar_irradiance)), site)
+    tables = []
     for t, e, a in zip(times, elevation, azimuth, strict=True):
         place = None if site is None else replace(site, time=site.time + timedelta(seconds=float(t)))
-        night = night_light(
-            medium,
-            levels,
-            config.observer.altitude_km,
-            sun_elevation_deg=float(e),
-            sun_azimuth_deg=None if place is None else float(a),
-            place=place,
-        )
-        radiance, ground = (channels.of(v / channels.solar_irradiance) for v in (night.radiance, night.ground))
-        lights.append(NightLight(night.elevation_deg, night.azimuth_deg, radiance, ground))
-    return Nights(times, azimuth, tuple(lights), stars)
+        table = glow_table(glows, Moments.of_sun(float(e), float(a), place), medium, altitude_km)
+        tables.append(replace(table, smooth=channels.of(table.smooth / channels.solar_irradiance)))
+    return FilmGlows(times, azimuth, stack(tables), stars)
 
 
-class NightPainter:
-    """Draws the night in a fixed set of directions (H, W) [deg], at any time of the film."""
+class GlowPainter:
+    """Draws the glows in a fixed set of directions (H, W) [deg], at any time of the film."""
 
-    def __init__(self, nights: Nights, elevation_deg: np.ndarray, azimuth_deg: np.ndarray):
-        self.nights = nights
-        self._raster = None if nights.stars is None else Raster(direction(azimuth_deg, elevation_deg), 1.0)
+    def __init__(self, glows: FilmGlows, elevation_deg: np.ndarray, azimuth_deg: np.ndarray):
+        self.glows = glows
+        self._raster = None if glows.stars is None else Raster(direction(azimuth_deg, elevation_deg), 1.0)
 
         @lru_cache(maxsize=2)
         def picture(k: int) -> np.ndarray:
-            away = azimuth_deg - nights.sun_azimuth_deg[k]
-            return np.nan_to_num(nights.lights[k].at(elevation_deg, away)).astype(np.float32)
+            one = replace(glows.table, smooth=glows.table.smooth[k : k + 1])
+            away = azimuth_deg - glows.sun_azimuth_deg[k]
+            return np.nan_to_num(one.light(elevation_deg, away)).astype(np.float32)
 
         self._picture = picture
 
     def light(self, time_s: float) -> np.ndarray:
         """X, Y, Z and scotopic luminance [cd m^-2], (H, W, 4); 0 outside the picture."""
-        out = self._glow(time_s)
-        if self.nights.stars is None or self._raster is None:
+        times = self.glows.time_s
+        k = int(np.clip(np.searchsorted(times, time_s, side="right") - 1, 0, max(times.size - 2, 0)))
+        out = self._picture(k)
+        if times.size > 1:
+            fraction = float(np.clip((time_s - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0))
+            out = (1.0 - fraction) * out + fraction * self._picture(k + 1)
+        if self.glows.stars is None or self._raster is None:
             return out
         out = out.copy()
-        self._raster.add(out, *self.nights.stars.at(time_s))
+        self._raster.add(out, *self.glows.stars.at(time_s))
         return out
-
-    def _glow(self, time_s: float) -> np.ndarray:
-        times = self.nights.time_s
-        k = int(np.clip(np.searchsorted(times, time_s, side="right") - 1, 0, max(times.size - 2, 0)))
-        if times.size == 1:
-            return self._picture(0)
-        fraction = float(np.clip((time_s - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0))
-        return (1.0 - fraction) * self._picture(k) + fraction * self._picture(k + 1)
 
 
 NODES = 256
 """Elevations at which a line of the sky is held."""
-MEAN_ROWS_DEG = (np.arange(30) + 0.5) * 3.0
-"""Elevations of the directions over which light that falls from above is averaged [deg]."""
 
 
 def sky_elevations(horizon_deg: float) -> np.ndarray:
@@ -197,33 +182,26 @@ def sunbeam(
     return refraction_deg, np.exp(light)
 
 
-def night(medium: Medium, altitude_km: float, nodes_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The parts of the night's light at usual brightness, as `night.night_radiance` has it.
+def night_lines(medium: Medium, altitude_km: float, nodes_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What a page adds up to the glows at usual brightness.
 
     By elevation (N,) [deg] and for the ground, (5, N, W) and (3, W) [W m^-2 nm^-1 sr^-1]: airglow; starlight of 1 S10
     that comes through, and what is scattered of a mean of 1 S10; the same of zodiacal light that is
     1 W m^-2 nm^-1 sr^-1 at 500 nm.  The ground sends back what falls on it (airglow; of mean starlight; of mean
     zodiacal light).
     """
-    wavelength_nm, nodes = medium.wavelength_nm, nodes_deg
-    zenith = light.airglow_zenith(wavelength_bounds(wavelength_nm))
-
-    def glow(elevation: np.ndarray) -> np.ndarray:
-        rows = zip(light.airglow_layers(), zenith, strict=True)
-        return sum(light.van_rhijn(elevation, layer, altitude_km)[:, None] * radiance for layer, radiance in rows)
-
-    air = veil(medium, nodes, altitude_km)
-    t, scattered = air.transmittance, (1.0 - air.transmittance) * air.source
-    weight = np.sin(2 * np.radians(MEAN_ROWS_DEG))
-    mean = (weight / weight.sum()) @ glow(MEAN_ROWS_DEG)
-    stars = light.S10_550NM * light.solar_shape(wavelength_nm, 550.0)
-    zodiac = light.solar_shape(wavelength_nm, 500.0) * light.zodiacal_colour(wavelength_nm)
-    rows = np.stack([glow(nodes) * t + mean * scattered, t * stars, scattered * stars, t * zodiac, scattered * zodiac])
+    airglow, *others = glows_of(NightLevels(), medium, altitude_km)
+    moment = Moments.of_sun(0.0)
+    rows = [airglow.on_grid(moment, nodes_deg, np.zeros(1))[:, 0]]
+    passed, source = airglow.air(nodes_deg)
+    for glow in others:
+        rows += [passed * glow.spectra(), (1.0 - passed) * source * glow.spectra()]
     # what falls on the ground: the mean over the hemisphere of the light that arrives there
-    below = veil(medium, MEAN_ROWS_DEG, medium.bottom_km)
-    fraction = (weight / weight.sum()) @ (below.transmittance + (1.0 - below.transmittance) * below.source)
-    ground = medium.ground_albedo * fraction * np.stack([mean, stars, zodiac])
-    return rows, ground
+    below, above = airglow.at(medium.bottom_km), airglow.means(moment)[0] @ airglow.spectra()
+    passed, source = below.air(ROWS_DEG)
+    fraction = hemisphere_weights() @ (passed + (1.0 - passed) * source)
+    ground = medium.ground_albedo * fraction * np.stack([above, *(glow.spectra()[0] for glow in others)])
+    return np.stack(rows), ground
 
 
 def zodiacal_table() -> np.ndarray:
