@@ -35,7 +35,6 @@ WRITERS = {"write_text", "write_bytes", "savez", "savez_compressed", "savefig", 
            "tofile", "imwrite", "imsave", "writelines"}  # fmt: skip
 ELSEWHERE = {
     "engine/sun_tables.py": "handed to the cache, which writes it whole",
-    "engine/surfaces.py": "handed to the cache, which writes it whole",
     "base/cache.py": "handed to store(), which writes it whole",
     "show/sliders.py": "in memory, for a page that is written whole",
     "cli/__init__.py": "/dev/null",

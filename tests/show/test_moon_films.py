@@ -10,7 +10,7 @@ from twilight.config import load
 from twilight.engine import solve
 from twilight.io.exr import read_latlong_exr
 from twilight.scene import resolve
-from twilight.show.draw import MoonDiscPainter
+from twilight.show.draw import DiscPainter
 from twilight.show.film import Animation
 from twilight.show.lights import MoonColours, sky_elevations
 from twilight.show.tones import Channels
@@ -87,7 +87,7 @@ def test_the_disc_of_a_film_has_the_moons_light(step, phase):
     """Fine or coarse pixels: what the disc gives is the beam in moonlight; its lit side is towards the sun."""
     nodes = sky_elevations(0.0)
     beam = np.full((nodes.size, 4), 1000.0)
-    painter = MoonDiscPainter(0.0 * nodes, beam, 0.0, MoonColours(np.stack([np.eye(4)] * 4)))
+    painter = DiscPainter(0.0 * nodes, beam, 0.0, MoonColours(np.stack([np.eye(4)] * 4)))
     moon = Moon(20.0, 30.0, phase)
     e, a = np.meshgrid(
         np.arange(18.0 + 0.37 * step, 22.0, step), np.arange(28.0, 32.0, step / np.cos(np.radians(20.0))), indexing="ij"

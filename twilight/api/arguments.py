@@ -169,7 +169,7 @@ PlaceLike = tuple[float, float] | PvlibLocation | AstropyLocation
 AnglesLike = ArrayLike | AstropyQuantity
 """Angles [deg], or astropy's with their unit; xarray's DataArray is an array."""
 Target = str | Direction | Surface
-"""What light is asked of; text is read by `twilight.engine.surfaces`."""
+"""What light is asked of; text is read by `twilight.sky.surfaces`."""
 TargetsLike = Target | Sequence[Target] | tuple[AnglesLike, AnglesLike] | AstropyAltAz
 """One target or several, or the elevations and azimuths of directions."""
 

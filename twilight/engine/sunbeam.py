@@ -99,21 +99,6 @@ def disc_strips(count: int = DISC_STRIPS) -> tuple[np.ndarray, np.ndarray]:
     return np.cos(k), 2.0 / (count + 1) * np.sin(k) ** 2
 
 
-def disc_irradiance(
-    beam: Beam, medium: Medium, sun_elevation_deg: float, altitude_km: float | None = None
-) -> np.ndarray:
-    """Irradiance of a level surface by the sun's disc over F0, (W,): uniform disc in horizontal strips, each refracted.
-
-    altitude_km: of the surface; None: the ground.
-    """
-    total, out = np.zeros(medium.n_wavelengths), np.zeros(medium.n_wavelengths)
-    for offset, fraction in zip(*disc_strips(), strict=True):
-        true = np.radians(sun_elevation_deg + SOLAR_RADIUS_DEG * offset)
-        bending = beam_at(beam, medium.bottom_km if altitude_km is None else altitude_km, np.sin(true), out)
-        total += fraction * max(0.0, float(np.sin(true + bending))) * out
-    return total
-
-
 def make_disc(medium: Medium, body: Luminary, altitude_km: float, bands: GasBands | None = None) -> Disc:
     """The disc of the sun or of another body in its place, seen from an altitude [km], at the wavelengths of a medium.
 

@@ -30,7 +30,7 @@ from twilight.sky.table import join as join_tables
 from twilight.solvers.base import Capabilities
 from twilight.terrain.aerial_perspective import DEGREE
 from twilight.terrain.heights import Standpoint, heights_of
-from twilight.terrain.scene import FormulaField, Viewpoint, add_terrain, check_above
+from twilight.terrain.scene import FormulaField, SunlitAir, Viewpoint, add_terrain, check_above
 from twilight.transport.beam import prepare_beam
 from twilight.transport.rays import horizon_dip_deg
 from twilight.transport.scaling import delta_scaled
@@ -280,7 +280,7 @@ def landscape(
         field = FormulaField(block.field) if solved.scene.capabilities.kind == "formula" else block.field
         mapped = None if land is None else partial(_albedo, land, medium.wavelength_nm)
         with_terrain = add_terrain(
-            sky, rays, heights, field, medium, beam, place, terrain.albedo, terrain.shadows, mapped
+            sky, rays, heights, SunlitAir(field, medium, beam, place), terrain.albedo, terrain.shadows, mapped
         )
         radiance.append(with_terrain.radiance)
     shown = np.concatenate(radiance, axis=-1)

@@ -1,7 +1,6 @@
 """From a configuration to a film: one field, its tables, exposures of all pictures, the pictures, the encoder."""
 
 import hashlib
-import math
 import shutil
 import time
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from twilight import solvers
-from twilight.base.digest import code_digest
+from twilight.base.digest import add_content, code_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.base.reading import stored_arrays
@@ -28,12 +27,13 @@ from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import Scene, resolve
 from twilight.scene.lights import check_stars
-from twilight.show.draw import DiscPainter, MoonDiscPainter, Painter, horizon_of, moons_of
+from twilight.show.draw import DiscPainter, Painter, horizon_of, moons_of
 from twilight.show.encode import check_output, encode, write_exr
 from twilight.show.lights import FilmGlows, GlowPainter, MoonColours, glows_of_film, sky_elevations, sunbeam
 from twilight.show.skies import check_altitudes
 from twilight.show.timeline import FilmTimeline, meter, smoothed, timeline
 from twilight.show.tones import Channels
+from twilight.sky.lights import Sun
 from twilight.sky.moon import Moon
 from twilight.sky.table import SkyTable
 from twilight.sky.tone import Shot, Tone, adapt, tone_of
@@ -72,7 +72,6 @@ class FilmParts:
     glows: FilmGlows | None
     moon: MoonColours | None
     disc: DiscPainter | None
-    moon_disc: MoonDiscPainter | None
 
 
 class SkyPainter:
@@ -182,10 +181,10 @@ class Animation:
         """The field's tables, discs, moon and nights where they are asked for; from the folder where it has them."""
         path = self.folder / f"tables-{self._scene[:32]}.npz"
         arrays = stored_arrays(path)
+        channels = Channels(self.scene.medium.wavelength_nm, self.config.solar_spectrum, self._measures)
         if arrays is None:
             tell = part_of(progress, 0.0, 0.5, "field")
             solved = solve(self.scene, self.suns_deg.tolist(), tell, cached=self._cached)
-            channels = Channels(solved.medium.wavelength_nm, self.config.solar_spectrum, self._measures)
             altitude = self.scene.altitude_km
             tables = SunTables(solved, altitude, rows_deg=self._rows_deg, columns_deg=self._columns_deg)
             spectra = tables.between(*self._lit_deg, part_of(progress, 0.5, 0.5, "tables"))
@@ -196,33 +195,23 @@ class Animation:
             if self.config.sun.disc or self.moons is not None:
                 nodes = sky_elevations(horizon_of(table))
                 arrays["refraction_deg"], arrays["beam"] = sunbeam(solved, channels, altitude, nodes)
-            glows = glows_of_film(self.config, solved.medium, channels, self.line)
-            if glows is not None:
-                arrays |= glows.arrays()
             with whole_file(path) as temporary:
                 np.savez(temporary, allow_pickle=False, **arrays)
         held = {name.removeprefix("table_"): value for name, value in arrays.items() if name.startswith("table_")}
         table = SkyTable.of_arrays(held)
-        glows = FilmGlows.from_arrays(arrays) if "glow_time_s" in arrays else None
+        glows = glows_of_film(self.config, self.scene.medium, channels, self.line)
         moon = MoonColours(arrays["moon"]) if "moon" in arrays else None
-        disc = moon_disc = None
+        disc = None
         if "beam" in arrays:
-            beam = arrays["refraction_deg"], arrays["beam"], horizon_of(table)
-            disc = DiscPainter(*beam) if self.config.sun.disc else None
-            moon_disc = None if moon is None else MoonDiscPainter(*beam, moon)
-        return FilmParts(table, glows, moon, disc, moon_disc)
+            disc = DiscPainter(arrays["refraction_deg"], arrays["beam"], horizon_of(table), moon)
+        return FilmParts(table, glows, moon, disc)
 
     @cached_property
     def _scene(self) -> str:
         """A hash of all that the tables depend on."""
         name, _, settings = self.config.chosen_solver
-        medium = self.scene.medium
         content = hashlib.sha256()
-        for value in (v for k, v in sorted(vars(medium).items()) if isinstance(v, np.ndarray)):
-            content.update(np.ascontiguousarray(value).tobytes())
-        cosine = np.cos(np.linspace(0.0, math.pi, 181))
-        for phase in medium.phase_functions:
-            content.update(np.ascontiguousarray(phase(cosine)).tobytes())
+        add_content(content, self.scene.medium)
         return configuration_hash(
             {
                 "code": code_digest("twilight.show.film", solvers.SOLVERS[name]),
@@ -316,11 +305,11 @@ class Animation:
         pixel_deg = _pixel_deg(self.view)
         sun, moon = self._sun(i), self._moon(i)
         light = painter.light(float(self.line.time_s[i]), sun, moon)
-        if parts.disc is not None:
-            light += parts.disc.light(*painter.directions, pixel_deg, *sun)
-        if parts.moon_disc is not None and moon is not None:
+        bodies = [Sun(sun[0], 0.0, sun[2])] if self.config.sun.disc else []
+        for body in (*bodies, *([] if moon is None else [moon])):
+            assert parts.disc is not None
             elevation, azimuth = painter.directions
-            light += parts.moon_disc.light(elevation, azimuth - sun[1], pixel_deg, moon, sun[0])
+            light += parts.disc.light(elevation, azimuth - sun[1], pixel_deg, body, sun[0])
         if path.suffix == ".exr":
             header = {"twilightSunElevationDeg": facts["sun_elevation_deg"], "twilightScene": facts["scene"]}
             write_exr(light, ~painter.outside, path, header)

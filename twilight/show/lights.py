@@ -13,7 +13,7 @@ that C exists: 95 % of the residuals are within 0.2 % of luminance and 0.8 % of 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from functools import lru_cache
 from typing import Any
 
@@ -52,25 +52,6 @@ class MovingStars:
         points = self.sky.over(replace(self.place, time=self.place.time + timedelta(seconds=time_s)))
         return direction(points.azimuth_deg, points.elevation_deg), points.irradiance @ self.channels
 
-    def arrays(self) -> dict[str, np.ndarray]:
-        """As `from_arrays` takes them."""
-        sky, place = self.sky, self.place
-        return {
-            "stars_rows": np.stack([sky.apparent_deg, sky.true_deg]),
-            "stars_passed": sky.passed,
-            "stars_wavelength_nm": sky.wavelength_nm,
-            "stars_channels": self.channels,
-            "stars_place": np.array([sky.level, place.latitude_deg, place.longitude_deg, place.time.timestamp()]),
-        }
-
-    @classmethod
-    def from_arrays(cls, cached: dict[str, np.ndarray]) -> MovingStars:
-        """What `arrays` gave."""
-        level, latitude, longitude, begin = (float(v) for v in cached["stars_place"])
-        apparent, true = cached["stars_rows"]
-        sky = StarSky(apparent, true, cached["stars_passed"], cached["stars_wavelength_nm"], level)
-        return cls(sky, cached["stars_channels"], Place(latitude, longitude, datetime.fromtimestamp(begin, UTC)))
-
 
 @dataclass(frozen=True)
 class FilmGlows:
@@ -84,20 +65,6 @@ class FilmGlows:
     sun_azimuth_deg: np.ndarray
     table: SkyTable
     stars: MovingStars | None = None
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """As `from_arrays` takes them."""
-        held = {f"glow_table_{name}": value for name, value in self.table.arrays().items()}
-        held |= {"glow_time_s": self.time_s, "glow_sun_azimuth_deg": self.sun_azimuth_deg}
-        return held | ({} if self.stars is None else self.stars.arrays())
-
-    @classmethod
-    def from_arrays(cls, cached: dict[str, np.ndarray]) -> FilmGlows:
-        """What `arrays` gave."""
-        prefix = "glow_table_"
-        held = {name.removeprefix(prefix): value for name, value in cached.items() if name.startswith(prefix)}
-        stars = MovingStars.from_arrays(cached) if "stars_place" in cached else None
-        return cls(cached["glow_time_s"], cached["glow_sun_azimuth_deg"], SkyTable.of_arrays(held), stars)
 
 
 def glows_of_film(config: Config, medium: Medium, channels: Channels, line: FilmTimeline) -> FilmGlows | None:
