@@ -17,10 +17,10 @@ from twilight.numerics import spectrum
 from twilight.numerics.projections import view_directions
 from twilight.scene import resolve
 from twilight.show import film as films
-from twilight.show.draw import DiscPainter, Painter
+from twilight.show.draw import Painter
 from twilight.show.film import Animation
-from twilight.show.lights import sky_elevations
-from twilight.show.timeline import meter, smoothed
+from twilight.show.lights import DiscPainter, sky_elevations
+from twilight.show.timeline import Pace, meter, smoothed
 from twilight.show.tones import Channels
 from twilight.sky.disc import SOLAR_RADIUS_DEG
 from twilight.sky.lights import Sun
@@ -305,7 +305,7 @@ def test_frames_are_the_field(air, tmp_path):
 
     view = {"observer.view.kind": "fisheye", "observer.view.width": 48, "observer.view.elevation_deg": 90.0}
     made = Animation(
-        load(air, {**view, "solver.quality": "draft"}), tmp_path / "f", from_deg=2.0, to_deg=-10.0, frames=3
+        load(air, {**view, "solver.quality": "draft"}), tmp_path / "f", Pace(from_deg=2.0, to_deg=-10.0, frames=3)
     )
     made.make()
     solved = solve(resolve(made.config))

@@ -5,14 +5,14 @@ import pytest
 from airs import scene_of_field, turbid
 from closed_sky import FIVE_NM as NM
 from closed_sky import ClosedSky
+from filming import paced
 
 from twilight.config import load
 from twilight.engine import solve
 from twilight.io.exr import read_latlong_exr
 from twilight.scene import resolve
-from twilight.show.draw import DiscPainter
 from twilight.show.film import Animation
-from twilight.show.lights import MoonColours, sky_elevations
+from twilight.show.lights import DiscPainter, MoonColours, sky_elevations
 from twilight.show.tones import Channels
 from twilight.sky.colour import REC709_LUMINANCE
 from twilight.sky.moon import Moon
@@ -27,7 +27,8 @@ SKY = ClosedSky(
 def film(path, settings, **options):
     view = {"kind": "perspective", "width": 48, "height": 32, "elevation_deg": 20.0, "field_of_view_deg": 70.0}
     config = load("pure-air", {"observer.view": view, **settings})
-    return Animation(config, path, scene=scene_of_field(SKY), nodes=(17, 13), **options)
+    pace, rest = paced(options)
+    return Animation(config, path, pace, scene=scene_of_field(SKY), nodes=(17, 13), **rest)
 
 
 def luminances(folder):

@@ -143,8 +143,7 @@ def light(
     require(f"light: returns {returns}", "astropy" if returns == "astropy" else "xarray")
     config = arguments.config_of(climate, altitude_km=altitude_km, quality=quality, settings=settings)
     tell = progress or silent
-    chosen = field_for(config, quantities, part_of(tell, 0.0, 0.5))
-    solved = chosen.field
+    solved = field_for(config, quantities, part_of(tell, 0.0, 0.5))
     count, n_places = len(times), len(places.latitude_deg)
     moments = moments_at(
         np.repeat(places.latitude_deg, count).tolist(),
@@ -160,7 +159,7 @@ def light(
         return quantities_of(arrays, quantities, aim.of)
     dataset = _dataset(arrays, quantities, aim, dims, places, times, moments)
     dataset.attrs["climate"] = solved.solved.scene.configuration.climate.name
-    dataset.attrs["solver"] = chosen.solver or solved.solved.scene.solver_name
+    dataset.attrs["solver"] = solved.chosen or solved.solved.scene.solver_name
     if returns == "pandas":
         return frame_of(dataset, time, [item.variable for item in quantities], places.time_zone)
     return dataset[quantities[0].variable] if isinstance(quantity, str | Quantity) else dataset

@@ -75,7 +75,7 @@ def compare_with_sky(
     from twilight.base.progress import part_of
     from twilight.engine import frames
     from twilight.scene import resolve
-    from twilight.scene.scene import count_suns
+    from twilight.scene.suns import count_suns
     from twilight.studies.validate.photographs import photo as comparing
     from twilight.studies.validate.photographs.figure import (
         summary,

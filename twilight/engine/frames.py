@@ -35,7 +35,8 @@ from twilight.io.rendered import ViewPixels, ViewSource
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.scene.lights import SceneLights, check_stars, warn_of_the_moon
 from twilight.scene.plan import Omission
-from twilight.scene.scene import Scene, SceneSun, resolved_configuration
+from twilight.scene.scene import Scene, resolved_configuration
+from twilight.scene.suns import SceneSun
 from twilight.sky.lights import TIMES_BRIGHTER, Luminary, outshone
 from twilight.sky.moon import MoonDisc, MoonSeen
 from twilight.sky.night.glows import Glow, glow_table

@@ -59,17 +59,13 @@ def check_sources(sources: Sequence[str] | None) -> None:
 class LightField:
     """A solved field that answers for directions and surfaces at many places and times.
 
-    solved: of a solver whose field serves every sun; levels: of the night, None for none.
+    solved: of a solver whose field serves every sun; levels: of the night, None for none; chosen: which solver it is of
+    and why, in a sentence, empty where the configuration says.
     """
 
     solved: Field
     levels: NightLevels | None = None
-
-    @classmethod
-    def of(cls, solved: Field) -> LightField:
-        """With the night of the scene's configuration."""
-        night = solved.scene.configuration.night
-        return cls(solved, None if night is None else levels_of(night))
+    chosen: str = ""
 
     @property
     def wavelength_nm(self) -> np.ndarray:
@@ -194,19 +190,11 @@ class LightField:
         return Spectra(factor, self.wavelength_nm, self.solved.solar_spectrum, where="the field")
 
 
-@dataclass(frozen=True)
-class ChosenField:
-    """field: what answers; solver: which solver it is of and why, in a sentence, empty where the configuration says."""
-
-    field: LightField
-    solver: str
-
-
-_fields: dict[str, ChosenField] = {}
+_fields: dict[str, LightField] = {}
 """Fields by their configuration as JSON, the oldest first."""
 
 
-def field_for(config: Config, quantities: Sequence[Quantity], progress: Progress | None = None) -> ChosenField:
+def field_for(config: Config, quantities: Sequence[Quantity], progress: Progress | None = None) -> LightField:
     """The solved field of a configuration, cached for the next question; its wavelengths, if not given, are chosen.
 
     Without a `night` of its own it has the usual one; without a `solver` of its own it is by compact where that serves.
@@ -222,27 +210,26 @@ def field_for(config: Config, quantities: Sequence[Quantity], progress: Progress
     if document not in _fields:
         while len(_fields) >= MOST_FIELDS:
             del _fields[next(iter(_fields))]
-        field, why = _solved(config, progress)
-        field = field if field.levels is not None else replace(field, levels=NightLevels())
-        _fields[document] = ChosenField(field, why)
+        _fields[document] = _solved(config, progress)
     known = _fields[document]
     for asked in responses:
-        check_covered(asked, known.field.wavelength_nm, "the field")
+        check_covered(asked, known.wavelength_nm, "the field")
     return known
 
 
-def _solved(config: Config, progress: Progress | None) -> tuple[LightField, str]:
-    if config.solver:
-        return _field(config, progress), ""
-    try:
-        quick = config.model_copy(update={"solver": dict(AT_ONCE)})
-        return _field(quick, progress), "solver: compact, the model of all clear air, for none is named"
-    except TwilightError as error:
-        why = f"solver: {solvers.DEFAULT}, for none is named and compact cannot serve here ({error})"
-    return _field(config, progress), why
+def _solved(config: Config, progress: Progress | None) -> LightField:
+    why = ""
+    if not config.solver:
+        try:
+            quick = _field(config.model_copy(update={"solver": dict(AT_ONCE)}), progress)
+            return replace(quick, chosen="solver: compact, the model of all clear air, for none is named")
+        except TwilightError as error:
+            why = f"solver: {solvers.DEFAULT}, for none is named and compact cannot serve here ({error})"
+    return replace(_field(config, progress), chosen=why)
 
 
 def _field(config: Config, progress: Progress | None) -> LightField:
     scene = resolve(config)
     check_serves_every_sun(scene)
-    return LightField.of(solve(scene, progress=progress))
+    levels = NightLevels() if config.night is None else levels_of(config.night)
+    return LightField(solve(scene, progress=progress), levels)

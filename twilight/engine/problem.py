@@ -17,7 +17,8 @@ from twilight.base.errors import TwilightError
 from twilight.base.reading import memory_bytes
 from twilight.config.scene import Config
 from twilight.scene.medium import wavelengths_of
-from twilight.scene.scene import Scene, count_suns
+from twilight.scene.scene import Scene
+from twilight.scene.suns import count_suns
 from twilight.sky.colour import TONE_MAPPINGS
 from twilight.solvers.base import Cost, Interpolation
 

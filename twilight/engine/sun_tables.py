@@ -6,20 +6,21 @@ shows or measures many suns takes one `SkyTable` of some of them (:meth:`SunTabl
 read from a hemisphere of lines of sight for each sun, so that thousands of moments need no further directions.
 """
 
+from __future__ import annotations
+
 import hashlib
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from twilight.atmosphere.medium import Medium
 from twilight.base import cache
 from twilight.base.digest import code_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
-from twilight.engine.sunbeam import Direct, disc_strips
+from twilight.engine.sunbeam import disc_strips
 from twilight.engine.table import first_columns, first_rows, row_breaks
 from twilight.numerics.directions import HEMISPHERE_COLUMNS, whole_hemisphere
 from twilight.numerics.spectrum import hermite_weights
@@ -104,26 +105,8 @@ ZENITH_DEG = 90.0 - 1e-9
 """Elevation from which on a direction is the zenith, whatever its azimuth [deg]."""
 
 
-class Solved(Protocol):
-    """What tables are computed from: a `Field`, which makes some itself."""
-
-    @property
-    def scene(self) -> Scene: ...
-    @property
-    def keys(self) -> tuple[str, ...]: ...
-    @property
-    def cached(self) -> bool: ...
-    @property
-    def sun_range_deg(self) -> tuple[float, float]: ...
-    @property
-    def medium(self) -> Medium: ...
-    def radiance(self, sun_elevation_deg: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray: ...
-    def direct(self, sun_elevation_deg: float) -> Direct: ...
-    def table(self, sun_elevation_deg: float, observer_altitude_km: float | None = None, **nodes: Any) -> SkyTable: ...
-
-
 class SunTables:
-    """The tables of a solved field, for one observer.
+    """The tables of a solved `Field`, for one observer.
 
     altitude_km: of the observer above sea level; None: the scene's
     rows_deg, columns_deg: nodes of the tables; None: rows of the sky, for an observer high up of the ground as well
@@ -132,7 +115,7 @@ class SunTables:
 
     def __init__(
         self,
-        solved: Solved,
+        solved: Any,
         altitude_km: float | None = None,
         *,
         rows_deg: np.ndarray | None = None,

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.config.moon import MoonSection
 from twilight.config.scene import Config, Night
-from twilight.config.sun import MoonSection, SunAt, SunInterval, SunTimes
+from twilight.config.sun import SunAt, SunInterval, SunTimes
 from twilight.numerics.directions import direction
 from twilight.scene.plan import Omission
+from twilight.scene.suns import SceneSun
 from twilight.sky.ephemeris import AU_KM
 from twilight.sky.lights import Luminary, Sun
 from twilight.sky.moments import Moments
@@ -19,9 +22,6 @@ from twilight.sky.moon import MEAN_DISTANCE_KM, PHASE_RANGE_DEG, Moon, moon_over
 from twilight.sky.night import NightLevels, Place
 from twilight.sky.night.glows import Glow, glows_of
 from twilight.sky.night.world import NATURAL_ZENITH_MAG, artificial_zenith_cd_per_m2
-
-if TYPE_CHECKING:
-    from twilight.scene.scene import Scene, SceneSun
 
 
 class SceneLights(NamedTuple):
@@ -42,14 +42,14 @@ class SceneLights(NamedTuple):
         return self.moment.places[0] if self.moment.places else None
 
 
-def lights_of(scene: Scene, sun: SceneSun) -> SceneLights:
-    """The lights of a scene at the moment of one of its suns."""
-    config, section = scene.configuration, sun.section
+def lights_of(config: Config, medium: Medium, altitude_km: float, sun: SceneSun) -> SceneLights:
+    """The lights over an observer at the moment of one of the suns of a configuration, in its medium."""
+    section = sun.section
     where = None
     if isinstance(section, SunAt) and sun.time is not None:
         where = Place(section.latitude_deg, section.longitude_deg, sun.time)
     moment = Moments.of_sun(sun.elevation_deg, sun.azimuth_deg, where)
-    glows = () if config.night is None else glows_of(levels_of(config.night), scene.medium, scene.altitude_km)
+    glows = () if config.night is None else glows_of(levels_of(config.night), medium, altitude_km)
     body, moon = Sun(sun.elevation_deg, 0.0, sun.distance_au), moon_of(config, sun)
     if moon is None or moon.shines:
         return SceneLights(moment, (body,) if moon is None else (body, moon), glows, moon)

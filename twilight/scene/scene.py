@@ -7,9 +7,7 @@ out, and rendering it gives the same sky.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +20,7 @@ from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.climate import Spectrum, climate_files
 from twilight.config.scene import Config, Horizon, Observer
 from twilight.config.solver import complete_solver
-from twilight.config.sun import SunAt, SunElevation, SunElevations, SunInterval, SunTimes
+from twilight.config.sun import SunAt, SunElevation, SunElevations
 from twilight.scene.lights import SceneLights, lights_of
 from twilight.scene.medium import (
     check_sha256,
@@ -33,7 +31,7 @@ from twilight.scene.medium import (
     wavelengths_of,
 )
 from twilight.scene.plan import Omission, make_plan
-from twilight.sky.ephemeris import sun_position
+from twilight.scene.suns import SceneSun, suns_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,67 +43,6 @@ if TYPE_CHECKING:
 
 MAP_MEAN_KM = 100.0
 """Least distance from the observer up to which the mean of an albedo map is taken [km]."""
-
-
-@dataclass(frozen=True)
-class SceneSun:
-    """One sun of a sequence, and the section of a configuration that asks for this sun alone.
-
-    elevation_deg: true; azimuth_deg: clockwise from north, None where there is no place; name: for a folder.
-    """
-
-    name: str
-    section: SunElevation | SunAt
-    elevation_deg: float
-    azimuth_deg: float | None = None
-    distance_au: float = 1.0
-    time: datetime | None = None
-
-
-def count_suns(config: Config) -> int:
-    """How many suns a configuration has."""
-    sun = config.sun
-    if isinstance(sun, SunElevations):
-        return len(sun.elevations_deg)
-    if isinstance(sun, SunInterval | SunTimes):
-        return len(_moments(sun))
-    return 1
-
-
-def suns_of(config: Config) -> Iterator[SceneSun]:
-    """The positions of the sun of a configuration, one by one."""
-    sun = config.sun
-    if isinstance(sun, SunElevation):
-        yield SceneSun(_elevation_name(sun.elevation_deg), sun, sun.elevation_deg, distance_au=sun.distance_au)
-    elif isinstance(sun, SunElevations):
-        for elevation in sun.elevations_deg:
-            section = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au, disc=sun.disc)
-            yield SceneSun(_elevation_name(elevation), section, elevation, distance_au=sun.distance_au)
-    else:
-        for moment in _moments(sun):
-            place = {key: getattr(sun, key) for key in ("latitude_deg", "longitude_deg", "time_zone", "disc")}
-            one_at = SunAt(at=moment, **place)
-            above = config.observer.altitude_km  # within what views have
-            at = sun_position(moment, sun.latitude_deg, sun.longitude_deg, above, highest_km=max(above, 100.0))
-            finest = "%H%M%S.%f" if moment.microsecond else "%H%M%S" if moment.second else "%H%M"
-            name = moment.strftime(f"%Y-%m-%dT{finest}")
-            yield SceneSun(name, one_at, float(at.elevation_deg), float(at.azimuth_deg), float(at.distance_au), moment)
-
-
-def _elevation_name(elevation_deg: float) -> str:
-    return f"sun{elevation_deg:+06.2f}"
-
-
-def _moments(sun: SunAt | SunTimes | SunInterval) -> list[datetime]:
-    """The times with their offsets; a daylight-saving change within an interval does not disturb the steps."""
-    if isinstance(sun, SunAt):
-        return [sun.aware(sun.at)]
-    if isinstance(sun, SunTimes):
-        return [sun.aware(moment) for moment in sun.times]
-    start, stop = sun.aware(sun.start), sun.aware(sun.stop)
-    step = timedelta(minutes=sun.step_minutes)
-    count = int((stop.timestamp() - start.timestamp()) / step.total_seconds() + 1e-9) + 1
-    return [datetime.fromtimestamp(start.timestamp() + i * step.total_seconds(), start.tzinfo) for i in range(count)]
 
 
 def screen_of(horizon: Horizon) -> Screen | None:
@@ -275,7 +212,7 @@ class Scene:
 
     def lights(self, sun: SceneSun) -> SceneLights:
         """What shines at the moment of one of the suns, and what does not, with the reason."""
-        return lights_of(self, sun)
+        return lights_of(self.configuration, self.medium, self.altitude_km, sun)
 
 
 def resolve(

@@ -1,31 +1,18 @@
 """Pictures from a `SkyTable` of four channels, by its rule, for any sun between those of the table.
 
 The rule is compiled here because films read some millions of directions a second; `SkyTable.light` is the same.
-
-The sun's disc in a film: lifted, flattened and coloured by the refracted sunbeam, darkened to its limb.
-
-The moon of a film: where it stands in every picture, and its disc.
 """
 
 import math
 from dataclasses import dataclass
-from datetime import timedelta
 
 import numpy as np
 
 from twilight.base.threads import in_slices
-from twilight.config.scene import Config
-from twilight.config.sun import SunInterval
 from twilight.jit.kernels import njit
 from twilight.jit.simd import LANES, broadcast, exp, load, store
 from twilight.numerics.directions import PHASE_COUNT
-from twilight.scene.lights import placed_moon
-from twilight.show.lights import MoonColours, sky_elevations
-from twilight.show.timeline import FilmTimeline
 from twilight.show.tones import CHANNELS, NO_LIGHT, padded_columns
-from twilight.sky.disc import limb_darkening, mean_limb_darkening
-from twilight.sky.lights import Luminary
-from twilight.sky.moon import Moon, disc_integral, moon_over, surface, towards_sun
 from twilight.sky.table import DARKEST, SkyTable
 
 NONE = np.float32(0.0)
@@ -155,82 +142,3 @@ def horizon_of(table: SkyTable) -> float:
     """Apparent elevation of the horizon [deg]: the lowest break of a table that has the ground."""
     rows = table.elevation_deg
     return float(rows[np.flatnonzero(np.diff(rows) == 0.0)[0]])
-
-
-def moons_of(config: Config, line: FilmTimeline) -> list[Moon] | None:
-    """The moon of every picture, its azimuth from the sun's; None where the configuration has none.
-
-    One that is put somewhere stands still, as seen from the sun's azimuth.
-    """
-    if config.moon is None:
-        return None
-    suns = zip(line.time_s, line.elevation_deg, line.azimuth_deg, line.distance_au, strict=True)
-    sun = config.sun
-    if not isinstance(sun, SunInterval):
-        return [placed_moon(config.moon, float(e), float(au)) for _, e, _, au in suns]
-    start, where = sun.aware(sun.start), (sun.latitude_deg, sun.longitude_deg)
-    altitude_km = config.observer.altitude_km
-    return [moon_over(start + timedelta(seconds=float(t)), *where, float(a), altitude_km) for t, _, a, _ in suns]
-
-
-DARKENED_AT_NM = np.array([550.0])
-"""Wavelength of the limb darkening of all wavelengths, as on the page of `twilight view` [nm]."""
-PIECE_DEG = 0.03
-"""Distance of the points of a pixel whose mean is the disc's light in it [deg]."""
-PIECES = (4, 16)
-"""Fewest and most points across a pixel."""
-
-
-@dataclass(frozen=True)
-class DiscPainter:
-    """Draws the discs of luminaries.
-
-    refraction_deg (N,), beam (N, 4): of the sun's disc at 1 au, as `show.lights.sunbeam`; horizon_deg: apparent;
-    colours: of moonlight, None: there is no moon.
-    """
-
-    refraction_deg: np.ndarray
-    beam: np.ndarray
-    horizon_deg: float
-    colours: MoonColours | None = None
-
-    def light(
-        self,
-        elevation_deg: np.ndarray,
-        azimuth_deg: np.ndarray,
-        pixel_deg: float,
-        body: Luminary,
-        sun_elevation_deg: float,
-    ) -> np.ndarray:
-        """Channels [cd m^-2] of a disc in directions (H, W), (H, W, 4); azimuth from the sun's, as the body's.
-
-        A pixel has the mean of its points, so that a disc smaller than it keeps its light.
-        """
-        light = np.zeros((*elevation_deg.shape, 4))
-        with np.errstate(invalid="ignore"):
-            near = np.abs(elevation_deg - body.elevation_deg) < 2.0 + pixel_deg
-            near &= elevation_deg >= self.horizon_deg
-        if not near.any():
-            return light
-        apparent, nodes = elevation_deg[near], sky_elevations(self.horizon_deg)
-        true = np.radians(apparent - np.interp(apparent, nodes, self.refraction_deg))
-        beam = np.exp(np.stack([np.interp(apparent, nodes, log) for log in np.log(self.beam).T], axis=-1))
-        m, across = np.radians(body.elevation_deg), np.radians(azimuth_deg[near] - body.azimuth_deg)
-        radius = np.sin(np.radians(body.radius_deg))
-        x = np.cos(true) * np.sin(across) / radius
-        y = (np.sin(true) * np.cos(m) - np.cos(true) * np.sin(m) * np.cos(across)) / radius
-        facing = np.cos(true) * np.cos(m) * np.cos(across) + np.sin(true) * np.sin(m) > 0.0
-        count = int(np.clip(np.ceil(pixel_deg / PIECE_DEG), *PIECES))
-        step = np.radians(pixel_deg) / radius * ((np.arange(count) + 0.5) / count - 0.5)
-        place = x[:, None, None] + step[:, None], y[:, None, None] + step
-        if isinstance(body, Moon):
-            assert self.colours is not None
-            towards, phase = towards_sun(body, sun_elevation_deg), body.phase_angle_deg
-            shape, whole = surface(*place, towards, phase) / disc_integral(phase), self.colours.moonlit(beam, body)
-        else:
-            mu = np.sqrt(np.clip(1.0 - place[0] ** 2 - place[1] ** 2, 0.0, 1.0))
-            dark = limb_darkening(mu[..., None], DARKENED_AT_NM)[..., 0] / mean_limb_darkening(DARKENED_AT_NM)[0]
-            shape = np.where(mu > 0.0, dark / np.pi, 0.0)
-            whole = beam * body.irradiance_factor(DARKENED_AT_NM)
-        light[near] = (np.where(facing, shape.mean(axis=(1, 2)), 0.0) / radius**2)[:, None] * whole
-        return light

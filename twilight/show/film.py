@@ -27,11 +27,20 @@ from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import Scene, resolve
 from twilight.scene.lights import check_stars
-from twilight.show.draw import DiscPainter, Painter, horizon_of, moons_of
+from twilight.show.draw import Painter, horizon_of
 from twilight.show.encode import check_output, encode, write_exr
-from twilight.show.lights import FilmGlows, GlowPainter, MoonColours, glows_of_film, sky_elevations, sunbeam
+from twilight.show.lights import (
+    DiscPainter,
+    FilmGlows,
+    GlowPainter,
+    MoonColours,
+    glows_of_film,
+    moons_of,
+    sky_elevations,
+    sunbeam,
+)
 from twilight.show.skies import check_altitudes
-from twilight.show.timeline import FilmTimeline, meter, smoothed, timeline
+from twilight.show.timeline import FilmTimeline, Pace, meter, smoothed, timeline
 from twilight.show.tones import Channels
 from twilight.sky.lights import Sun
 from twilight.sky.moon import Moon
@@ -42,10 +51,6 @@ METERED_PIXELS = 96
 """Width at which pictures are metered before any is drawn."""
 USUAL_VIEW: dict[str, Any] = {"kind": "perspective", "width": 640, "elevation_deg": 12.0}
 """Where the configuration has no observer.view."""
-SPEED = 300.0
-"""Seconds of the sky in a second of film, unless asked otherwise: five minutes."""
-FRAMES_PER_SECOND = 25.0
-"""Pictures a second, unless asked otherwise."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +101,7 @@ class Animation:
 
     output: .mp4, .webp, .gif, or without a suffix a folder of numbered EXR.  exposure: `constant`, `metered`, or
     an exposure value at ISO 100; None: output.exposure_ev100, else `metered`.  output.tone_mapping is the tone.
-    speed, from_deg, to_deg, frames: as `timeline`.  nodes: rows of the sky and columns of the table.
+    nodes: rows of the sky and columns of the table.
     Errors: TwilightError for whatever cannot be shown.
     """
 
@@ -104,27 +109,21 @@ class Animation:
         self,
         config: Config,
         output: Path,
+        pace: Pace,
         *,
-        speed: float = SPEED,
-        frames_per_second: float = FRAMES_PER_SECOND,
         exposure: str | float | None = None,
-        from_deg: float | None = None,
-        to_deg: float | None = None,
-        frames: int | None = None,
         nodes: tuple[int, int] = (ROW_COUNT, COLUMN_COUNT),
         scene: Scene | None = None,
     ):
-        self.config, self.output, self.frames_per_second = config, output, frames_per_second
+        self.config, self.output, self.frames_per_second = config, output, pace.frames_per_second
         self.view = config.observer.view or View(**USUAL_VIEW)
         self.exposure = _exposure(config, exposure)
         _check_layers(config)
         check_stars(config)
         if exposure is not None and not output.suffix:
             raise TwilightError("--exposure: EXR hold luminances, which have no exposure; leave it out")
-        check_output(output, self.view.shape, frames_per_second)
-        self.line: FilmTimeline = timeline(
-            config, speed=speed, frames_per_second=frames_per_second, from_deg=from_deg, to_deg=to_deg, frames=frames
-        )
+        check_output(output, self.view.shape, pace.frames_per_second)
+        self.line: FilmTimeline = timeline(config, pace)
         self.moons = moons_of(config, self.line)
         lit_from = [*self.line.elevation_deg, *(moon.elevation_deg for moon in self.moons or () if moon.shines)]
         self._lit_deg = min(lit_from), max(lit_from)

@@ -24,11 +24,13 @@ from twilight.config.scene import Config
 from twilight.config.sun import SunInterval
 from twilight.engine import Field
 from twilight.numerics.directions import direction
-from twilight.scene.lights import levels_of
+from twilight.scene.lights import levels_of, placed_moon
 from twilight.show.timeline import FilmTimeline
 from twilight.show.tones import Channels
+from twilight.sky.disc import limb_darkening, mean_limb_darkening
+from twilight.sky.lights import Luminary
 from twilight.sky.moments import Moments
-from twilight.sky.moon import PHASE_RANGE_DEG, Moon
+from twilight.sky.moon import PHASE_RANGE_DEG, Moon, disc_integral, moon_over, surface, towards_sun
 from twilight.sky.night import NightLevels, Place, light
 from twilight.sky.night.glows import ROWS_DEG, glow_table, glows_of, hemisphere_weights
 from twilight.sky.night.points import Raster, StarSky, with_points
@@ -39,32 +41,27 @@ STEP_S = 900.0
 
 
 @dataclass(frozen=True, eq=False)
-class MovingStars:
-    """The brighter stars as points over a place: sky, what the air does to them; channels (W, 4), X, Y, Z and scotopic
-    luminance of a radiance of 1 at each wavelength; place: with the time of the film's beginning."""
-
-    sky: StarSky
-    channels: np.ndarray
-    place: Place
-
-    def at(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Directions (N, 3) east, north, up and illuminances (N, 4) at a time of the film."""
-        points = self.sky.over(replace(self.place, time=self.place.time + timedelta(seconds=time_s)))
-        return direction(points.azimuth_deg, points.elevation_deg), points.irradiance @ self.channels
-
-
-@dataclass(frozen=True)
 class FilmGlows:
     """The glows of a film at K moments.
 
     time_s (K,): of the moments; sun_azimuth_deg (K,), from which azimuths count; table: of X, Y, Z and scotopic
-    luminance [cd m^-2], a sun for each moment; stars: those that are points, whose light the table lacks.
+    luminance [cd m^-2], a sun for each moment; stars: the brighter ones as points, whose light the table lacks, site:
+    where they are seen when the film begins, None: there are none; channels (W, 4): of a radiance of 1.
     """
 
     time_s: np.ndarray
     sun_azimuth_deg: np.ndarray
     table: SkyTable
-    stars: MovingStars | None = None
+    channels: np.ndarray
+    stars: StarSky | None = None
+    site: Place | None = None
+
+    def points(self, time_s: float) -> tuple[np.ndarray, np.ndarray] | None:
+        """Directions (N, 3) east, north, up and illuminances (N, 4) of the stars at a time of the film."""
+        if self.stars is None or self.site is None:
+            return None
+        points = self.stars.over(replace(self.site, time=self.site.time + timedelta(seconds=time_s)))
+        return direction(points.azimuth_deg, points.elevation_deg), points.irradiance @ self.channels
 
 
 def glows_of_film(config: Config, medium: Medium, channels: Channels, line: FilmTimeline) -> FilmGlows | None:
@@ -75,18 +72,17 @@ def glows_of_film(config: Config, medium: Medium, channels: Channels, line: Film
     times = np.linspace(0.0, span, 1 + int(np.ceil(span / STEP_S)))
     elevation, azimuth = (np.interp(times, line.time_s, v) for v in (line.elevation_deg, line.azimuth_deg))
     glows, stars, site = glows_of(levels_of(config.night), medium, altitude_km), None, None
+    weights = channels.of(np.diag(1.0 / channels.solar_irradiance))
     if isinstance(config.sun, SunInterval):
         site = Place(config.sun.latitude_deg, config.sun.longitude_deg, config.sun.aware(config.sun.start))
         if config.night.stars is not False:
-            glows, sky = with_points(glows)
-            if sky is not None:
-                stars = MovingStars(sky, channels.of(np.diag(1.0 / channels.solar_irradiance)), site)
+            glows, stars = with_points(glows)
     tables = []
     for t, e, a in zip(times, elevation, azimuth, strict=True):
         place = None if site is None else replace(site, time=site.time + timedelta(seconds=float(t)))
         table = glow_table(glows, Moments.of_sun(float(e), float(a), place), medium, altitude_km)
         tables.append(replace(table, smooth=channels.of(table.smooth / channels.solar_irradiance)))
-    return FilmGlows(times, azimuth, stack(tables), stars)
+    return FilmGlows(times, azimuth, stack(tables), weights, stars, site)
 
 
 class GlowPainter:
@@ -112,10 +108,11 @@ class GlowPainter:
         if times.size > 1:
             fraction = float(np.clip((time_s - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0))
             out = (1.0 - fraction) * out + fraction * self._picture(k + 1)
-        if self.glows.stars is None or self._raster is None:
+        points = self.glows.points(time_s)
+        if points is None or self._raster is None:
             return out
         out = out.copy()
-        self._raster.add(out, *self.glows.stars.at(time_s))
+        self._raster.add(out, *points)
         return out
 
 
@@ -236,3 +233,82 @@ class MoonColours:
         t = (phase - PHASES_DEG[k]) / (PHASES_DEG[k + 1] - PHASES_DEG[k])
         matrix = (1.0 - t) * self.matrices[k] + t * self.matrices[k + 1]
         return np.maximum(sunlit @ (matrix.T * moon.irradiance_factor(LEVEL_NM)[0]), 0.0)
+
+
+def moons_of(config: Config, line: FilmTimeline) -> list[Moon] | None:
+    """The moon of every picture, its azimuth from the sun's; None where the configuration has none.
+
+    One that is put somewhere stands still, as seen from the sun's azimuth.
+    """
+    if config.moon is None:
+        return None
+    suns = zip(line.time_s, line.elevation_deg, line.azimuth_deg, line.distance_au, strict=True)
+    sun = config.sun
+    if not isinstance(sun, SunInterval):
+        return [placed_moon(config.moon, float(e), float(au)) for _, e, _, au in suns]
+    start, where = sun.aware(sun.start), (sun.latitude_deg, sun.longitude_deg)
+    altitude_km = config.observer.altitude_km
+    return [moon_over(start + timedelta(seconds=float(t)), *where, float(a), altitude_km) for t, _, a, _ in suns]
+
+
+DARKENED_AT_NM = np.array([550.0])
+"""Wavelength of the limb darkening of all wavelengths, as on the page of `twilight view` [nm]."""
+PIECE_DEG = 0.03
+"""Distance of the points of a pixel whose mean is the disc's light in it [deg]."""
+PIECES = (4, 16)
+"""Fewest and most points across a pixel."""
+
+
+@dataclass(frozen=True)
+class DiscPainter:
+    """Draws the discs of luminaries.
+
+    refraction_deg (N,), beam (N, 4): of the sun's disc at 1 au, as `show.lights.sunbeam`; horizon_deg: apparent;
+    colours: of moonlight, None: there is no moon.
+    """
+
+    refraction_deg: np.ndarray
+    beam: np.ndarray
+    horizon_deg: float
+    colours: MoonColours | None = None
+
+    def light(
+        self,
+        elevation_deg: np.ndarray,
+        azimuth_deg: np.ndarray,
+        pixel_deg: float,
+        body: Luminary,
+        sun_elevation_deg: float,
+    ) -> np.ndarray:
+        """Channels [cd m^-2] of a disc in directions (H, W), (H, W, 4); azimuth from the sun's, as the body's.
+
+        A pixel has the mean of its points, so that a disc smaller than it keeps its light.
+        """
+        light = np.zeros((*elevation_deg.shape, 4))
+        with np.errstate(invalid="ignore"):
+            near = np.abs(elevation_deg - body.elevation_deg) < 2.0 + pixel_deg
+            near &= elevation_deg >= self.horizon_deg
+        if not near.any():
+            return light
+        apparent, nodes = elevation_deg[near], sky_elevations(self.horizon_deg)
+        true = np.radians(apparent - np.interp(apparent, nodes, self.refraction_deg))
+        beam = np.exp(np.stack([np.interp(apparent, nodes, log) for log in np.log(self.beam).T], axis=-1))
+        m, across = np.radians(body.elevation_deg), np.radians(azimuth_deg[near] - body.azimuth_deg)
+        radius = np.sin(np.radians(body.radius_deg))
+        x = np.cos(true) * np.sin(across) / radius
+        y = (np.sin(true) * np.cos(m) - np.cos(true) * np.sin(m) * np.cos(across)) / radius
+        facing = np.cos(true) * np.cos(m) * np.cos(across) + np.sin(true) * np.sin(m) > 0.0
+        count = int(np.clip(np.ceil(pixel_deg / PIECE_DEG), *PIECES))
+        step = np.radians(pixel_deg) / radius * ((np.arange(count) + 0.5) / count - 0.5)
+        place = x[:, None, None] + step[:, None], y[:, None, None] + step
+        if isinstance(body, Moon):
+            assert self.colours is not None
+            towards, phase = towards_sun(body, sun_elevation_deg), body.phase_angle_deg
+            shape, whole = surface(*place, towards, phase) / disc_integral(phase), self.colours.moonlit(beam, body)
+        else:
+            mu = np.sqrt(np.clip(1.0 - place[0] ** 2 - place[1] ** 2, 0.0, 1.0))
+            dark = limb_darkening(mu[..., None], DARKENED_AT_NM)[..., 0] / mean_limb_darkening(DARKENED_AT_NM)[0]
+            shape = np.where(mu > 0.0, dark / np.pi, 0.0)
+            whole = beam * body.irradiance_factor(DARKENED_AT_NM)
+        light[near] = (np.where(facing, shape.mean(axis=(1, 2)), 0.0) / radius**2)[:, None] * whole
+        return light

@@ -125,10 +125,9 @@ class Moon(Luminary):
         return disc_reflectance(wavelength_nm, self.phase_angle_deg, self.waxing)
 
     def irradiance_factor(self, wavelength_nm: np.ndarray) -> np.ndarray:
-        """Irradiance above the air over the sun's at 1 au, (W,)."""
-        return irradiance_factors(
-            wavelength_nm, self.phase_angle_deg, self.waxing, self.distance_km, self.sun_distance_au
-        )
+        """Irradiance above the air over the sun's at 1 au, (..., W): reflectance x solid angle / pi."""
+        nearer = np.square(MEAN_DISTANCE_KM / self.distance_km) / np.square(self.sun_distance_au)
+        return self.reflectance(wavelength_nm) * (MEAN_SOLID_ANGLE_SR / np.pi) * np.asarray(nearer)[..., None]
 
 
 def moon_illuminance_lux(moon: Moon, solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM) -> float:
@@ -186,19 +185,6 @@ def disc_reflectance(
     value = np.exp(np.log(bands) @ (at @ np.linalg.pinv(powers)).T)
     thinner = np.where(phase > within, allen_mag(phase) - allen_mag(within), 0.0)
     return np.asarray(value * 10.0 ** (-0.4 * thinner)[..., None])
-
-
-def irradiance_factors(
-    wavelength_nm: np.ndarray,
-    phase_angle_deg: ArrayLike,
-    waxing: bool | np.ndarray | None,
-    distance_km: ArrayLike,
-    sun_distance_au: ArrayLike,
-) -> np.ndarray:
-    """Irradiance above the air over the sun's at 1 au, (..., W): reflectance x solid angle / pi, by the distances."""
-    nearer = (MEAN_DISTANCE_KM / np.asarray(distance_km, float)) ** 2 / np.asarray(sun_distance_au, float) ** 2
-    reflectance = disc_reflectance(wavelength_nm, phase_angle_deg, waxing)
-    return reflectance * (MEAN_SOLID_ANGLE_SR / np.pi) * nearer[..., None]
 
 
 def allen_mag(phase_angle_deg: np.ndarray) -> np.ndarray:
