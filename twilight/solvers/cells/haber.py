@@ -74,7 +74,7 @@ RINGS_AT_ONCE = 256
 """Rings whose light of an event is there at the same time, beside the sum of all events."""
 
 
-class Field(BareField):
+class CellsField(BareField):
     """Haber's sky of one medium around one observer; the latest sun's is kept."""
 
     def __init__(
@@ -217,7 +217,7 @@ def prepare(
     *,
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
-) -> Field:
+) -> CellsField:
     """Make everything that does not depend on the sun.
 
     Parameters
@@ -246,4 +246,4 @@ def prepare(
             "the cells solver needs an observer inside the air: observer.altitude_km is "
             f"{observer_altitude_km:g}, allowed is {medium.bottom_km:g} to below {medium.top_km:g}"
         )
-    return Field(medium, settings, float(observer_altitude_km), progress)
+    return CellsField(medium, settings, float(observer_altitude_km), progress)

@@ -11,7 +11,7 @@ From the bottom up: `kernel`, `air`, `rays`, `sunlight`, `importance`, `leg` and
 
 from twilight.solvers.base import Capabilities
 from twilight.solvers.montecarlo.chunks import MonteCarloResult, StokesResult
-from twilight.solvers.montecarlo.field import Field, prepare
+from twilight.solvers.montecarlo.field import MonteCarloField, prepare
 from twilight.solvers.montecarlo.settings import QUALITIES, MonteCarloSettings, cost
 
 CAPABILITIES = Capabilities(
@@ -24,7 +24,7 @@ CAPABILITIES = Capabilities(
 __all__ = [
     "CAPABILITIES",
     "QUALITIES",
-    "Field",
+    "MonteCarloField",
     "MonteCarloResult",
     "MonteCarloSettings",
     "StokesResult",

@@ -23,7 +23,7 @@ from twilight.solvers.base import Convergence, Cost, observer_at
 from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.air_needs import degree_needed, thin_layers
 from twilight.solvers.zones.angles import Truncation, zenith_nodes
-from twilight.solvers.zones.field import Field
+from twilight.solvers.zones.field import ZonesField
 from twilight.solvers.zones.grids import FieldGrids, lay_out, settings_for, spectral_groups, zenith_range
 from twilight.solvers.zones.orders import reduced_depth, solve
 from twilight.solvers.zones.ray_points import LANES
@@ -221,7 +221,7 @@ def prepare(
     progress: Progress | None = None,
     sun_elevations_deg: Sequence[float] | None = None,
     interpolation: SpectralInterpolation | None = None,
-) -> Field:
+) -> ZonesField:
     """Solve the field of a medium, for every position of the sun or for those of a scene.
 
     All wavelengths share one set of grids, as fine as any of them needs.  Wavelengths of one range of a climate
@@ -278,7 +278,7 @@ def prepare(
     elif chosen.max_orders > 1:
         solutions, convergence = solve(grids, beam, progress)
     progress("field", 1.0)
-    field = Field(grids, beam, solutions, convergence, observer_altitude_km)
+    field = ZonesField(grids, beam, solutions, convergence, observer_altitude_km)
     if expected is not None:
         field.convergence = replace(field.convergence or Convergence(1, 0.0), error=expected)
         field.requested_settings = settings
@@ -308,13 +308,13 @@ def _warn_of_neighbours(medium: Medium, settings: ZonesSettings) -> None:
         )
 
 
-def _warn(field: Field, settings: ZonesSettings) -> None:
+def _warn(field: ZonesField, settings: ZonesSettings) -> None:
     """Say what a user should know about a field, solved here or read from a file."""
     for doubt in _doubts(field, settings):
         warnings.warn(doubt, TwilightWarning, stacklevel=3)
 
 
-def _doubts(field: Field, settings: ZonesSettings) -> Iterator[str]:
+def _doubts(field: ZonesField, settings: ZonesSettings) -> Iterator[str]:
     """Sentences on what may be wrong with a field, which was asked for with these settings."""
     convergence, solved = field.convergence, field.settings
     if convergence and settings.tolerance > 0.0 and convergence.residual >= solved.tolerance:
@@ -369,8 +369,8 @@ def _sharpest_peak(medium: Medium) -> tuple[float, float]:
     return max(peaks)
 
 
-def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
-    """Read a field that `Field.save` wrote.
+def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> ZonesField:
+    """Read a field that `ZonesField.save` wrote.
 
     Raises
     ------
@@ -380,6 +380,6 @@ def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
     stored = read(path)
     interpolated = stored.convergence is not None and stored.convergence.spectral_nodes is not None
     grids = FieldGrids.of(stored.medium, stored.settings, stored.zenith_range_deg, interpolated)
-    field = Field(grids, stored.beam, stored.solutions, stored.convergence, observer_altitude_km)
+    field = ZonesField(grids, stored.beam, stored.solutions, stored.convergence, observer_altitude_km)
     field.requested_settings = stored.requested_settings
     return field
