@@ -53,7 +53,7 @@ def main() -> None:
             inner = truth.cosine[:STREAMS]
             weight = 0.5 * np.polynomial.legendre.leggauss(STREAMS)[1]
 
-            def means(field: zones.Field, cosine: np.ndarray, side: float, sun: float = sun) -> np.ndarray:
+            def means(field: zones.ZonesField, cosine: np.ndarray, side: float, sun: float = sun) -> np.ndarray:
                 question = (sun, np.degrees(np.arcsin(side * cosine))[:, None], azimuth)
                 return field.radiance(*question, observer_altitude_km=0.0 if side > 0.0 else 1.0)[..., 0].mean(axis=1)
 

@@ -16,6 +16,7 @@ from twilight.engine import solve
 from twilight.engine.view import landscape, view_radiance
 from twilight.scene import Scene
 from twilight.scene.medium import climate_medium
+from twilight.sky.lights import Sun
 from twilight.solvers import zones
 
 OUT = results.FOLDER / "terrain.csv"
@@ -38,9 +39,9 @@ def main() -> None:
         view = config.observer.view.model_copy(update={"width": WIDTH, "height": HEIGHT})
         medium = climate_medium(config.climate, np.array(NM))
         solved = solve(Scene(medium, None, zones, zones.QUALITIES["draft"], observer=config.observer), cached=False)
-        seen = view_radiance(solved, view, sun).whole()
+        seen = view_radiance(solved, view, Sun(sun)).whole()
         made = {
-            shadows: landscape(solved, seen, config.terrain.model_copy(update={"shadows": shadows}), sun)
+            shadows: landscape(solved, seen, config.terrain.model_copy(update={"shadows": shadows}), Sun(sun))
             for shadows in ("none", "exact", "segments")
         }
         clear = made["none"].radiance.astype(float)

@@ -20,7 +20,7 @@ HANDS_UP = {
     "engine": ("Field",),
     "scene": ("Scene",),
     "config": ("Config", "Climate"),
-    "sky": ("SkyTable", "Sky"),
+    "sky": ("Light", "SkyTable", "Sky"),
     "solvers": ("Solver",),
     "transport": ("Beam", "RayPath"),
     "atmosphere": ("Medium",),

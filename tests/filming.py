@@ -1,11 +1,14 @@
 """Films of a sky in closed form, for tests."""
 
+from dataclasses import fields
+
 import numpy as np
 from airs import scene_of_field, turbid
 from closed_sky import FIVE_NM, ClosedSky
 
 from twilight.config import load
 from twilight.show.film import Animation
+from twilight.show.timeline import Pace
 
 FIVE = {"from_deg": 0.0, "to_deg": -10.0, "speed": 600.0, "frames_per_second": 1.0, "nodes": (17, 13)}
 """Of five pictures."""
@@ -24,4 +27,11 @@ def scene(**settings):
 
 
 def film(path, config=None, **options):
-    return Animation(config or scene(), path, scene=closed_scene(), **{**FIVE, **options})
+    pace, rest = paced({**FIVE, **options})
+    return Animation(config or scene(), path, pace, scene=closed_scene(), **rest)
+
+
+def paced(options):
+    """The pace of a film, and its other options."""
+    names = {field.name for field in fields(Pace)}
+    return Pace(**{k: v for k, v in options.items() if k in names}), {k: options[k] for k in options.keys() - names}

@@ -9,7 +9,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import Climate, Config, load, load_climate
 from twilight.engine import Field
-from twilight.engine.surfaces import Direction, Surface
+from twilight.sky.surfaces import Direction, Surface
 
 __version__: str
 __all__ = [

@@ -16,6 +16,7 @@ from twilight.engine import solve
 from twilight.engine.sunbeam import Sunbeam, make_disc
 from twilight.scene import resolve
 from twilight.scene.plan import _limb_optical_depth, make_plan
+from twilight.sky.lights import Sun
 from twilight.solvers.base import BareField, Capabilities
 
 pytestmark = pytest.mark.usefixtures("coarse_draft")
@@ -134,7 +135,7 @@ def test_the_sunbeam_of_the_engine_follows_the_source(nm, gas):
 def test_the_suns_disc_has_the_bands_too():
     """The disc would shine in a band as if there were none."""
     made = [resolve(scene([550.0, 762.5], **more)) for more in ({}, NO_BANDS)]
-    wet, dry = (make_disc(p.medium, 8.0, 0.0, bands=p.bands).transmittance for p in made)
+    wet, dry = (make_disc(p.medium, Sun(8.0), 0.0, bands=p.bands).transmittance for p in made)
     lit = dry[:, 1] > 0.0
     beam = direct_of(scene([762.5]))(8.0) / direct_of(scene([762.5], **NO_BANDS))(8.0)
     assert np.median(wet[lit, 1] / dry[lit, 1]) == pytest.approx(beam, rel=0.01)  # over half a degree

@@ -125,7 +125,7 @@ def test_a_series_is_lazy_and_that_of_one_sun_is_a_series(monkeypatch):
 
 def test_sample_and_luminance_agree_about_the_night():
     """One of two figures would forget the night."""
-    settings = {**SMALL, "night.airglow": 1.0}
+    settings = {**SMALL, "night.airglow": 1.0, "omit_negligible": False}
     sky = twilight.render("continental-average", sun_elevation_deg=0, solver="preetham", settings=settings)
     assert sky.night_radiance is not None
     at = sky.sample(37.0, 110.0)

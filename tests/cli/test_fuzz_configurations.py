@@ -11,7 +11,7 @@ from twilight.cli.app import app
 from twilight.config import Climate, Config, load_series
 from twilight.engine import check_size
 from twilight.scene.plan import make_plan
-from twilight.scene.scene import count_suns
+from twilight.scene.suns import count_suns
 from twilight.solvers.analytic.coefficients import load_coefficients
 
 KEYS = sorted({*dotted_keys(Config), *dotted_keys(Climate), "solver.name", "solver.quality", "solver.expert", "vary.x"})

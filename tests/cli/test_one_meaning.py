@@ -16,7 +16,7 @@ from twilight.base.conventions import YEARS
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
-from twilight.scene.scene import suns_of
+from twilight.scene.suns import suns_of
 from twilight.sky.ephemeris import Sites, sun_position
 from twilight.sky.quantities.responses import response
 from twilight.sky.twilight_times import time_of, twilight_times

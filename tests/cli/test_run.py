@@ -14,7 +14,8 @@ from twilight.numerics.phase import HENYEY_GREENSTEIN
 from twilight.scene import resolve
 from twilight.scene.medium import aerosol_spec, climate_medium, ground_albedo, wavelengths_of
 from twilight.scene.plan import GAS_TOLERANCE, facts, horizontal_refraction_arcmin, make_plan, scale_height_km
-from twilight.scene.scene import count_suns, resolved_configuration, suns_of
+from twilight.scene.scene import resolved_configuration
+from twilight.scene.suns import count_suns, suns_of
 
 SMALL = {
     "solver": {"name": "zones", "quality": "draft", "max_orders": 1},

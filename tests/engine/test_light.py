@@ -11,11 +11,13 @@ from typer.testing import CliRunner
 import twilight
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
-from twilight.engine.light import TIMES_BRIGHTER, LightField
-from twilight.engine.light_sources import NightSource, moments_at
-from twilight.engine.surfaces import Direction, Surface, towards
+from twilight.engine.light import LightField
 from twilight.numerics.directions import whole_hemisphere
+from twilight.sky.lights import TIMES_BRIGHTER, Sun
+from twilight.sky.moments import moments_at
 from twilight.sky.night import NightLevels, night_radiance
+from twilight.sky.night.glows import Glow
+from twilight.sky.surfaces import Direction, Surface, towards
 
 pytestmark = pytest.mark.usefixtures("coarse_draft")
 
@@ -77,7 +79,7 @@ def test_the_night_is_exact_in_every_direction_at_every_moment(light):
     elevation, azimuth = np.array([[17.0, 52.3, 90.0]] * 3), np.array([[283.0, 7.7, 0.0]] * 3)
     found = light.directions(moments, elevation, azimuth, ["airglow", "stars", "zodiacal_light"])
     for n, place in enumerate(moments.places):
-        sun = float(moments.sun_elevation_deg[n]), float(moments.sun_azimuth_deg[n])
+        sun = float(moments.sun.elevation_deg[n]), float(moments.sun.azimuth_deg[n])
         for d in range(3):
             exact = night_radiance(
                 light.solved.medium, elevation[n, d : d + 1], azimuth[n, d : d + 1] - sun[1], NightLevels(),
@@ -94,7 +96,7 @@ def test_the_night_of_surfaces_is_the_integral_of_its_directions(light):
     radiance = light.directions(moments, e, a, names)
     solid = np.cos(np.radians(e)) * np.radians(2.0) * np.radians(6.0)
     for surface in (Surface(), Surface("plane", 60.0, 75.0), Surface("plane", 90.0, 30.0, True), Surface("cylinder")):
-        expected = np.einsum("nd,ndw->nw", surface.view(e, a, moments.sun_azimuth_deg) * solid, radiance)
+        expected = np.einsum("nd,ndw->nw", surface.view(e, a, moments.sun.azimuth_deg) * solid, radiance)
         assert light.surfaces(moments, [surface], names)[:, 0] == pytest.approx(expected, rel=0.01)
 
 
@@ -103,25 +105,25 @@ def test_surfaces_have_the_integral_of_the_sky_at_any_sun(light):
     moments = at(12.9, 18.7, 19.31, 20.03)
     surfaces = [Surface(), Surface("plane", 90.0, 37.0), Surface("plane", 40.0, 205.0), Surface("sphere")]
     found = light.surfaces(moments, surfaces, ["sky"])
-    for n, sun in enumerate(moments.sun_elevation_deg):
+    for n, sun in enumerate(moments.sun.elevation_deg):
         elevation, azimuth, solid = whole_hemisphere(float(sun))
         radiance = light.solved.radiance(float(sun), elevation, azimuth) * light.solar_irradiance
-        radiance = radiance / moments.distance_au[n] ** 2
-        around = azimuth[None] + moments.sun_azimuth_deg[n]
+        radiance = radiance / moments.sun.distance_au[n] ** 2
+        around = azimuth[None] + moments.sun.azimuth_deg[n]
         for s, surface in enumerate(surfaces):
-            weight = surface.view(elevation[None], around, moments.sun_azimuth_deg[n : n + 1])[0] * solid
+            weight = surface.view(elevation[None], around, moments.sun.azimuth_deg[n : n + 1])[0] * solid
             assert found[n, s] == pytest.approx(weight @ radiance, rel=5e-3), (sun, surface)
 
 
 def test_the_disc_of_the_sun_is_that_of_its_strips(light):
     """A setting sun would light a plane too long."""
     for sun in (-0.7, -0.2, 0.3, 4.0, 61.0):
-        elevation, beams = light.disc.strips(np.array([sun]))
+        elevation, beams = light.tables.strips(Sun(np.array([sun])))
         level = np.maximum(np.sin(np.radians(elevation[0])), 0.0) @ beams[0]
         exact = light.solved.disc_irradiance(sun)
         rel = 0.01 if sun > -0.5 else 0.02  # the disc is all but gone
         assert level == pytest.approx(exact, rel=rel, abs=1e-3 * exact.max() + 1e-9), sun
-    assert not light.disc.strips(np.array([-3.0]))[1].any()
+    assert not light.tables.strips(Sun(np.array([-3.0])))[1].any()
 
 
 def test_zenith_and_directions_are_those_of_the_field(light):
@@ -130,20 +132,20 @@ def test_zenith_and_directions_are_those_of_the_field(light):
     elevation = np.array([[90.0, 12.0, 50.0]] * 5)
     azimuth = np.array([[0.0, 20.0, 200.0]] * 5)
     for _ in range(2):  # line by line while tables are missing, then from the tables
-        found = light.sky(suns, elevation, azimuth)
+        found = light.tables.sky(suns, elevation, azimuth)
         for n, sun in enumerate(suns):
             exact = light.solved.radiance(float(sun), elevation[n], azimuth[n])
             assert found[n] == pytest.approx(exact, rel=1e-2), sun
-        light.over_suns.fill(suns)
+        light.tables.fill(suns)
         light.tables.light(suns, elevation[:, 1], azimuth[:, 1])
-        assert light.tables.missing(suns) == 0 and light.over_suns.missing(suns) == 0
+        assert light.tables.missing(suns) == 0 and light.tables.missing(suns, lines=True) == 0
 
 
 def test_below_the_lowest_sun_logarithms_go_on_straight(light):
     """compact ends at -18 deg: a whole night would have a gap or a rise."""
     suns = np.arange(-17.0, -30.0, -0.5)
-    zenith = light.over_suns.zenith(suns)
-    level = light.over_suns.surface(Surface(), suns, np.zeros(suns.size))
+    zenith = light.tables.zenith(suns)
+    level = light.tables.surface(Surface(), suns, np.zeros(suns.size))
     for values in (np.log(zenith), np.log(level)):
         steps = np.diff(values, axis=0)
         assert (steps < 0.0).all() and np.ptp(steps[3:], axis=0) == pytest.approx(0.0, abs=1e-6)
@@ -153,12 +155,8 @@ def test_the_night_is_left_out_by_day_and_only_where_it_cannot_matter(light, mon
     """A night would cost time by day, or be missing at dusk."""
     moments, up = at(13.0, 19.75, 22.0), np.array([[90.0]] * 3)
     asked: list[int] = []
-    for term in light.terms(None):
-        if isinstance(term, NightSource) and term.level > 0.0:
-            true = term.radiance
-            monkeypatch.setattr(
-                term, "radiance", lambda m, e, a, true=true: asked.append(len(m.places)) or true(m, e, a)
-            )
+    true = Glow.radiance
+    monkeypatch.setattr(Glow, "radiance", lambda glow, m, e, a: asked.append(len(m)) or true(glow, m, e, a))
     whole = light.directions(moments, up, 0.0 * up)
     assert asked == [2, 2, 2]  # of three moments two are dark enough
     night = sum(light.directions(moments, up, 0.0 * up, [name]) for name in ("airglow", "stars", "zodiacal_light"))

@@ -21,6 +21,7 @@ from twilight.io.exr import write_channels
 from twilight.numerics import spectrum
 from twilight.numerics.directions import azimuth_elevation
 from twilight.scene import Scene, resolve
+from twilight.sky.lights import Sun
 from twilight.solvers import compact, zones
 from twilight.terrain.heights import Standpoint
 
@@ -149,7 +150,7 @@ def test_land_of_two_colours_lies_where_it_is(fields):
     """The sun's azimuth, above in the picture, is east of 20 N 170 E; white land lies in the north, to the left."""
     white_north = np.where(LAT > 20.0, 0.9, 0.3)[:, None, None] * np.ones((1, 73, 1))
     land = Land(AlbedoMap(LAT, np.append(LON, 182.5), white_north, np.array([550.0]), np.eye(1)), PLACE)
-    mapped = view_radiance(fields[0.3], VIEW, 40.0, land=land)
+    mapped = view_radiance(fields[0.3], VIEW, Sun(40.0), land=land)
     seen = replace(mapped, ground=None).whole().radiance[..., 0]
     ratio = mapped.whole().radiance[..., 0] / np.maximum(seen, 1e-9)
     assert (ratio[4:8, 4:5] > 2.0).all() and np.allclose(ratio[4:8, 7:9], 1.0, atol=0.02)
@@ -168,10 +169,10 @@ def test_terrain_has_the_map_s_albedo(fields, tmp_path):
     plain = Terrain(heights=str(tmp_path / "plain.npy"), size_km=200.0, albedo=0.6, shadows="none")
     scene = Scene(fields[0.3].medium, None, zones, QUICK, observer=Observer(altitude_km=2.0))
     solved = solve(scene, cached=False)
-    sky = view_radiance(solved, view, sun).whole()
-    made = landscape(solved, sky, plain, sun)
+    sky = view_radiance(solved, view, Sun(sun)).whole()
+    made = landscape(solved, sky, plain, Sun(sun))
     mapped = landscape(
-        solved, sky, plain.model_copy(update={"albedo": 0.1}), sun, PLACE, land=Land(uniform(0.6), PLACE)
+        solved, sky, plain.model_copy(update={"albedo": 0.1}), Sun(sun), PLACE, land=Land(uniform(0.6), PLACE)
     )
     np.testing.assert_allclose(mapped.radiance, made.radiance, rtol=1e-6)
 

@@ -17,12 +17,13 @@ from twilight.numerics import spectrum
 from twilight.numerics.projections import view_directions
 from twilight.scene import resolve
 from twilight.show import film as films
-from twilight.show.draw import DiscPainter, Painter
+from twilight.show.draw import Painter
 from twilight.show.film import Animation
-from twilight.show.night import sky_elevations
-from twilight.show.timeline import meter, smoothed
+from twilight.show.lights import DiscPainter, sky_elevations
+from twilight.show.timeline import Pace, meter, smoothed
 from twilight.show.tones import Channels
 from twilight.sky.disc import SOLAR_RADIUS_DEG
+from twilight.sky.lights import Sun
 from twilight.sky.tone import Light, Shot, tone_of
 
 
@@ -255,11 +256,11 @@ def test_the_disc_has_its_light_and_is_flattened():
     beam = np.full((nodes.size, 4), 1000.0)
     step = 0.004
     e, a = np.meshgrid(np.arange(0.0, 2.0, step), np.arange(-1.0, 1.0, step), indexing="ij")
-    straight = DiscPainter(0.0 * refraction_deg, beam, 0.0).light(e, a, step, 1.0, 0.0, 1.0)
+    straight = DiscPainter(0.0 * refraction_deg, beam, 0.0).light(e, a, step, Sun(1.0), 1.0)
     solid = np.radians(step) ** 2 * np.cos(np.radians(e))
     assert (straight[..., 1] * solid).sum() == pytest.approx(1000.0, rel=0.01)
     assert straight[250, 250, 1] / straight[250 + 60, 250, 1] > 1.3  # darker towards the limb
-    filled = DiscPainter(refraction_deg, beam, 0.0).light(e, a, step, 0.0, 0.0, 1.0)[..., 1] > 0.0
+    filled = DiscPainter(refraction_deg, beam, 0.0).light(e, a, step, Sun(0.0), 0.0)[..., 1] > 0.0
     tall, wide = filled.sum(axis=0).max() * step, filled.sum(axis=1).max() * step
     assert wide == pytest.approx(2.0 * SOLAR_RADIUS_DEG, rel=0.02) and 0.75 < tall / wide < 0.92
 
@@ -304,7 +305,7 @@ def test_frames_are_the_field(air, tmp_path):
 
     view = {"observer.view.kind": "fisheye", "observer.view.width": 48, "observer.view.elevation_deg": 90.0}
     made = Animation(
-        load(air, {**view, "solver.quality": "draft"}), tmp_path / "f", from_deg=2.0, to_deg=-10.0, frames=3
+        load(air, {**view, "solver.quality": "draft"}), tmp_path / "f", Pace(from_deg=2.0, to_deg=-10.0, frames=3)
     )
     made.make()
     solved = solve(resolve(made.config))

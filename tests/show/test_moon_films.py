@@ -5,14 +5,14 @@ import pytest
 from airs import scene_of_field, turbid
 from closed_sky import FIVE_NM as NM
 from closed_sky import ClosedSky
+from filming import paced
 
 from twilight.config import load
 from twilight.engine import solve
 from twilight.io.exr import read_latlong_exr
 from twilight.scene import resolve
-from twilight.show.draw import MoonDiscPainter
 from twilight.show.film import Animation
-from twilight.show.night import MoonColours, sky_elevations
+from twilight.show.lights import DiscPainter, MoonColours, sky_elevations
 from twilight.show.tones import Channels
 from twilight.sky.colour import REC709_LUMINANCE
 from twilight.sky.moon import Moon
@@ -27,7 +27,8 @@ SKY = ClosedSky(
 def film(path, settings, **options):
     view = {"kind": "perspective", "width": 48, "height": 32, "elevation_deg": 20.0, "field_of_view_deg": 70.0}
     config = load("pure-air", {"observer.view": view, **settings})
-    return Animation(config, path, scene=scene_of_field(SKY), nodes=(17, 13), **options)
+    pace, rest = paced(options)
+    return Animation(config, path, pace, scene=scene_of_field(SKY), nodes=(17, 13), **rest)
 
 
 def luminances(folder):
@@ -87,7 +88,7 @@ def test_the_disc_of_a_film_has_the_moons_light(step, phase):
     """Fine or coarse pixels: what the disc gives is the beam in moonlight; its lit side is towards the sun."""
     nodes = sky_elevations(0.0)
     beam = np.full((nodes.size, 4), 1000.0)
-    painter = MoonDiscPainter(0.0 * nodes, beam, 0.0, MoonColours(np.stack([np.eye(4)] * 4)))
+    painter = DiscPainter(0.0 * nodes, beam, 0.0, MoonColours(np.stack([np.eye(4)] * 4)))
     moon = Moon(20.0, 30.0, phase)
     e, a = np.meshgrid(
         np.arange(18.0 + 0.37 * step, 22.0, step), np.arange(28.0, 32.0, step / np.cos(np.radians(20.0))), indexing="ij"

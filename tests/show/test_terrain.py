@@ -15,13 +15,14 @@ from twilight.engine import solve
 from twilight.engine.view import landscape, view_radiance
 from twilight.scene import Scene
 from twilight.scene.medium import climate_medium
+from twilight.sky.lights import Sun
 from twilight.solvers import zones
 from twilight.solvers.analytic import preetham
 from twilight.solvers.analytic.daylight import hemisphere
 from twilight.terrain.aerial_perspective import AerialPerspective, sunlit_air
 from twilight.terrain.heights import Heights, Standpoint, heights_of
 from twilight.terrain.march import ShadowGrid, TerrainAir, first_hits, height_at, shadow_over, sunlight_on_lines
-from twilight.terrain.scene import FormulaField, Viewpoint, add_terrain
+from twilight.terrain.scene import FormulaField, SunlitAir, Viewpoint, add_terrain
 from twilight.transport.beam import beam_at, prepare_beam
 from twilight.transport.scaling import species_phase
 from twilight.transport.steps import distance_to_sphere
@@ -129,11 +130,11 @@ def test_even_light_hides_white_ground(air):
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     place = Viewpoint(1.0, -10.0, 0.0)
     sky = np.ones((1, 3, 3), np.float32)
-    made = add_terrain(sky, rays, flat(0.2), Even(), medium, beam, place, 1.0, "none")
+    made = add_terrain(sky, rays, flat(0.2), SunlitAir(Even(), medium, beam, place), 1.0, "none")
     np.testing.assert_allclose(made.radiance, 1.0, rtol=0.01)
     np.testing.assert_array_equal(np.isfinite(made.distance_km), [[True, True, False]])
     with pytest.raises(TwilightError, match="below the terrain"):
-        add_terrain(sky, rays, flat(2.0), Even(), medium, beam, place, 1.0, "none")
+        add_terrain(sky, rays, flat(2.0), SunlitAir(Even(), medium, beam, place), 1.0, "none")
 
 
 @pytest.mark.parametrize("shadows", ["exact", "segments"])
@@ -145,8 +146,8 @@ def test_shadows_only_take_light(air, shadows):
     place = Viewpoint(0.5, 2.0, 0.4)
     sky = np.ones((1, 3, 3), np.float32)
     mountain = wall(15.0, 3.0)
-    clear = add_terrain(sky, rays, mountain, Even(), medium, beam, place, 0.2, "none").radiance
-    dark = add_terrain(sky, rays, mountain, Even(), medium, beam, place, 0.2, shadows).radiance
+    clear = add_terrain(sky, rays, mountain, SunlitAir(Even(), medium, beam, place), 0.2, "none").radiance
+    dark = add_terrain(sky, rays, mountain, SunlitAir(Even(), medium, beam, place), 0.2, shadows).radiance
     assert (dark <= clear + 1e-6).all() and (dark < clear - 1e-3).any() and (dark >= 0).all()
 
 
@@ -158,10 +159,8 @@ def test_preethams_air_lies_before_terrain_that_his_sun_lights(air):
     e, a = np.radians(elevation), np.radians(azimuth)
     rays = np.stack([np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)], axis=-1)[None]
     sky, place = np.zeros((1, 3, 3), np.float32), Viewpoint(0.5, 30.0, 0.0)
-    dark, white = (
-        add_terrain(sky, rays, flat(0.0), FormulaField(field), medium, beam, place, albedo, "none").radiance[0]
-        for albedo in (0.0, 1.0)
-    )
+    lit = SunlitAir(FormulaField(field), medium, beam, place)
+    dark, white = (add_terrain(sky, rays, flat(0.0), lit, albedo, "none").radiance[0] for albedo in (0.0, 1.0))
     light, passed = field.inscatter(30.0, elevation, azimuth, 0.4999 / -np.sin(e))
     np.testing.assert_allclose(dark, light, rtol=0.03)
     sky_e, sky_a, solid = hemisphere()
@@ -174,16 +173,16 @@ def test_a_plain_is_the_ground_that_the_solver_sees(tmp_path):
     medium = turbid(3.0, wavelength_nm=np.array([550.0]))
     sun, view = 12.0, View(kind="perspective", width=24, height=16, field_of_view_deg=30.0, elevation_deg=-16.0)
     solved = solve(Scene(medium, None, zones, SCALAR, observer=Observer(altitude_km=2.0)), cached=False)
-    seen = view_radiance(solved, view, sun).whole()
+    seen = view_radiance(solved, view, Sun(sun)).whole()
     np.save(tmp_path / "plain.npy", np.zeros((16, 16)))
     plain = Terrain(heights=str(tmp_path / "plain.npy"), size_km=200.0, albedo=float(medium.ground_albedo[0]))
-    made = landscape(solved, seen, plain, sun)
+    made = landscape(solved, seen, plain, Sun(sun))
     assert made.hidden is not None and made.hidden.all()
     np.testing.assert_allclose(made.radiance, seen.radiance, rtol=0.03)
     # mountains: their shadows in the air take light and give none
     crest = Terrain(heights="ridges", size_km=60.0, height_km=1.5, albedo=plain.albedo, count=64)
-    shaded = landscape(solved, seen, crest, sun)
-    open_ = landscape(solved, seen, crest.model_copy(update={"shadows": "none"}), sun)
+    shaded = landscape(solved, seen, crest, Sun(sun))
+    open_ = landscape(solved, seen, crest.model_copy(update={"shadows": "none"}), Sun(sun))
     assert shaded.hidden is not None and shaded.hidden.any() and np.isfinite(shaded.radiance).all()
     assert (shaded.radiance <= open_.radiance * (1.0 + 1e-6)).all()
 
@@ -233,8 +232,7 @@ def air_before(field, medium, beam, place, elevation_deg, azimuth_deg, far_km):
     """The air before terrain at one distance, on lines of sight in one azimuth, and the peaks' fractions."""
     own, forward = sunlit_air(field, medium)
     azimuth, far = np.full(elevation_deg.size, azimuth_deg), np.full(elevation_deg.size, far_km)
-    sun = math.radians(place.sun_elevation_deg)
-    return AerialPerspective(field, medium, beam, own, forward, place, sun, elevation_deg, azimuth, far), forward
+    return AerialPerspective(SunlitAir(field, medium, beam, place), own, forward, elevation_deg, azimuth, far), forward
 
 
 def test_air_before_terrain_is_even_across_the_horizon(air):
@@ -281,7 +279,7 @@ def test_no_pixel_is_black_beside_its_neighbours(hazy_field, seed):
         seed=seed, distance_km=0.0 if kind == "ridges" else float(random.uniform(8, 25)),
     )  # fmt: skip
     view = View(kind="perspective", width=96, height=64, field_of_view_deg=30.0, elevation_deg=sun)
-    made = landscape(hazy_field, view_radiance(hazy_field, view, sun).whole(), mountain, sun)
+    made = landscape(hazy_field, view_radiance(hazy_field, view, Sun(sun)).whole(), mountain, Sun(sun))
     assert made.hidden is not None and made.hidden.any()
     light = made.radiance.astype(float)
     assert (light > 0.0).all()

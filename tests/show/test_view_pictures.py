@@ -10,12 +10,13 @@ from airs import pure_air, scene_of_field
 from twilight.config.pictures import View
 from twilight.config.scene import Observer
 from twilight.engine import solve
-from twilight.engine.night import NightLight
 from twilight.engine.sunbeam import Direct
-from twilight.engine.view import view_radiance, with_night, with_sun
+from twilight.engine.view import ViewOfLights, ViewRadiance, view_radiance, with_sun
 from twilight.io.rendered import ViewPixels
 from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import view_rays
+from twilight.sky.lights import Sun
+from twilight.sky.table import SkyTable
 from twilight.solvers.base import BareField
 
 AIR = pure_air(np.linspace(0.0, 60.0, 31), refractivity=0.0, wavelengths=(450.0, 650.0))
@@ -56,7 +57,7 @@ def test_a_view_shows_what_is_there(altitude, view):
     """Pixels would be off the function that they show."""
     solved = field_at(altitude)
     made = View.model_validate(view)
-    seen = view_radiance(solved, made, -19.0).whole()
+    seen = view_radiance(solved, made, Sun(-19.0)).whole()
     assert seen.radiance.shape == (*made.shape, 2)
     azimuth, elevation = azimuth_elevation(made.rays())
     exact = solved.radiance(-19.0, elevation, azimuth, altitude)
@@ -79,7 +80,7 @@ def test_rows_are_half_a_pixel_apart_where_light_needs_them_and_no_nearer():
             return known * np.exp(-5.0 * np.abs(np.asarray(elevation_deg) - 0.5))[..., None]
 
     view = View.model_validate({"kind": "perspective", "width": 600, "height": 200, "field_of_view_deg": 24.0})
-    made = view_radiance(solve(scene_of_field(Kinked(AIR)), cached=False), view, 10.0)
+    made = view_radiance(solve(scene_of_field(Kinked(AIR)), cached=False), view, Sun(10.0))
     assert made.pitch_deg == pytest.approx(0.04, rel=0.03)
     rows = made.table.elevation_deg
     step = np.diff(rows)
@@ -102,19 +103,22 @@ def test_the_disc_holds_the_suns_irradiance():
 
 def test_the_night_of_a_view_is_behind_the_sky_and_on_the_ground():
     """The night would shine through land, or not light it."""
-    elevation, azimuth = np.linspace(-2.0, 90.0, 40), np.arange(0.0, 361.0, 5.0)
+    elevation, azimuth = np.append([-90.0, -2.0], np.linspace(-2.0, 90.0, 40)), np.arange(0.0, 360.0, 5.0)
     shape = 1.0 + np.sin(np.radians(elevation))[:, None] + 0.1 * np.cos(np.radians(azimuth - 70.0))
-    night = NightLight(elevation, azimuth, np.stack([shape, 2.0 * shape], axis=-1), np.array([0.3, 0.4]))
+    light = np.stack([shape, 2.0 * shape], axis=-1)
+    light[:2] = [0.3, 0.4]  # of the ground
+    table = SkyTable(np.zeros(1), np.zeros(1), elevation, azimuth, light[None], mirrored=False, logarithmic=False)
     solved, view = field_at(0.0), View.model_validate({"kind": "latlong", "width": 64})
-    plain = view_radiance(solved, view, 10.0)
-    off = replace(plain, night=night).whole().radiance - plain.whole().radiance
+    plain = view_radiance(solved, view, Sun(10.0))
+    glow = ViewRadiance(view, table, plain.pitch_deg)
+    off = ViewOfLights(((plain, 1.0),), glow).whole().radiance - plain.whole().radiance
     a, e = azimuth_elevation(view.rays())
     exact = 1.0 + np.sin(np.radians(e)) + 0.1 * np.cos(np.radians(a - 70.0))
     up = e > -2.0
     assert off[up] == pytest.approx(np.stack([exact, 2.0 * exact], axis=-1)[up], rel=3e-3)
     assert off[~up] == pytest.approx(np.broadcast_to([0.3, 0.4], off[~up].shape), rel=1e-4)
     hidden = replace(plain.whole(), hidden=np.ones(view.shape, bool))
-    lit = with_night(hidden, night).radiance - hidden.radiance
+    lit = ViewOfLights(((hidden, 1.0),), glow).whole().radiance - hidden.radiance
     assert lit == pytest.approx(np.broadcast_to([0.3, 0.4], lit.shape), rel=1e-4)
 
 
@@ -130,7 +134,7 @@ def test_pixels_of_a_climate_are_its_field():
         (-5.0, {"kind": "fisheye", "width": 64}),
     ):
         made = View.model_validate(view)
-        seen = view_radiance(solved, made, sun).whole()
+        seen = view_radiance(solved, made, Sun(sun)).whole()
         azimuth, elevation = azimuth_elevation(made.rays())
         inside = np.isfinite(elevation)
         inside[inside] = np.abs(elevation[inside]) > seen.pitch_deg

@@ -17,6 +17,7 @@ from twilight.io.lamps import sun_facts
 from twilight.scene.medium import climate_medium
 from twilight.sky import colour
 from twilight.sky.disc import SOLAR_RADIUS_DEG, Disc, limb_coefficients, limb_darkening, mean_limb_darkening
+from twilight.sky.lights import Sun
 
 NM = [400.0, 480.0, 550.0, 620.0, 700.0]
 
@@ -61,7 +62,7 @@ def test_without_air_the_disc_is_round_and_brings_the_solar_irradiance():
 @pytest.mark.parametrize("sun, tolerance", ((40.0, 1e-4), (10.0, 5e-4), (3.0, 0.011)))
 def test_its_light_is_that_of_the_beam_while_air_changes_little_over_it(air, sun, tolerance):
     """Disc and sunbeam would differ."""
-    found = make_disc(air, sun, 0.0).irradiance_factor()
+    found = make_disc(air, Sun(sun), 0.0).irradiance_factor()
     assert np.allclose(found, Sunbeam(air).at(sun, 0.0).irradiance, rtol=tolerance)
 
 
@@ -71,7 +72,7 @@ def test_its_light_is_that_of_the_beam_while_air_changes_little_over_it(air, sun
 )
 def test_a_sun_that_stands_on_the_horizon_is_flattened_by_five_to_eight_minutes_of_arc(profile, sun, high):
     """The Nautical Almanac's 34.5' and 28.9' for the limbs at 10 C make it 26.4' high, 32.0' wide."""
-    disc = make_disc(climate_medium(load("pure-air", {"atmosphere.profile": profile}).climate, [550.0]), sun, 0.0)
+    disc = make_disc(climate_medium(load("pure-air", {"atmosphere.profile": profile}).climate, [550.0]), Sun(sun), 0.0)
     lower, upper = disc.edges_deg()
     assert 60 * (upper - lower) == pytest.approx(high, abs=0.1) and lower < 0.004
     assert 2 * 60 * disc.half_width_deg().max() == pytest.approx(32.0, abs=0.05)
@@ -79,11 +80,11 @@ def test_a_sun_that_stands_on_the_horizon_is_flattened_by_five_to_eight_minutes_
 
 def test_its_edges_are_dispersed_and_its_upper_rim_is_green(air):
     """There would be no green rim."""
-    disc = make_disc(air, 0.5, 0.0)
+    disc = make_disc(air, Sun(0.5), 0.0)
     tops = [disc.elevation_deg[disc.half_width_deg()[:, w] > 0][-1] for w in range(len(NM))]
     assert (np.diff(tops) < 0).all() and 10 < 3600 * (tops[0] - tops[-1]) < 60  # violet over red, tens of arc seconds
     # the last rim of a setting sun has green in it where red is gone
-    rim = make_disc(air, -0.7, 0.0).at_wavelengths([530.0, 680.0])
+    rim = make_disc(air, Sun(-0.7), 0.0).at_wavelengths([530.0, 680.0])
     assert rim.is_seen
     top = rim.radiance(rim.edges_deg()[1] - 1e-3, 0.0)
     assert top[0] > 0.0 and top[1] == 0.0
@@ -91,11 +92,11 @@ def test_its_edges_are_dispersed_and_its_upper_rim_is_green(air):
 
 def test_below_the_horizon_nothing_is_seen_and_from_a_mountain_it_still_is(air):
     """A sun that has set would be drawn."""
-    assert not make_disc(air, -1.5, 0.0).is_seen
-    assert not make_disc(air, -1.5, 0.0).irradiance_factor().any()
-    high = make_disc(air, -1.5, 3.0)
+    assert not make_disc(air, Sun(-1.5), 0.0).is_seen
+    assert not make_disc(air, Sun(-1.5), 0.0).irradiance_factor().any()
+    high = make_disc(air, Sun(-1.5), 3.0)
     assert high.is_seen and high.edges_deg()[0] < 0.0
-    cut = make_disc(air, -0.55, 0.0)
+    cut = make_disc(air, Sun(-0.55), 0.0)
     assert cut.edges_deg()[0] == pytest.approx(0.0, abs=2e-3) and cut.edges_deg()[1] < 0.3
 
 
@@ -103,7 +104,7 @@ def test_layers_of_an_inversion_cut_it_into_slices(air):
     """Lines of sight below a layer where the index falls steeply come from elsewhere: a waist."""
 
     def waist(medium):
-        disc = make_disc(medium, -0.6, 0.02)
+        disc = make_disc(medium, Sun(-0.6), 0.02)
         width = (disc.half_width_deg() * (disc.transmittance > 0.0))[:, 2]
         return int((np.diff(np.sign(np.diff(width[width > 0]))) != 0).sum())
 
@@ -118,7 +119,7 @@ def low_sun(air):
     """A glow with the disc of a sun at 0.6 deg over pure air."""
     sky = glow_sky(step_deg=15.0)
     medium = climate_medium(load_climate("pure-air"), sky.wavelength_nm)
-    disc = make_disc(medium, 0.6, 0.0)
+    disc = make_disc(medium, Sun(0.6), 0.0)
     return replace(sky, sun_elevation_deg=0.6, apparent_sun_elevation_deg=1.0, disc=disc, sun_azimuth_deg=247.0)
 
 

@@ -6,11 +6,11 @@ from numpy.testing import assert_allclose
 
 from twilight.base.errors import TwilightError
 from twilight.config import load
-from twilight.engine.night import levels_of
 from twilight.numerics import spectrum
+from twilight.scene.lights import levels_of
 from twilight.scene.scene import resolve
 from twilight.sky.night import NightLevels, night_radiance
-from twilight.sky.night.world import BORTLE_ZENITH_MAG, artificial_zenith_cd_per_m2, gradient, pollution_radiance
+from twilight.sky.night.world import BORTLE_ZENITH_MAG, artificial_zenith_cd_per_m2, gradient, lamp_spectrum
 
 NM = np.linspace(380.0, 720.0, 12)
 CITY = {"night.light_pollution": {"bortle_class": 8}}
@@ -32,9 +32,9 @@ def test_gradient_is_garstangs():
     assert gradient(30.0) == pytest.approx(1.8898 * 10 ** (-0.4 * 0.172 * 0.8898), rel=1e-4)
     assert 2.5 * np.log10(gradient(0.0)) == pytest.approx(2.5 * np.log10(5.0) - 0.172 * 4.0, abs=1e-9)
     assert gradient(-5.0) == gradient(0.0)
-    radiance = pollution_radiance(spectrum.VISIBLE_NM, np.array([90.0, 30.0]), 2e-3)
+    lamps = lamp_spectrum(spectrum.VISIBLE_NM)
     visible = spectrum.LUMINOUS_EFFICACY_LM_PER_W * spectrum.colour_matching_functions("cie1931_2deg")[:, 1]
-    assert_allclose(radiance @ visible, 2e-3 * gradient(np.array([90.0, 30.0])))
+    assert_allclose(lamps @ visible, 1.0)
 
 
 def test_it_is_added_to_the_night():
@@ -43,6 +43,6 @@ def test_it_is_added_to_the_night():
     where = (scene.medium, np.array([20.0, 90.0]), np.array([0.0, 90.0]))
     levels = levels_of(scene.configuration.night)
     with_lamps, natural = night_radiance(*where, levels), night_radiance(*where, NightLevels())
-    lamps = pollution_radiance(NM, where[1], artificial_zenith_cd_per_m2(18.1))
+    lamps = artificial_zenith_cd_per_m2(18.1) * gradient(where[1])[:, None] * lamp_spectrum(NM)
     assert_allclose(with_lamps - natural, np.repeat(lamps[:, None], 2, axis=1), rtol=1e-9)
     assert np.all(np.diff(BORTLE_ZENITH_MAG) < 0)

@@ -11,14 +11,14 @@ from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.shipped_data import data_numbers
 from twilight.config import load
 from twilight.engine import frames, solve
-from twilight.engine.night import warn_of_the_moon
 from twilight.engine.sunbeam import make_disc
 from twilight.io.environment import environment_directions, ground_factor, pixel_solid_angle
 from twilight.io.exr import read_latlong_exr, write_rgb_exr
 from twilight.io.folder import write_outputs
 from twilight.io.lamps import moon_facts
 from twilight.numerics import spectrum
-from twilight.scene.scene import moon_of, resolve
+from twilight.scene.lights import warn_of_the_moon
+from twilight.scene.scene import resolve
 from twilight.sky import colour
 from twilight.sky.ephemeris import Sites
 from twilight.sky.moon import (
@@ -160,12 +160,12 @@ def test_disc_holds_the_light_and_points_to_the_sun():
     """Seen from above the air the disc's radiance sums to the irradiance, and the lit limb is towards the sun."""
     medium = scene({"elevation_deg": -10.0}, {"elevation_deg": 20.0}).medium
     moon = Moon(60.0, 10.0, 120.0)
-    disc = MoonDisc(make_disc(medium, 60.0, 0.0, radius_deg=moon.radius_deg), moon, -10.0)
+    disc = MoonDisc.of(make_disc(medium, moon, 0.0), moon, -10.0)
     low, high = disc.edges_deg()
     e, a = np.linspace(low - 0.01, high + 0.01, 260), np.linspace(-0.6, 0.6, 260)
     light = disc.radiance(e[:, None], a[None, :])
     cell = np.radians(e[1] - e[0]) * np.radians(a[1] - a[0]) * np.cos(np.radians(e))[:, None, None]
-    through = disc.path.transmittance.mean(axis=0)
+    through = disc.transmittance.mean(axis=0)
     assert_allclose((light * cell).sum(axis=(0, 1)), moon.irradiance_factor(disc.wavelength_nm) * through, rtol=5e-3)
     weight = light[..., 1] / light[..., 1].sum()
     below = (weight * e[:, None]).sum() - 0.5 * (low + high)
@@ -222,10 +222,10 @@ def test_moon_below_the_horizon(tmp_path):
 def test_eclipses_are_not_computed():
     """A moon in the Earth's shadow is told."""
     made = scene({"elevation_deg": -30.0}, {"elevation_deg": 29.9})
-    moon = moon_of(made.configuration, made.suns[0])
-    assert moon.phase_angle_deg < 1.55
+    lights = made.lights(made.suns[0])
+    assert lights.moon.phase_angle_deg < 1.55
     with pytest.warns(TwilightWarning, match="eclipses are not computed"):
-        warn_of_the_moon(made.configuration, moon)
+        warn_of_the_moon(made.configuration, lights)
 
 
 @coarse

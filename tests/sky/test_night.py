@@ -9,12 +9,14 @@ from montecarlo_media import hazy_earth, slab
 from stability_media import EXTREMES, medium_of
 from toy_sky import glow_sky
 
-from twilight.base.errors import TwilightError
+from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import load
 from twilight.io.netcdf import read_sky, write_sky
 from twilight.numerics.directions import texture_grid
 from twilight.scene import resolve
-from twilight.sky.night import NightLevels, Place, light, night_radiance, world
+from twilight.sky.moments import ECLIPTIC_TILT_DEG, Moments, unit_vector
+from twilight.sky.night import NightLevels, Place, light, night_radiance
+from twilight.sky.night.glows import ecliptic_from_sun
 from twilight.sky.night.world import veil
 from twilight.sky.sky import Sky
 
@@ -67,8 +69,10 @@ def test_stars_stand_where_astropy_says():
         ecliptic = sky.transform_to(coordinates.BarycentricTrueEcliptic(equinox=Time(moment)))
         sun_longitude = sun.transform_to(coordinates.GeocentricTrueEcliptic(equinox=Time(moment))).lon.deg
     relative = azimuth - sun.az.deg
-    assert world.galactic_latitude(elevation, relative, sun.az.deg, place) == pytest.approx(galactic, abs=0.5)
-    longitude, latitude = world.ecliptic_from_sun(elevation, relative, sun.alt.deg, sun.az.deg, place)
+    moment = Moments.of_sun(sun.alt.deg, sun.az.deg, place)
+    sine = unit_vector(elevation, relative) @ moment.poles()[0][0]
+    assert np.abs(np.degrees(np.arcsin(sine))) == pytest.approx(galactic, abs=0.5)
+    longitude, latitude = (np.abs(angle[0]) for angle in ecliptic_from_sun(moment, elevation[None], relative[None]))
     assert latitude == pytest.approx(np.abs(ecliptic.lat.deg), abs=0.5)
     apart = np.abs((ecliptic.lon.deg - sun_longitude + 180.0) % 360.0 - 180.0)
     assert longitude == pytest.approx(apart, abs=0.5)
@@ -76,12 +80,14 @@ def test_stars_stand_where_astropy_says():
 
 def test_without_a_place_the_ecliptic_rises_from_the_sun_at_its_tilt():
     """Without a place the zodiacal light would lie elsewhere."""
-    sun = world.ecliptic_from_sun(-18.0, 0.0, -18.0, None, None)
-    assert np.array(sun) == pytest.approx([0.0, 0.0], abs=1e-6)
+
+    def seen(elevation, azimuth, sun):
+        return np.abs(ecliptic_from_sun(Moments.of_sun(sun), np.array([elevation]), np.array([azimuth])))[:, 0]
+
+    assert seen([-18.0], [0.0], -18.0)[:, 0] == pytest.approx([0.0, 0.0], abs=1e-6)
     # with the sun on the horizon the horizon's point 90 deg away is as far from the ecliptic as the tilt says
-    _, latitude = world.ecliptic_from_sun(0.0, np.array([90.0, 270.0]), 0.0, None, None)
-    assert latitude == pytest.approx([world.ECLIPTIC_TILT_DEG] * 2)
-    assert world.ecliptic_from_sun(90.0, 0.0, 0.0, None, None)[1] == pytest.approx(90.0 - world.ECLIPTIC_TILT_DEG)
+    assert seen([0.0, 0.0], [90.0, 270.0], 0.0)[1] == pytest.approx([ECLIPTIC_TILT_DEG] * 2)
+    assert seen([90.0], [0.0], 0.0)[1] == pytest.approx(90.0 - ECLIPTIC_TILT_DEG)
 
 
 def test_airglow_bins_keep_every_line():
@@ -116,12 +122,12 @@ def test_starlight_from_pole_to_plane():
 def test_vacuum_and_pure_absorber_are_exact():
     """Air would dim the night by another law."""
     elevation = np.array([90.0, 30.0, 5.0])
-    above = np.ones((3, 1, 1))
+    above = np.ones((3, 1))
     empty = veil(slab(0.0, 1.0), elevation)
     assert empty.behind(above, np.ones(1)) == pytest.approx(above)
     absorber = veil(slab(0.7, 0.0), elevation)
     expected = np.exp(-0.7 / np.sin(np.radians(elevation)))
-    assert absorber.behind(above, np.ones(1))[:, 0, 0] == pytest.approx(expected, rel=1e-3)
+    assert absorber.behind(above, np.ones(1))[:, 0] == pytest.approx(expected, rel=1e-3)
 
 
 def test_air_keeps_the_night_within_what_noll_found():
@@ -133,7 +139,7 @@ def test_air_keeps_the_night_within_what_noll_found():
     mean = np.array([(weight * light.van_rhijn(rows, 90.0)).sum() / weight.sum()])
     for depth in (0.05, 0.1, 0.2):
         air = veil(slab(depth, 1.0, radius_km=6371.0), elevation)
-        here = air.behind(x[:, None, None], mean)[:, 0, 0] / x
+        here = air.behind(x[:, None], mean)[:, 0] / x
         noll = air.transmittance[:, 0] ** (1.669 * np.log10(x) - 0.146)
         assert here == pytest.approx(noll, rel=0.08)
 
@@ -143,10 +149,10 @@ def test_extreme_air_stays_between_nothing_and_the_brightest_light_above():
     medium = medium_of(*EXTREMES.values())
     elevation = np.array([0.0, 1.0, 10.0, 90.0])
     air = veil(medium, elevation)
-    night = air.behind(np.ones((4, 1, medium.n_wavelengths)), np.ones(medium.n_wavelengths))
+    night = air.behind(np.ones((4, medium.n_wavelengths)), np.ones(medium.n_wavelengths))
     assert np.isfinite(night).all() and (night >= 0).all() and (night <= 1.0 + 1e-12).all()
     fog = list(EXTREMES).index("aerosol optical depth 20")
-    assert night[-1, 0, fog] < 0.3
+    assert night[-1, fog] < 0.3
     # from above the air nothing is lost; lines of sight to the ground are dark
     over = veil(medium, np.array([-5.0, 0.0, 90.0]), observer_km=200.0)
     assert over.transmittance[1:] == pytest.approx(1.0)
@@ -228,7 +234,7 @@ def test_a_render_at_a_place_and_time_has_its_own_night():
 
     def at(moment, **more):
         sun = {"at": moment, "latitude_deg": 0.0, "longitude_deg": 0.0, "time_zone": "UTC"}
-        settings = {"sun": sun, "solver.name": "preetham", "texture.resolution_deg": 15.0}
+        settings = {"sun": sun, "solver.name": "preetham", "texture.resolution_deg": 15.0, "omit_negligible": False}
         return next(iter(frames(resolve(load("pure-air", settings | {"aerosol.type": "continental_average"} | more)))))
 
     bare, lit = at("2026-03-20T15:00"), at("2026-03-20T15:00", night={})
@@ -241,3 +247,48 @@ def test_a_render_at_a_place_and_time_has_its_own_night():
     later = at("2026-06-20T15:00", night={"airglow": 0.0, "zodiacal_light": 0.0}).sky.night_radiance
     now = at("2026-03-20T15:00", night={"airglow": 0.0, "zodiacal_light": 0.0}).sky.night_radiance
     assert np.abs(np.log(later[-1].mean() / now[-1].mean())) > 0.1
+
+
+def test_a_sky_is_the_sum_of_its_lights():
+    """A light would be lost, count twice, or take another's beam with it."""
+    from twilight.engine import frames
+
+    sun, moon = {"elevation_deg": -12.0}, {"elevation_deg": 30.0, "azimuth_deg": 100.0}
+    settings = {"sun": sun, "moon": moon, "night": {"light_pollution": {"bortle_class": 5}}, "solver.name": "compact"}
+    sky = next(iter(frames(resolve(load("pure-air", {**settings, "texture.resolution_deg": 15.0}))))).sky
+    names = ["airglow", "stars", "zodiacal_light", "light_pollution", "moon"]
+    assert list(sky.lights) == names
+    assert sum(sky.lights.values()) == pytest.approx(sky.night_radiance, rel=1e-12)
+    assert sum(sky[name].radiance for name in ("sun", *names)) == pytest.approx(sky.radiance, rel=1e-12)
+    without = sky - "moon"
+    assert without.moon is None and sky["moon"].moon is sky.moon and not sky["moon"].direct_irradiance.any()
+    assert without.radiance + sky["moon"].radiance == pytest.approx(sky.radiance, rel=1e-12)
+    assert (sky - "sun").sun_normalised_radiance.max() == 0.0
+    assert sky.only("sun", "moon").radiance == pytest.approx(sky["sun"].radiance + sky["moon"].radiance)
+    coarse = sky.resample(np.array([10.0, 60.0]), np.array([0.0, 90.0, 180.0, 270.0]))
+    assert sum(coarse.lights.values()) == pytest.approx(coarse.night_radiance, rel=1e-12)
+    with pytest.raises(TwilightError, match="has no light 'lamp'; it has sun, airglow"):
+        sky - "lamp"
+    with pytest.raises(TwilightError, match="lights must add up"):
+        replace(sky, night_radiance=2.0 * sky.night_radiance)
+
+
+def test_what_is_too_weak_is_left_out_with_a_word():
+    """Glows would be computed by day, or be missing at dusk; a moon that is down would be silent."""
+    from twilight.engine import frames
+
+    def at(sun_deg, **more):
+        settings = {"sun": {"elevation_deg": sun_deg}, "night": {}, "solver.name": "compact"}
+        made = resolve(load("pure-air", {**settings, "texture.resolution_deg": 15.0, **more}))
+        return made, next(iter(frames(made))).sky
+
+    glows = ["airglow", "stars", "zodiacal_light"]
+    made, day = at(20.0)
+    assert day.night_radiance is None and day.provenance["left_out"][-3:] == glows
+    _, whole = at(20.0, omit_negligible=False)
+    assert list(whole.lights) == glows and (whole.night_radiance < 3e-4 * day.radiance).all()
+    assert list(at(-12.0)[1].lights) == glows
+    with pytest.warns(TwilightWarning, match="the moon stands at -25.0 deg"):
+        made, night = at(-12.0, moon={"elevation_deg": -25.0})
+    assert [item.part for item in made.lights(made.suns[0]).left_out] == ["moon"]
+    assert "moon" in night.provenance["left_out"] and night.moon.disc is None

@@ -11,22 +11,24 @@ from scipy.spatial import cKDTree
 
 from twilight.config import load_climate
 from twilight.config.pictures import View
-from twilight.engine.night import night_light, without_points
-from twilight.engine.view import ViewRadiance
+from twilight.engine.view import ViewOfLights, ViewRadiance
 from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene.medium import climate_medium
+from twilight.sky.moments import Moments, Place
 from twilight.sky.night import NightLevels
+from twilight.sky.night.glows import glow_table, glows_of
 from twilight.sky.night.points import (
     Raster,
+    StarPoints,
     StarSky,
     bright_stars,
     irradiance_above_air,
     precession,
     resolved_starlight_fraction,
     temperature_k,
+    with_points,
 )
-from twilight.sky.night.world import Place
 from twilight.sky.table import SkyTable
 
 NM = np.array([440.0, 550.0, 680.0])
@@ -140,20 +142,19 @@ HERE = {"sun.latitude_deg": 47.0, "sun.longitude_deg": 11.0}
 def test_a_view_has_the_stars_before_the_glow_of_the_others(air):
     """A dark sky as a view sees it by rows: the sum of the points in it, each in its own colour."""
     view = View(kind="fisheye", width=240, elevation_deg=90.0)
-    levels = NightLevels(0.0, 1.0, 0.0)
-    sun = {"sun_elevation_deg": -24.0, "sun_azimuth_deg": 333.0, "place": PLACE}
-    points = StarSky.of(air, 0.0).over(PLACE)
-    whole = night_light(air, without_points(levels), 0.0, **sun)
-    glow = night_light(air, levels, 0.0, **sun)
-    np.testing.assert_allclose(whole.radiance, (1.0 - resolved_starlight_fraction()) * glow.radiance, rtol=1e-6)
-    night = replace(whole, stars=points, sun_azimuth_deg=333.0)
+    glows, moment = glows_of(NightLevels(0.0, 1.0, 0.0), air, 0.0), Moments.of_sun(-24.0, 333.0, PLACE)
+    rest, sky = with_points(glows)
+    points = sky.over(PLACE)
+    whole, glow = (glow_table(some, moment, air, 0.0) for some in (rest, glows))
+    np.testing.assert_allclose(whole.smooth, (1.0 - resolved_starlight_fraction()) * glow.smooth, rtol=1e-6)
+    stars = StarPoints(points.azimuth_deg - 333.0, points.elevation_deg, points.irradiance)
     e, a = np.array([-1.0, 90.0]), np.array([0.0, 180.0])
     dark = SkyTable(np.zeros(1), np.zeros(1), e, a, np.zeros((1, 2, 2, 3), np.float32), logarithmic=False)
-    look = ViewRadiance(view, dark, 0.75, -24.0, night=night)
+    look = ViewOfLights(((ViewRadiance(view, dark, 0.75), 1.0),), ViewRadiance(view, whole, 0.75), stars)
     rays = view.rays((0, view.shape[0])).astype(float)
     area = solid_angles(rays)
     azimuth, elevation = azimuth_elevation(rays)
-    smooth = whole.at(elevation, azimuth)
+    smooth = whole.light(np.nan_to_num(elevation), np.nan_to_num(azimuth))
     for rows in (slice(0, 240), slice(60, 150)):
         seen = look.rows(rows.start, rows.stop)
         light = np.nansum((seen.radiance - smooth[rows]) * area[rows][..., None], axis=(0, 1))

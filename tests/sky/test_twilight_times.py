@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
-from twilight.scene.scene import suns_of
+from twilight.scene.suns import suns_of
 from twilight.sky.ephemeris import Sites, sun_position
 from twilight.sky.twilight_times import EVENTS, SUNRISE_DEG, moon_times, time_of, twilight_times
 

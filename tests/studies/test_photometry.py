@@ -7,12 +7,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from airs import scene_of_field
+from closed_sky import ClosedSky
 from montecarlo_media import hazy_earth
 from typer.testing import CliRunner
 
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
+from twilight.engine import solve
+from twilight.numerics.directions import hemisphere
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.moon import Moon
 from twilight.studies.validate.measured import meter as meters
@@ -26,7 +30,6 @@ from twilight.studies.validate.measured.meter import (
     meter_zenith,
     zenith_luminance_cd_m2,
 )
-from twilight.transport.beam import beam_at, prepare_beam
 
 QUIET = {
     "night": {},
@@ -74,7 +77,7 @@ def test_evening_finds_the_sun():
 @pytest.mark.parametrize("sun", [-18.0, 3.0, 30.0, 85.0])
 def test_hemisphere_integrates_cosines_exactly(sun):
     """Irradiances would be off by the quadrature."""
-    elevation, azimuth, weight = work.hemisphere(sun)
+    elevation, azimuth, weight = hemisphere(sun)
     sine = np.sin(np.radians(elevation))
     assert weight.sum() == pytest.approx(np.pi, rel=1e-12)
     assert weight @ sine**2 == pytest.approx(np.pi / 2, rel=1e-12)
@@ -86,14 +89,15 @@ def test_hemisphere_integrates_cosines_exactly(sun):
 def test_disc_rises_over_the_horizon():
     """The disc would light the ground before it rises."""
     bare = replace(hazy_earth(), refractivity=0 * hazy_earth().refractivity)
-    beam = prepare_beam(bare)
-    point = np.zeros(1)
-    beam_at(beam, 0.0, np.sin(np.radians(40.0)), point)
-    assert work.disc_irradiance(beam, bare, 40.0) == pytest.approx(point * np.sin(np.radians(40.0)), rel=1e-4)
-    lux = [work.disc_irradiance(beam, bare, h)[0] for h in (-0.3, -0.2, 0.0, 0.2, 0.5)]
+    solved, refracted = (
+        solve(scene_of_field(ClosedSky(medium, lambda sun: 1.0, lambda e, a: 0.0 * e)), cached=False)
+        for medium in (bare, hazy_earth())
+    )
+    point = solved.direct(40.0).irradiance
+    assert solved.disc_irradiance(40.0) == pytest.approx(point * np.sin(np.radians(40.0)), rel=1e-4)
+    lux = [solved.disc_irradiance(h)[0] for h in (-0.3, -0.2, 0.0, 0.2, 0.5)]
     assert lux[0] == 0.0 and (np.diff(lux) > 0).all()
-    refracted = hazy_earth()
-    assert work.disc_irradiance(prepare_beam(refracted), refracted, -0.5)[0] > 0.0
+    assert refracted.disc_irradiance(-0.5)[0] > 0.0
 
 
 def test_level_and_slope_of_made_up_points():

@@ -14,7 +14,8 @@ from twilight.numerics import spectrum
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.quantities.measure import Spectra
 from twilight.studies import timeline as work
-from twilight.studies.timeline import PRESETS, column, draw, shades, write_dataset, write_table
+from twilight.studies.timeline import PRESETS, column
+from twilight.studies.timeline_files import draw, shades, write_dataset, write_table
 
 PLACE = (28.3, -16.5)
 NM = np.arange(380.0, 721.0, 20.0)
@@ -33,7 +34,7 @@ class Slope:
         return Spectra(light, NM, where="the field")
 
     def directions(self, moments, elevation, azimuth, sources=None):
-        return np.exp(moments.sun_elevation_deg)[:, None, None] * np.ones((1, 1, NM.size))
+        return np.exp(moments.sun.elevation_deg)[:, None, None] * np.ones((1, 1, NM.size))
 
     def surfaces(self, moments, surfaces, sources=None):
         return self.directions(moments, None, None)
@@ -133,7 +134,7 @@ def test_clocks_of_crossings_do_not_overlap(tmp_path):
     """Thresholds so near to each other that their times would stand on one another."""
     from matplotlib.figure import Figure
 
-    from twilight.studies.timeline import _label
+    from twilight.studies.timeline_files import _label
 
     panel = Figure(figsize=(8.0, 2.5)).subplots()
     start = datetime(2026, 3, 20, 18, 0, tzinfo=UTC)

@@ -18,6 +18,7 @@ from twilight.engine.block import field_key
 from twilight.engine.sunbeam import make_disc
 from twilight.scene import resolve
 from twilight.scene.scene import described
+from twilight.sky.lights import Sun
 from twilight.solvers import montecarlo, tables, zones
 from twilight.solvers.zones.storage import field_hash
 from twilight.transport.beam import beam_at_one, prepare_beam
@@ -88,7 +89,7 @@ def test_a_skyline_puts_the_sun_out():
 def sun_and_disc(screened, bare):
     """Sunlight on the ground, and the disc's transmittances, under a sun at 3 deg: screened over bare."""
     ground = [GroundSun(medium).at(3.0)[0] for medium in (screened, bare)]
-    disc = [make_disc(medium, 3.0, 0.0).transmittance for medium in (screened, bare)]
+    disc = [make_disc(medium, Sun(3.0), 0.0).transmittance for medium in (screened, bare)]
     return ground[0] / ground[1], disc[0] / disc[1]
 
 

@@ -14,7 +14,7 @@ from twilight.base.arguments import plain
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
 from twilight.config import Config, load
-from twilight.engine.surfaces import Direction, Surface
+from twilight.sky.surfaces import Direction, Surface
 
 if TYPE_CHECKING:
     from twilight.config import Config
@@ -235,7 +235,7 @@ PlaceLike = tuple[float, float] | PvlibLocation | AstropyLocation
 AnglesLike = ArrayLike | AstropyQuantity
 """Angles [deg], or astropy's with their unit; xarray's DataArray is an array."""
 Target = str | Direction | Surface
-"""What light is asked of; text is read by `twilight.engine.surfaces`."""
+"""What light is asked of; text is read by `twilight.sky.surfaces`."""
 TargetsLike = Target | Sequence[Target] | tuple[AnglesLike, AnglesLike] | AstropyAltAz
 """One target or several, or the elevations and azimuths of directions."""
 

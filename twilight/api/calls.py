@@ -21,8 +21,8 @@ from twilight.config import Climate, load_climate
 from twilight.config.sun import SunAt, SunElevation
 from twilight.engine import Field, check_size, frames
 from twilight.engine import solve as solve_scene
-from twilight.engine.night import check_stars
 from twilight.scene import resolve
+from twilight.scene.lights import check_stars
 from twilight.scene.medium import climate_medium
 from twilight.solvers.base import Solver
 

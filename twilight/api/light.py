@@ -16,11 +16,11 @@ from twilight.base.errors import TwilightError
 from twilight.base.extras import require
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.light import LightField, check_sources, field_for
-from twilight.engine.light_sources import Moments, moments_at
-from twilight.engine.surfaces import Direction, Surface, towards
 from twilight.sky.ephemeris import parse_time
+from twilight.sky.moments import Moments, moments_at
 from twilight.sky.quantities.measure import Of, Quantity, check_of, unit_of
 from twilight.sky.quantities.measure import quantity as quantity_of
+from twilight.sky.surfaces import Direction, Surface, towards
 from twilight.sky.twilight_times import moment_of
 
 if TYPE_CHECKING:
@@ -150,8 +150,7 @@ def light(
     require(f"light: returns {returns}", "astropy" if returns == "astropy" else "xarray")
     config = arguments.config_of(climate, altitude_km=altitude_km, quality=quality, settings=settings)
     tell = progress or silent
-    chosen = field_for(config, quantities, part_of(tell, 0.0, 0.5))
-    solved = chosen.field
+    solved = field_for(config, quantities, part_of(tell, 0.0, 0.5))
     count, n_places = len(times[0]), len(places)
     moments = moments_at(
         [one.latitude_deg for one in places for _ in range(count)],
@@ -167,7 +166,7 @@ def light(
         return quantities_of(arrays, quantities, aim.of)
     dataset = _dataset(arrays, quantities, aim, dims, places, times, moments)
     dataset.attrs["climate"] = solved.solved.scene.configuration.climate.name
-    dataset.attrs["solver"] = chosen.solver or solved.solved.scene.solver_name
+    dataset.attrs["solver"] = solved.chosen or solved.solved.scene.solver_name
     if returns == "pandas":
         return frame_of(dataset, time, [item.variable for item in quantities], places[0].time_zone)
     return dataset[quantities[0].variable] if isinstance(quantity, str | Quantity) else dataset
@@ -245,13 +244,13 @@ class _Aim:
 
     def angles(self, moments: Moments, first: int, times: int) -> tuple[np.ndarray, np.ndarray]:
         """Elevation and azimuth from north (N, D) of moments, the first of which is number `first` of all."""
-        n = len(moments.places)
+        n = len(moments)
         if self.elevation.ndim == 2:
             if self.elevation.shape[0] != times:
                 raise TwilightError(f"towards: has {self.elevation.shape[0]} times, and time has {times}")
             rows = (first + np.arange(n)) % times
             return self.elevation[rows], self.azimuth[rows]
-        azimuth = self.azimuth + np.where(self.from_sun, moments.sun_azimuth_deg[:, None], 0.0)
+        azimuth = self.azimuth + np.where(self.from_sun, moments.sun.azimuth_deg[:, None], 0.0)
         return np.broadcast_to(self.elevation, (n, self.size)), azimuth
 
 
@@ -266,7 +265,7 @@ def _values(
 ) -> list[np.ndarray]:
     """Each quantity, (N, D)."""
     parts: list[list[np.ndarray]] = [[] for _ in found]
-    step, count = max(1, AT_ONCE // aim.size), len(moments.places)
+    step, count = max(1, AT_ONCE // aim.size), len(moments)
     if aim.of == "surface":
         field.prepare(moments, part_of(progress, 0.0, 0.5))
     for first in range(0, count, step):
@@ -305,8 +304,8 @@ def _dataset(
     coords: dict[str, Any] = {
         "latitude": along("place", [one.latitude_deg for one in places]),
         "longitude": along("place", [one.longitude_deg for one in places]),
-        "solar_elevation_angle": (sky, moments.sun_elevation_deg.reshape(shape)),
-        "solar_azimuth_angle": (sky, moments.sun_azimuth_deg.reshape(shape)),
+        "solar_elevation_angle": (sky, moments.sun.elevation_deg.reshape(shape)),
+        "solar_azimuth_angle": (sky, moments.sun.azimuth_deg.reshape(shape)),
     }
     if (moment == moment[0]).all():
         coords["time"] = along("time", moment[0])

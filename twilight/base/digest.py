@@ -1,10 +1,15 @@
 """What a computed number depends on: a digest of the code that made it, found by walking its imports."""
 
+from __future__ import annotations
+
 import functools
 import hashlib
 import re
+from dataclasses import fields, is_dataclass
 from importlib.util import find_spec
 from pathlib import Path
+
+import numpy as np
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 """Folder of the package."""
@@ -12,8 +17,8 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 _DATA = _PACKAGE / "data"
 """Folder of the data that come with the package."""
 
-DISPLAY = ("twilight.sky.sky", "twilight.io.exr", "twilight.io.netcdf")
-"""Modules that show or read and do not compute radiance."""
+DISPLAY = ("twilight.sky.sky", "twilight.io.exr", "twilight.io.netcdf", "twilight.scene.lights")
+"""Modules that show or read and do not compute radiance, and the lights of a sky that are in no field."""
 
 
 @functools.cache
@@ -95,3 +100,19 @@ def _file(module: str) -> Path | None:
         return Path(spec.origin) if spec is not None and spec.origin is not None else None
     base = _PACKAGE.joinpath(*module.split(".")[1:])
     return next((file for file in (base.with_suffix(".py"), base / "__init__.py") if file.is_file()), None)
+
+
+def add_content(digest: hashlib._Hash, value: object) -> None:
+    """Everything in arrays, tuples and dataclasses; of a medium all but notes and the air at other wavelengths."""
+    if isinstance(value, np.ndarray):
+        digest.update(f"{value.dtype.str}{value.shape}".encode() + np.ascontiguousarray(value).tobytes())
+    elif isinstance(value, tuple):
+        for one in value:
+            add_content(digest, one)
+    elif is_dataclass(value):
+        for f in fields(value):
+            if f.compare and f.name != "notes":
+                digest.update(f.name.encode())
+                add_content(digest, getattr(value, f.name))
+    else:
+        digest.update(repr(value).encode())

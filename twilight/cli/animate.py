@@ -61,18 +61,11 @@ def animate(
     chosen |= _usual_view(scene, chosen)
     config = options.load_one_scene(scene, chosen, names, "animate")
 
-    from twilight.show.film import SPEED, Animation
+    from twilight.show.film import Animation
+    from twilight.show.timeline import Pace
 
-    film = Animation(
-        config,
-        output,
-        speed=SPEED if speed is None else speed,
-        frames_per_second=frames_per_second,
-        exposure=how,
-        from_deg=from_deg,
-        to_deg=to_deg,
-        frames=frames,
-    )
+    pace = Pace(Pace.speed if speed is None else speed, frames_per_second, from_deg, to_deg, frames)
+    film = Animation(config, output, pace, exposure=how)
     rows, columns = film.view.shape
     n = len(film.line)
     print(

@@ -184,7 +184,7 @@ def _skies(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[s
         return label, iter([(label, read_sky(scene))])
     from twilight.config import load_series
     from twilight.scene.medium import wavelengths_of
-    from twilight.scene.scene import suns_of
+    from twilight.scene.suns import suns_of
     from twilight.sky.colour import colour_is_defined
 
     wanted: list[tuple[Any, list[str]]] = []

@@ -43,9 +43,9 @@ def light(
     docs/quantities.md lists the quantities with their sources.
     """
     from twilight.api.light import light as light_of
-    from twilight.engine.surfaces import Surface
-    from twilight.engine.surfaces import towards as read
     from twilight.sky.quantities.measure import quantity as known
+    from twilight.sky.surfaces import Surface
+    from twilight.sky.surfaces import towards as read
 
     options.check_range(latitude, "--latitude", -90.0, 90.0)
     options.check_range(longitude, "--longitude", -180.0, 360.0)

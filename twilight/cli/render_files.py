@@ -104,7 +104,8 @@ def _requested_skies(cases: Sequence[Any]) -> tuple[list[_SkyToRender], dict[str
     """All skies in their order, and what each is, by subfolder."""
     from twilight.io.folder import RequestedSky
     from twilight.io.provenance import configuration_hash
-    from twilight.scene.scene import count_suns, resolved_configuration, suns_of
+    from twilight.scene.scene import resolved_configuration
+    from twilight.scene.suns import count_suns, suns_of
 
     skies, wanted = [], {}
     for case in cases:

@@ -77,7 +77,7 @@ def _configs() -> None:
     """The configurations that come with twilight."""
     from twilight.config import load_series
     from twilight.config.load import shipped
-    from twilight.scene.scene import count_suns
+    from twilight.scene.suns import count_suns
 
     rows = []
     for name, path in shipped("configs").items():

@@ -35,7 +35,7 @@ def sweep(
     """Compute the skies of a configuration's `vary` section into one dataset for xarray. A rerun continues."""
     from twilight.base.whole_files import check_folder
     from twilight.config.load import load_axes, warn_of_slips
-    from twilight.scene.scene import count_suns
+    from twilight.scene.suns import count_suns
     from twilight.studies.sweep.sweep import Sweep
 
     require("sweep", "dask", "distributed", "xarray", "zarr")

@@ -58,7 +58,8 @@ def timeline(
     from twilight.engine.light import field_for
     from twilight.sky.twilight_times import moment_of, today_at, twilight_times
     from twilight.studies import timeline as work
-    from twilight.studies.timeline import NEEDED, PRESETS, WRITERS, column
+    from twilight.studies.timeline import PRESETS, column
+    from twilight.studies.timeline_files import NEEDED, WRITERS
 
     options.check_range(latitude, "--latitude", -90.0, 90.0)
     options.check_range(longitude, "--longitude", -180.0, 360.0)
@@ -97,11 +98,11 @@ def timeline(
     stem.parent.mkdir(parents=True, exist_ok=True)
     needs = [item.needs for item in (*columns, *(c.column for c in wanted))]
     with progress_bar() as progress:
-        chosen = field_for(config, needs, part_of(progress, 0.0, 0.5))
-        if chosen.solver:
-            print(f"twilight: {chosen.solver}", file=sys.stderr, flush=True)
+        field = field_for(config, needs, part_of(progress, 0.0, 0.5))
+        if field.chosen:
+            print(f"twilight: {field.chosen}", file=sys.stderr, flush=True)
         rest = part_of(progress, 0.5, 0.5)
-        result = work.timeline(chosen.field, latitude, longitude, times, columns, wanted, time_zone, rest)
+        result = work.timeline(field, latitude, longitude, times, columns, wanted, time_zone, rest)
     about = f"{config.climate.name}, {latitude:g} {longitude:g}, {day.isoformat()}"
     for path in paths:
         WRITERS[path.suffix.lower()](result, path, about)

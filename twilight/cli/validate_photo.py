@@ -81,7 +81,7 @@ def compare_with_sky(
     from twilight.base.progress import part_of
     from twilight.engine import frames
     from twilight.scene import resolve
-    from twilight.scene.scene import count_suns
+    from twilight.scene.suns import count_suns
     from twilight.studies.validate.photographs import comparison as comparing
     from twilight.studies.validate.photographs.figure import summary, write_report, write_suns
     from twilight.studies.validate.photographs.picture import place_sun

@@ -147,7 +147,7 @@ def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[A
 def _start(config: Any) -> dict[str, Any]:
     """What the page shows first."""
     from twilight.config.sun import SunElevation, SunElevations
-    from twilight.scene.scene import suns_of
+    from twilight.scene.suns import suns_of
 
     start: dict[str, Any] = {"altitude": config.observer.altitude_km}
     if config.output.tone_mapping == "eye":

@@ -12,9 +12,10 @@ from pydantic import Field, model_validator
 from twilight.base.conventions import LOWEST_GROUND_KM
 from twilight.base.sections import Flag, Increasing, Integer, Number, Section, check_lengths, key
 from twilight.config.climate import Climate
+from twilight.config.moon import MoonSection
 from twilight.config.pictures import Output, Terrain, View
 from twilight.config.solver import ChosenSolver, SolverOptions, choose_solver
-from twilight.config.sun import MoonSection, Sun, SunElevation, SunElevations, with_moment_of_horizon
+from twilight.config.sun import Sun, SunElevation, SunElevations, with_moment_of_horizon
 
 
 class HorizonClouds(Section):

@@ -3,11 +3,12 @@
     Scene --plan--> blocks of wavelengths --solve--> Field --> SkyTable --> Sky
 
 - `problem`: how a scene is solved, its blocks of wavelengths, their memory and time; `block`: one of them, solved.
-- `table` fills a `SkyTable` with light under one sun, `sun_tables` those of many suns; `one_sun` gathers the blocks.
+- `table` fills a `SkyTable` with light under one sun, `sun_tables` what is read under many; `one_sun` gathers the
+  blocks.
 - `field`: `Field`, which answers for any sun, observer and direction; `solve` solves all blocks, `parts` one by one.
-- `frames`: the skies of a configuration with `view` (pictures from anywhere), `night` (night and moon) and `sunbeam`
-  (the sun's own light and its disc).
-- `light`: the light at places and times, a sum of `light_sources`, on directions and `surfaces`.
+- `frames`: the skies of a configuration as sums of its lights (`Scene.lights`), with `view` (pictures from anywhere)
+  and `sunbeam` (beams and discs).
+- `light`: the same sum at many places and times, on directions and surfaces.
 """
 
 from twilight.engine.field import Field, Part, parts, solve

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,7 +20,7 @@ from twilight import solvers
 from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
 from twilight.base import cache
-from twilight.base.digest import code_digest
+from twilight.base.digest import add_content, code_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.engine.carried import MODEL, CarriedField
@@ -367,22 +367,6 @@ def field_key(
     digest = hashlib.sha256(code_digest(solver).encode())
     about = [solver, asdict(settings), None if suns_deg is None else sorted(suns_deg), altitude_km]
     digest.update(json.dumps(about, sort_keys=True, default=str).encode())
-    _add(digest, medium)
-    _add(digest, medium.at_grid_wavelengths)
+    for value in (medium, medium.at_grid_wavelengths):
+        add_content(digest, value)
     return digest.hexdigest()
-
-
-def _add(digest: hashlib._Hash, value: object) -> None:
-    """Everything in a medium but the notes and the air at other wavelengths."""
-    if isinstance(value, np.ndarray):
-        digest.update(f"{value.dtype.str}{value.shape}".encode() + np.ascontiguousarray(value).tobytes())
-    elif isinstance(value, tuple):
-        for one in value:
-            _add(digest, one)
-    elif is_dataclass(value):
-        for f in fields(value):
-            if f.compare and f.name != "notes":
-                digest.update(f.name.encode())
-                _add(digest, getattr(value, f.name))
-    else:
-        digest.update(repr(value).encode())

@@ -29,6 +29,7 @@ from twilight.numerics.directions import hemisphere, texture_centres
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene.scene import Scene, resolve
 from twilight.sky.disc import Disc
+from twilight.sky.lights import Sun
 from twilight.sky.quantities.measure import Quantity, Spectra, check_covered, check_of, quantity
 from twilight.sky.quantities.responses import ResponseLike
 from twilight.sky.sky import BrowserPage, Sky
@@ -178,7 +179,7 @@ class Field:
     ) -> Disc:
         """The sun's disc as an observer sees it: `twilight.sky.disc.Disc`."""
         altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
-        return make_disc(self.medium, sun_elevation_deg, altitude, distance_au, self.bands)
+        return make_disc(self.medium, Sun(sun_elevation_deg, 0.0, distance_au), altitude, self.bands)
 
     def table(self, sun_elevation_deg: float, observer_altitude_km: float | None = None, **nodes: Any) -> SkyTable:
         """The sky of one sun on nodes that are as close as its light needs.

@@ -1,6 +1,7 @@
 """The light of one sun: gathered from blocks of wavelengths as plain samples or as a table, and made a `Sky`."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +15,7 @@ from twilight.engine.table import HIGH_FROM_KM, fill, first_rows, row_breaks
 from twilight.numerics.directions import texture_centres
 from twilight.scene.scene import Scene
 from twilight.sky.sky import Sky
-from twilight.sky.table import SkyTable
+from twilight.sky.table import SkyTable, plain_grid
 from twilight.sky.table import join as join_tables
 from twilight.transport.rays import horizon_dip_deg
 
@@ -141,15 +142,15 @@ def texture_rows(scene: Scene) -> np.ndarray:
     return merged[np.concatenate([[True], np.diff(merged) > 0.02])]
 
 
-def merged_grids(
-    grid: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray], away_deg: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of two grids, the azimuths of the other counted from away_deg; close ones once."""
-    rows, columns = (np.unique(np.round(np.concatenate(two), 4)) for two in (
-        (grid[0], other[0]), (grid[1], np.mod(other[1] + away_deg, 360.0) % 360.0)
-    ))  # fmt: skip
-    columns = columns[columns < 360.0]
-    return rows, columns
+def shared_grid(lit: Sequence[tuple[SkyTable, float]]) -> tuple[np.ndarray, np.ndarray]:
+    """`plain_grid` of a table, or rows and columns of those of several, each with its zero of azimuth [deg]; close ones
+    once."""
+    grids = [plain_grid(table) for table, _ in lit]
+    if len(grids) == 1:
+        return grids[0]
+    turned = [np.mod(grid[1] + zero_deg, 360.0) % 360.0 for grid, (_, zero_deg) in zip(grids, lit, strict=True)]
+    rows, columns = (np.unique(np.round(np.concatenate(nodes), 4)) for nodes in ([g[0] for g in grids], turned))
+    return rows, columns[columns < 360.0]
 
 
 def is_above_air(scene: Scene, altitude_km: float) -> bool:

@@ -19,7 +19,8 @@ from twilight.config.scene import Config
 from twilight.engine.carried import HIGHEST_OBSERVER_KM, LOWEST_SUN_DEG, MODEL, Carrier, carriers
 from twilight.jit.simd import LANES
 from twilight.scene.medium import wavelengths_of
-from twilight.scene.scene import Scene, count_suns
+from twilight.scene.scene import Scene
+from twilight.scene.suns import count_suns
 from twilight.sky.colour import TONE_MAPPINGS
 from twilight.solvers.base import Cost
 

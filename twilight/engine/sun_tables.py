@@ -1,12 +1,17 @@
-"""Tables of a field for many suns: computed sun by sun when they are needed, cached, and read between them.
+"""A field under many suns: tables, hemispheres of lines of sight and beams, computed when they are needed and cached.
 
 All suns of a field and an observer share rows and columns, so that logarithms may be interpolated over the sun.  What
 shows or measures many suns takes one `SkyTable` of some of them (:meth:`SunTables.between`), or one of any sun
-(:meth:`SunTables.under`).
+(:meth:`SunTables.under`).  Integrals over surfaces are smooth in the sun's elevation, without an aureole: they are
+read from a hemisphere of lines of sight for each sun, so that thousands of moments need no further directions.
 """
 
+from __future__ import annotations
+
 import hashlib
-from typing import Any, Protocol
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +19,14 @@ from twilight.base import cache
 from twilight.base.digest import code_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
+from twilight.engine.sunbeam import disc_strips
 from twilight.engine.table import first_columns, first_rows, row_breaks
+from twilight.numerics.directions import HEMISPHERE_COLUMNS, whole_hemisphere
+from twilight.numerics.spectrum import hermite_weights
 from twilight.scene.scene import Scene
+from twilight.sky.disc import SOLAR_RADIUS_DEG
+from twilight.sky.lights import Luminary
+from twilight.sky.surfaces import Surface
 from twilight.sky.table import SkyTable, stack, sun_weights
 
 SUN_COUNT = 97
@@ -77,22 +88,24 @@ def check_serves_every_sun(scene: Scene) -> None:
         )
 
 
-class Solved(Protocol):
-    """What tables are computed from: a `Field`, which makes some itself."""
-
-    @property
-    def scene(self) -> Scene: ...
-    @property
-    def keys(self) -> tuple[str, ...]: ...
-    @property
-    def cached(self) -> bool: ...
-    @property
-    def sun_range_deg(self) -> tuple[float, float]: ...
-    def table(self, sun_elevation_deg: float, observer_altitude_km: float | None = None, **nodes: Any) -> SkyTable: ...
+TURN_DEG = 10.0
+"""Distance of the azimuths of a plane's normal from the sun at which its light is held [deg]."""
+HIGHEST_SUN_DEG = 75.0
+"""Highest sun whose zenith is read between suns: nearer to it the zenith has a part of the aureole."""
+DARKEST = 1e-30
+"""Radiance [sr^-1] or irradiance over F0 that stands for none in logarithms."""
+DISC_NODES = 160
+"""Suns at which the beam is computed, from the first ray that arrives to the zenith, by the cube of their number."""
+FEW_LINES = 100
+"""Lines of sight up to which they are computed one by one, for each sun whose table or hemisphere is missing."""
+FEW_SUNS = 2
+"""Moments up to which they are, for each of these suns."""
+ZENITH_DEG = 90.0 - 1e-9
+"""Elevation from which on a direction is the zenith, whatever its azimuth [deg]."""
 
 
 class SunTables:
-    """The tables of a solved field, for one observer.
+    """The tables of a solved `Field`, for one observer.
 
     altitude_km: of the observer above sea level; None: the scene's
     rows_deg, columns_deg: nodes of the tables; None: rows of the sky, for an observer high up of the ground as well
@@ -101,7 +114,7 @@ class SunTables:
 
     def __init__(
         self,
-        solved: Solved,
+        solved: Any,
         altitude_km: float | None = None,
         *,
         rows_deg: np.ndarray | None = None,
@@ -118,6 +131,8 @@ class SunTables:
         self.rows_deg = rows_deg
         self.columns_deg = first_columns(COLUMN_COUNT) if columns_deg is None else columns_deg
         self._made: dict[int, SkyTable] = {}
+        self._lines: dict[int, np.ndarray] = {}
+        self._surfaces: dict[tuple[str, float], np.ndarray] = {}
         self._key = ""
         if solved.cached:
             code = code_digest("twilight.engine.one_sun", "twilight.engine.sun_tables")
@@ -126,16 +141,17 @@ class SunTables:
     def under(self, sun_elevation_deg: float) -> SkyTable:
         """The table of one sun, between its neighbours; below the lowest sun logarithms fall on straight."""
         nodes, weights = sun_weights(self.suns_deg, np.array([sun_elevation_deg]))
-        used = [int(k) for k in np.unique(nodes[0][weights[0] != 0.0])]
+        used = [int(k) for k in _used(nodes[0], weights[0])]
         low, high = (int(np.clip(k, 0, self.suns_deg.size - 1)) for k in (min(used), max(used)))
         return stack([self._table(k) for k in range(low, high + 1)]).under(sun_elevation_deg)
 
-    def missing(self, sun_elevation_deg: np.ndarray) -> int:
-        """How many tables are to be computed before light is read under these suns."""
-        nodes, weights = sun_weights(self.suns_deg, sun_elevation_deg)
-        each = [int(k) for k in np.unique(nodes[weights != 0.0])]
-        cached = (bool(self._key) and cache.find(cache.SKIES, self._name(k)) is not None for k in each)
-        return sum(k not in self._made and not there for k, there in zip(each, cached, strict=True))
+    def missing(self, sun_elevation_deg: np.ndarray, *, lines: bool = False) -> int:
+        """How many tables, or hemispheres of lines, are to be computed before light is read under these suns."""
+        held = self._lines if lines else self._made
+        each = [int(k) for k in _used(*sun_weights(self.suns_deg, sun_elevation_deg)) if k not in held]
+        if not self._key:
+            return len(each)
+        return sum(cache.find(cache.SKIES, self._name(k, lines)) is None for k in each)
 
     def light(
         self,
@@ -146,7 +162,7 @@ class SunTables:
     ) -> np.ndarray:
         """Light in directions (D,), each under a sun of its own (D,), (D, W); azimuths from the sun."""
         nodes, weights = sun_weights(self.suns_deg, sun_elevation_deg)
-        used = np.unique(nodes[weights != 0.0])
+        used = _used(nodes, weights)
         tables = []
         for n, k in enumerate(used):
             progress(f"sun {self.suns_deg[k]:+.1f} deg", n / used.size)
@@ -166,31 +182,175 @@ class SunTables:
             tables.append(self._table(k))
         return stack(tables)
 
+    def sky(self, sun_elevation_deg: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
+        """Sun-normalised radiance [sr^-1], (N, D, W), of N suns (N,) and D directions of each (N, D), 0 to 90 deg high,
+        azimuths from the sun.
+
+        Where few lines of sight are asked for, each is computed; the zenith and others are read from tables.
+        """
+        suns = np.broadcast_to(sun_elevation_deg[:, None], elevation_deg.shape)
+        out = np.zeros((*elevation_deg.shape, self.solved.medium.n_wavelengths))
+        zenith = (elevation_deg >= ZENITH_DEG) & (suns <= HIGHEST_SUN_DEG)
+        for some, lines in ((zenith, True), (~zenith, False)):
+            if not some.any():
+                continue
+            missing = self.missing(suns[some], lines=lines) if self.suns_deg[0] <= suns[some].min() else 0
+            asked = np.flatnonzero(some.any(axis=1))
+            if some.sum() <= FEW_LINES * missing and asked.size <= FEW_SUNS * missing:
+                for n in asked:
+                    e, a = elevation_deg[n, some[n]], azimuth_deg[n, some[n]]
+                    out[n, some[n]] = self.solved.radiance(float(sun_elevation_deg[n]), e, a)
+            elif lines:
+                out[some] = self.zenith(suns[some])
+            else:
+                out[some] = self.light(suns[some], elevation_deg[some], azimuth_deg[some])
+        return out
+
+    def fill(self, sun_elevation_deg: np.ndarray, progress: Progress = silent) -> None:
+        """Compute the hemispheres that light under these suns is read from."""
+        used = _used(*sun_weights(self.suns_deg, sun_elevation_deg))
+        for n, k in enumerate(used):
+            progress(f"sun {self.suns_deg[k]:+.1f} deg", n / used.size)
+            self._lines_of(int(k))
+
+    def zenith(self, sun_elevation_deg: np.ndarray) -> np.ndarray:
+        """Sun-normalised radiance [sr^-1] of the zenith under suns (N,), up to HIGHEST_SUN_DEG, (N, W)."""
+        nodes, weights = sun_weights(self.suns_deg, sun_elevation_deg)
+        used = _used(nodes, weights)
+        light = np.log(np.maximum([self._lines_of(int(k))[-1] for k in used], DARKEST))
+        place = np.minimum(np.searchsorted(used, nodes), used.size - 1)
+        return np.exp(np.einsum("nk,nkw->nw", weights, light[place]))
+
+    def surface(self, surface: Surface, sun_elevation_deg: np.ndarray, normal_from_sun_deg: np.ndarray) -> np.ndarray:
+        """Irradiance of a surface by the sky over F0 (N, W) under suns (N,), its normal (N,) deg from them."""
+        nodes, weights = sun_weights(self.suns_deg, sun_elevation_deg)
+        key = (surface.kind, surface.tilt_deg)
+        if key not in self._surfaces:
+            shape = (self.suns_deg.size, _turns(surface).size, self.solved.medium.n_wavelengths)
+            self._surfaces[key] = np.full(shape, np.nan)
+        table = self._surfaces[key]
+        for k in _used(nodes, weights):
+            if np.isnan(table[k, 0, 0]):
+                table[k] = np.log(np.maximum(self._integrated(surface, int(k)), DARKEST))
+        heaviest = np.abs(weights).argmax(axis=1)[:, None]
+        nodes = np.where(weights != 0.0, nodes, np.take_along_axis(nodes, heaviest, axis=1))
+        if table.shape[1] == 1:
+            return np.exp(np.einsum("nk,nkw->nw", weights, table[nodes, 0]))
+        around = np.abs((normal_from_sun_deg + 180.0) % 360.0 - 180.0)
+        columns, across = hermite_weights(np.arange(-TURN_DEG, 180.0 + 1.5 * TURN_DEG, TURN_DEG), around)
+        # normals beyond the sun and its opposite are mirror images
+        last = table.shape[1] - 1
+        columns = last - np.abs(last - np.abs(columns - 1))
+        nodes_light = table[nodes[:, :, None], columns[:, None, :]]
+        return np.exp(np.einsum("nk,nj,nkjw->nw", weights, across, nodes_light))
+
+    def _integrated(self, surface: Surface, k: int) -> np.ndarray:
+        """Irradiance over F0 under one of the suns, (A, W), by the azimuth of the normal."""
+        elevation, azimuth, solid = (x[None] for x in whole_hemisphere(float(self.suns_deg[k])))
+        turned = [Surface(surface.kind, surface.tilt_deg, float(a)) for a in _turns(surface)]
+        weight = np.concatenate([one.view(elevation, azimuth, np.zeros(1)) * solid for one in turned])
+        half = weight.shape[1] // 2
+        return (weight[:, :half] + weight[:, half:]) @ self._lines_of(k)[:-1]
+
+    def beam(self, true_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Irradiance at normal incidence over F0 (T, W) at true elevations (T,) [deg], and the bending (T,) [deg]."""
+        suns, logs, bendings = self._beams
+        lit = np.flatnonzero(true_deg >= suns[0])
+        irradiance, bending = np.zeros((true_deg.size, logs.shape[1])), np.zeros(true_deg.size)
+        # beyond the zenith the disc comes down on the other side
+        at = np.where(true_deg > 90.0, 180.0 - true_deg, true_deg)[lit]
+        nodes, weights = hermite_weights(suns, at)
+        ends = logs[nodes[:, 1]], logs[nodes[:, 2]]
+        value = np.einsum("tk,tkw->tw", weights, logs[nodes])
+        irradiance[lit] = np.exp(np.clip(value, np.minimum(*ends), np.maximum(*ends)))
+        bending[lit] = (weights * bendings[nodes]).sum(axis=1)
+        return irradiance, bending
+
+    def strips(self, body: Luminary) -> tuple[np.ndarray, np.ndarray]:
+        """Apparent elevations [deg] (N, S) of the strips of the discs of a body at N moments, and their irradiances at
+        normal incidence over F0 (N, S, W); 0 in the dark."""
+        offset, fraction = disc_strips(body.strips)
+        true = body.elevation_deg[:, None] + SOLAR_RADIUS_DEG * offset
+        irradiance, bending = self.beam(true.ravel())
+        return true + bending.reshape(true.shape), irradiance.reshape(*true.shape, -1) * fraction[:, None]
+
+    @cached_property
+    def _beams(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Suns (K,) from the first ray that arrives to the zenith [deg], ln of the beam (K, W), bending (K,) [deg]."""
+        dark, lit = -40.0, 1.0
+        while lit - dark > 1e-6:  # the lowest ray that arrives
+            middle = 0.5 * (dark + lit)
+            reached = self.solved.direct(middle).irradiance.any()
+            dark, lit = (dark, middle) if reached else (middle, lit)
+        suns = lit + (90.0 - lit) * np.linspace(0.0, 1.0, DISC_NODES) ** 3
+        beams = [self.solved.direct(float(e)) for e in suns]
+        logs = np.log(np.maximum([one.irradiance for one in beams], DARKEST**10))
+        return suns, logs, np.array([one.bending_deg for one in beams])
+
     def _table(self, k: int) -> SkyTable:
         """The table of one of the suns."""
         if k not in self._made:
-            name = self._name(k)
-            fresh = _stored(name) if self._key else None
-            if fresh is None:
-                sun = float(self.suns_deg[k])
+            sun = float(self.suns_deg[k])
+
+            def filled() -> dict[str, np.ndarray]:
                 nodes = {"rows_deg": self.rows_deg, "columns_deg": self.columns_deg}
                 shared = float(np.clip(AUREOLE_SUN_DEG, *self.suns_deg[[0, -1]]))
-                fresh = self.solved.table(sun, self.altitude_km, **nodes, aureole_sun_deg=shared, refine=False)
-                if self._key:
-                    cache.store_arrays(cache.SKIES, name, fresh.arrays())
-            self._made[k] = fresh
+                table = self.solved.table(sun, self.altitude_km, **nodes, aureole_sun_deg=shared, refine=False)
+                return table.arrays()
+
+            self._made[k] = self._cached(self._name(k), filled, SkyTable.of_arrays)
         return self._made[k]
 
-    def _name(self, k: int) -> str:
-        nodes = f"{self.rows_deg.tolist()} {self.columns_deg.tolist()}"
-        return hashlib.sha256(f"{self._key} {self.suns_deg[k]!r} {nodes}".encode()).hexdigest()
+    def _lines_of(self, k: int) -> np.ndarray:
+        """Radiance (D + 1, W) of one half of `whole_hemisphere`, and of the zenith, under one of the suns."""
+        if k not in self._lines:
+            sun, count = float(self.suns_deg[k]), self.solved.medium.n_wavelengths
+
+            def computed() -> dict[str, np.ndarray]:
+                elevation, azimuth, _ = whole_hemisphere(sun)
+                rows, columns = np.append(np.unique(elevation), 90.0), azimuth[:HEMISPHERE_COLUMNS]
+                grid = self.solved.radiance(sun, rows[:, None], columns)
+                # one line is enough for the zenith
+                lines = np.concatenate([grid[:-1].reshape(-1, grid.shape[-1]), grid[-1, :1]])
+                return {"lines": lines.astype(np.float32)}
+
+            def read(arrays: dict[str, np.ndarray]) -> np.ndarray:
+                lines = arrays["lines"]
+                if lines.ndim != 2 or lines.shape[1] != count or not np.isfinite(lines).all():
+                    raise ValueError("not the lines of this field")
+                return lines.astype(float)
+
+            self._lines[k] = self._cached(self._name(k, lines=True), computed, read)
+        return self._lines[k]
+
+    def _name(self, k: int, lines: bool = False) -> str:
+        if lines:
+            about = f"hemisphere {''.join(self.solved.keys)} {self.altitude_km!r} {float(self.suns_deg[k])!r}"
+        else:
+            about = f"{self._key} {self.suns_deg[k]!r} {self.rows_deg.tolist()} {self.columns_deg.tolist()}"
+        return hashlib.sha256(about.encode()).hexdigest()
+
+    def _cached(
+        self, name: str, compute: Callable[[], dict[str, np.ndarray]], read: Callable[[dict[str, np.ndarray]], Any]
+    ) -> Any:
+        """What `read` makes of arrays that the cache has, or of new ones, which it then has; damaged ones are new."""
+        arrays = cache.read_arrays(cache.SKIES, name) if self._key else None
+        if arrays is not None:
+            try:
+                return read(arrays)
+            except (ValueError, KeyError, TypeError):
+                cache.discard(cache.path_of(cache.SKIES, name))
+        arrays = compute()
+        if self._key:
+            cache.store_arrays(cache.SKIES, name, arrays)
+        return read(arrays)
 
 
-def _stored(name: str) -> SkyTable | None:
-    """A table of the cache; None where there is none, or a damaged one."""
-    arrays = cache.read_arrays(cache.SKIES, name)
-    try:
-        return None if arrays is None else SkyTable.of_arrays(arrays)
-    except (ValueError, KeyError, TypeError):
-        cache.discard(cache.path_of(cache.SKIES, name))
-        return None
+def _used(nodes: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """The suns that have a weight."""
+    return np.unique(nodes[weights != 0.0])
+
+
+def _turns(surface: Surface) -> np.ndarray:
+    """Azimuths of a surface's normal from the sun at which its light is held [deg]."""
+    return np.arange(0.0, 180.5, TURN_DEG) if surface.turns else np.zeros(1)

@@ -10,6 +10,7 @@ from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.screen import Screen
 from twilight.sky.disc import SOLAR_RADIUS_DEG, Disc
+from twilight.sky.lights import Luminary
 from twilight.transport.beam import Beam, beam_at, prepare_beam
 from twilight.transport.ground_sun import GroundSun
 from twilight.transport.ray_profile import passing_at, ray_profile, refractivity_at
@@ -89,64 +90,40 @@ class Sunbeam:
         return GroundSun(self.medium)
 
 
-def disc_strips() -> tuple[np.ndarray, np.ndarray]:
+def disc_strips(count: int = DISC_STRIPS) -> tuple[np.ndarray, np.ndarray]:
     """Heights of strips above the disc's centre, over its radius, and fractions of its area.
 
     Nodes of Gauss and Chebyshev's second kind: strips of a disc weigh by their chord.
     """
-    k = np.arange(1, DISC_STRIPS + 1) * np.pi / (DISC_STRIPS + 1)
-    return np.cos(k), 2.0 / (DISC_STRIPS + 1) * np.sin(k) ** 2
+    k = np.arange(1, count + 1) * np.pi / (count + 1)
+    return np.cos(k), 2.0 / (count + 1) * np.sin(k) ** 2
 
 
-def disc_irradiance(
-    beam: Beam, medium: Medium, sun_elevation_deg: float, altitude_km: float | None = None
-) -> np.ndarray:
-    """Irradiance of a level surface by the sun's disc over F0, (W,): uniform disc in horizontal strips, each refracted.
+def make_disc(medium: Medium, body: Luminary, altitude_km: float, bands: GasBands | None = None) -> Disc:
+    """The disc of the sun or of another body in its place, seen from an altitude [km], at the wavelengths of a medium.
 
-    altitude_km: of the surface; None: the ground.
-    """
-    total, out = np.zeros(medium.n_wavelengths), np.zeros(medium.n_wavelengths)
-    for offset, fraction in zip(*disc_strips(), strict=True):
-        true = np.radians(sun_elevation_deg + SOLAR_RADIUS_DEG * offset)
-        bending = beam_at(beam, medium.bottom_km if altitude_km is None else altitude_km, np.sin(true), out)
-        total += fraction * max(0.0, float(np.sin(true + bending))) * out
-    return total
-
-
-def make_disc(
-    medium: Medium,
-    sun_elevation_deg: float,
-    altitude_km: float,
-    distance_au: float = 1.0,
-    bands: GasBands | None = None,
-    radius_deg: float | None = None,
-) -> Disc:
-    """The disc of a sun at a true elevation [deg], seen from an altitude [km], at the wavelengths of a medium.
-
-    bands: of gases, which take from its light too.  radius_deg: angular, of another body; None: the sun's.
+    bands: of gases, which take from its light too.
     All images count: where layers of air bend several lines of sight to one point of the disc it is seen several times.
     """
     rays = ApparentRays(medium)
-    radius = radius_deg
-    if radius is None:
-        radius = float(np.degrees(np.arcsin(np.sin(np.radians(SOLAR_RADIUS_DEG)) / distance_au)))
-    low, high = sun_elevation_deg - radius - 0.1, min(90.0, sun_elevation_deg + radius + _LIFTED_DEG)
+    centre, radius = float(body.elevation_deg), float(body.radius_deg)
+    low, high = centre - radius - 0.1, min(90.0, centre + radius + _LIFTED_DEG)
     scan = np.arange(max(low, -90.0), high + _SEARCH_DEG, _SEARCH_DEG)
     scan = scan[scan <= 90.0]
     n = medium.refractivity[0]
     extremes = np.unique([int(np.argmin(n)), int(np.argmax(n))])
     true, passed = rays.follow(altitude_km, scan, extremes)
-    hits = ((np.abs(true - sun_elevation_deg) < radius + 5 * _SEARCH_DEG) & (passed > 0.0)).any(axis=1)
+    hits = ((np.abs(true - centre) < radius + 5 * _SEARCH_DEG) & (passed > 0.0)).any(axis=1)
     if hits.any():
         first, last = scan[hits][[0, -1]] + np.array([-2.0, 2.0]) * _SEARCH_DEG
     else:  # below the horizon: rows that hold nothing
-        first, last = sun_elevation_deg, sun_elevation_deg + 2 * ROW_DEG
+        first, last = centre, centre + 2 * ROW_DEG
     count = int(np.ceil((last - first) / ROW_DEG))
     rows = np.minimum(first + (np.arange(count) + 0.5) * ROW_DEG, 90.0)
     true, passed = follow_rows(medium, altitude_km, rows, bands)
     if not hits.any():
         passed[:] = 0.0
-    return Disc(medium.wavelength_nm, rows, true, passed, float(sun_elevation_deg), radius)
+    return Disc(medium.wavelength_nm, rows, true, passed, centre, radius)
 
 
 def follow_rows(

@@ -7,7 +7,7 @@ they are asked for (`ViewRadiance.rows`), so that a picture of any size takes th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,18 +17,20 @@ from twilight.base.errors import TwilightError
 from twilight.config.pictures import Terrain, View
 from twilight.engine.field import Field
 from twilight.engine.mapped_ground import Land, MappedGround, join_grounds
-from twilight.engine.night import MoonLight, NightLight, with_moon
 from twilight.engine.sunbeam import Direct
 from twilight.engine.table import CLOSEST_ROWS_DEG, first_columns, first_rows, row_breaks
-from twilight.io.rendered import ViewPixels
+from twilight.io.rendered import ViewPixels, ViewSource
 from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.sky.disc import SOLAR_RADIUS_DEG
+from twilight.sky.lights import Luminary
+from twilight.sky.moon import MoonDisc
+from twilight.sky.night.points import Raster, StarPoints
 from twilight.sky.table import SkyTable
 from twilight.sky.table import join as join_tables
 from twilight.solvers.base import Capabilities
 from twilight.terrain.aerial_perspective import DEGREE
 from twilight.terrain.heights import Standpoint, heights_of
-from twilight.terrain.scene import FormulaField, Viewpoint, add_terrain, check_above
+from twilight.terrain.scene import FormulaField, SunlitAir, Viewpoint, add_terrain, check_above
 from twilight.transport.beam import prepare_beam
 from twilight.transport.rays import horizon_dip_deg
 from twilight.transport.scaling import delta_scaled
@@ -42,6 +44,12 @@ LEAST_APART_DEG = 1e-3
 """First rows and columns closer than this to the edge of a view are left out [deg]."""
 PIXELS_AT_ONCE = 1 << 18
 """Pixels whose directions are held at once."""
+PIECE_DEG = 0.02
+"""Largest distance of the directions of a pixel whose mean is the moon's light in the pixel [deg]."""
+MOST_PIECES = 24
+"""Most of these directions across a pixel."""
+DISC_PIXELS_AT_ONCE = 2048
+"""Pixels whose directions to a disc are held at once."""
 PITCH_ROWS = 64
 """Rows of a picture in which the angle between its pixels is measured."""
 
@@ -62,20 +70,15 @@ def pixel_pitch_deg(view: View) -> float:
 class ViewRadiance:
     """What a view shows, as a table; its pixels are made when they are asked for.
 
-    table: sun-normalised radiance [sr^-1] of the directions in the view; pitch_deg: angle between pixels; direct: the
-    sun's light at the observer, None: no disc; night: in the same unit, None: there is none; light_azimuth_deg: from
-    which the table's azimuths count, from the sun; moon: the same view under the moon alone, and its light, None: there
-    is none; ground: what an albedo map adds to the table, None: there is none.
+    table: sun-normalised radiance [sr^-1] of the directions in the view; pitch_deg: angle between pixels; azimuth_deg:
+    from which the table's azimuths count, from the sun; ground: what an albedo map adds to the table, None: there is
+    none.
     """
 
     view: View
     table: SkyTable
     pitch_deg: float
-    sun_elevation_deg: float
-    direct: Direct | None = None
-    night: NightLight | None = None
-    light_azimuth_deg: float = 0.0
-    moon: tuple[ViewRadiance, MoonLight] | None = None
+    azimuth_deg: float = 0.0
     ground: MappedGround | None = None
 
     @property
@@ -89,22 +92,70 @@ class ViewRadiance:
         return self.view.shape
 
     def rows(self, first: int, stop: int) -> ViewPixels:
-        """Some rows of the picture, with the sun's disc where `direct` is known."""
+        """Some rows of the picture."""
         rays = self.view.rays((first, stop))
         azimuth, elevation = azimuth_elevation(rays)
         inside = np.isfinite(elevation)
         picture = np.full((*elevation.shape, self.table.smooth.shape[-1]), np.nan, np.float32)
-        directions = elevation[inside], azimuth[inside] - self.light_azimuth_deg
+        directions = elevation[inside], azimuth[inside] - self.azimuth_deg
         picture[inside] = self.table.light(*directions)
         if self.ground is not None:
             picture[inside] = np.maximum(picture[inside] + self.ground.light(*directions), 0.0)
-        pixels = ViewPixels(self.kind, rays.astype(np.float32), picture, self.pitch_deg)
-        if self.night is not None:
-            pixels = with_night(pixels, self.night)
-        if self.moon is not None:
-            by_moon, light = self.moon
-            pixels = with_moon(pixels, by_moon.rows(first, stop).radiance, light)
-        return pixels if self.direct is None else with_sun(pixels, self.direct, self.sun_elevation_deg)
+        return ViewPixels(self.kind, rays.astype(np.float32), picture, self.pitch_deg)
+
+    def whole(self) -> ViewPixels:
+        """The picture."""
+        return self.rows(0, self.shape[0])
+
+
+@dataclass(frozen=True)
+class ViewOfLights:
+    """A view as the sum of its lights, sun-normalised [sr^-1]; its pixels are made when they are asked for.
+
+    lit: what the luminaries light, the sun's first, each times its irradiance over the sun's; glow: of the night, seen
+    before terrain as if that were the ground, None: there is none; stars: points of it, azimuths from the sun; discs:
+    what puts the discs of the luminaries into pixels.
+    """
+
+    lit: tuple[tuple[ViewSource, np.ndarray | float], ...]
+    glow: ViewRadiance | None = None
+    stars: StarPoints | None = None
+    discs: tuple[Callable[[ViewPixels], ViewPixels], ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """The name of the projection."""
+        return self.lit[0][0].kind
+
+    @property
+    def pitch_deg(self) -> float:
+        """Angle between pixels [deg]."""
+        return self.lit[0][0].pitch_deg
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width) [pixels]."""
+        return self.lit[0][0].shape
+
+    def rows(self, first: int, stop: int) -> ViewPixels:
+        """Some rows of the picture."""
+        pixels = self.lit[0][0].rows(first, stop)
+        radiance = pixels.radiance.astype(float)
+        if self.glow is not None:
+            glow = self.glow.rows(first, stop).radiance
+            if pixels.hidden is not None:
+                glow[pixels.hidden] = self.glow.table.smooth[0, 0, 0]
+            radiance += glow
+        if self.stars is not None:
+            towards = direction(self.stars.azimuth_deg, self.stars.elevation_deg)
+            raster = Raster(pixels.rays.astype(float), self.pitch_deg)
+            raster.add(radiance, towards, self.stars.irradiance, pixels.hidden)
+        for source, over_sun in self.lit[1:]:
+            radiance += source.rows(first, stop).radiance * over_sun
+        pixels = replace(pixels, radiance=radiance.astype(np.float32))
+        for disc in self.discs:
+            pixels = disc(pixels)
+        return pixels
 
     def whole(self) -> ViewPixels:
         """The picture."""
@@ -124,25 +175,19 @@ def check_view(view: View, able: Capabilities, title: str, mapped: bool = False)
 
 
 def view_radiance(
-    solved: Field,
-    view: View,
-    sun_elevation_deg: float,
-    light_azimuth_deg: float = 0.0,
-    like: ViewRadiance | None = None,
-    land: Land | None = None,
+    solved: Field, view: View, body: Luminary, like: ViewRadiance | None = None, land: Land | None = None
 ) -> ViewRadiance:
-    """What a field shows in a view, without the sun's disc.
+    """What a field shows in a view under a luminary in the sun's place, its azimuth from the sun, without its disc.
 
-    light_azimuth_deg: from the sun, of a second light that stands at `sun_elevation_deg` in its place; like: the same
-    at other wavelengths, whose rows and columns are taken to begin with; land: the map of the ground about the observer
-    and that light, None: there is none.
+    like: the same at other wavelengths, whose rows and columns are taken to begin with; land: the map of the ground
+    about the observer and that light, None: there is none.
     """
     pitch = pixel_pitch_deg(view)
-    rows, columns = _first_nodes(solved, view, light_azimuth_deg, pitch)
+    rows, columns = _first_nodes(solved, view, body.azimuth_deg, pitch)
     if like is not None:
         rows, columns = like.table.elevation_deg, like.table.azimuth_deg
     table = solved.table(
-        sun_elevation_deg,
+        body.elevation_deg,
         rows_deg=rows,
         columns_deg=columns,
         refine=not solved.scene.capabilities.standard_error,
@@ -150,18 +195,16 @@ def view_radiance(
         most=MOST_NODES,
     )
     seen_ground = land is not None and table.elevation_deg[0] < 0.0
-    ground = MappedGround.of(solved, sun_elevation_deg, land) if land is not None and seen_ground else None
-    return ViewRadiance(view, table, pitch, sun_elevation_deg, light_azimuth_deg=light_azimuth_deg, ground=ground)
+    ground = MappedGround.of(solved, body.elevation_deg, land) if land is not None and seen_ground else None
+    return ViewRadiance(view, table, pitch, body.azimuth_deg, ground)
 
 
-def _first_nodes(
-    solved: Field, view: View, light_azimuth_deg: float, pitch_deg: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _first_nodes(solved: Field, view: View, azimuth_deg: float, pitch_deg: float) -> tuple[np.ndarray, np.ndarray]:
     """The rows and columns that a view is computed on first."""
     (low, high), (left, right) = _extent(view)
-    if light_azimuth_deg or left < 2.0 * pitch_deg:
+    if azimuth_deg or left < 2.0 * pitch_deg:
         left = 0.0  # where the sky is its mirror image
-    if light_azimuth_deg or right > 180.0 - 2.0 * pitch_deg:
+    if azimuth_deg or right > 180.0 - 2.0 * pitch_deg:
         right = 180.0
     altitude = solved.scene.altitude_km
     lowest, breaks = row_breaks(solved.scene, altitude)
@@ -179,11 +222,11 @@ def _between(nodes: np.ndarray, low: float, high: float) -> np.ndarray:
     return np.concatenate([[low], inside, [high]])
 
 
-def join_views(views: Sequence[ViewRadiance], direct: Direct | None) -> ViewRadiance:
-    """The same view at the wavelengths of all blocks, and the sun's disc in it."""
+def join_views(views: Sequence[ViewRadiance]) -> ViewRadiance:
+    """The same view at the wavelengths of all blocks."""
     grounds = [one.ground for one in views if one.ground is not None]
     ground = join_grounds(grounds) if grounds else None
-    return replace(views[0], table=join_tables([one.table for one in views]), direct=direct, ground=ground)
+    return replace(views[0], table=join_tables([one.table for one in views]), ground=ground)
 
 
 def _extent(view: View) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -213,24 +256,23 @@ def landscape(
     solved: Field,
     seen: ViewPixels,
     terrain: Terrain,
-    sun_elevation_deg: float,
+    body: Luminary,
     standpoint: Standpoint | None = None,
-    light_azimuth_deg: float = 0.0,
     land: Land | None = None,
 ) -> ViewPixels:
     """What a field shows of a view with terrain in it.
 
     standpoint: of an observer whose place and sun are known, by which terrain with coordinates is laid.
-    light_azimuth_deg, land: as in `view_radiance`.
+    body, land: as in `view_radiance`.
     """
     altitude = solved.scene.altitude_km
-    heights = heights_of(terrain, standpoint=standpoint).facing(light_azimuth_deg)
-    c, s = np.cos(np.radians(light_azimuth_deg)), np.sin(np.radians(light_azimuth_deg))
+    heights = heights_of(terrain, standpoint=standpoint).facing(body.azimuth_deg)
+    c, s = np.cos(np.radians(body.azimuth_deg)), np.sin(np.radians(body.azimuth_deg))
     rays = seen.rays.astype(float) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     radiance, w = [], 0
     for block in solved.blocks:
         medium = block.medium
-        place = Viewpoint(altitude, sun_elevation_deg, block.direct(sun_elevation_deg).bending_deg)
+        place = Viewpoint(altitude, body.elevation_deg, block.direct(body.elevation_deg).bending_deg)
         scaled = getattr(block.field, "scaled", None) or delta_scaled(medium, DEGREE)
         beam = prepare_beam(scaled.medium)
         sky = seen.radiance[..., w : w + medium.n_wavelengths]
@@ -238,7 +280,7 @@ def landscape(
         field = FormulaField(block.field) if solved.scene.capabilities.kind == "formula" else block.field
         mapped = None if land is None else partial(_albedo, land, medium.wavelength_nm)
         with_terrain = add_terrain(
-            sky, rays, heights, field, medium, beam, place, terrain.albedo, terrain.shadows, mapped
+            sky, rays, heights, SunlitAir(field, medium, beam, place), terrain.albedo, terrain.shadows, mapped
         )
         radiance.append(with_terrain.radiance)
     shown = np.concatenate(radiance, axis=-1)
@@ -247,12 +289,6 @@ def landscape(
 
 def _albedo(land: Land, wavelength_nm: np.ndarray, azimuth: np.ndarray, turn: np.ndarray) -> np.ndarray:
     return land.albedo(np.degrees(azimuth), turn, wavelength_nm)
-
-
-def with_night(pixels: ViewPixels, night: NightLight) -> ViewPixels:
-    """The view with the night's light behind and in the air; terrain in it is lit as the ground is."""
-    lit = night.seen_by(pixels.rays.astype(float), pixels.pitch_deg, pixels.hidden)
-    return replace(pixels, radiance=(pixels.radiance + lit).astype(np.float32))
 
 
 def with_sun(pixels: ViewPixels, direct: Direct, sun_elevation_deg: float) -> ViewPixels:
@@ -272,3 +308,39 @@ def with_sun(pixels: ViewPixels, direct: Direct, sun_elevation_deg: float) -> Vi
     disc = covered[..., None] * (direct.irradiance / solid_angle)
     covered = covered if pixels.sun is None else np.maximum(pixels.sun, covered)
     return replace(pixels, radiance=(pixels.radiance + disc).astype(np.float32), sun=covered)
+
+
+def with_moon(pixels: ViewPixels, disc: MoonDisc, over_sun: np.ndarray) -> ViewPixels:
+    """The view with the moon's disc: each pixel has the mean of directions `PIECE_DEG` apart.
+
+    over_sun (W,): irradiance of the moon above the air over that of the sun.
+    """
+    disc, moon = disc.without_dispersion(), disc.moon
+    lower, upper = disc.edges_deg()
+    middle = direction(moon.azimuth_deg, 0.5 * (lower + upper))
+    rays = pixels.rays.astype(float)
+    largest_angle = np.radians(upper - lower + 3.0 * pixels.pitch_deg)
+    chord = np.linalg.norm(np.nan_to_num(rays) - middle, axis=-1)
+    near = (chord < 2.0 * np.sin(min(0.5 * largest_angle, 0.5 * np.pi))) & np.isfinite(rays).all(axis=-1)
+    where = np.nonzero(near if pixels.hidden is None else near & ~pixels.hidden)
+    if not where[0].size:
+        return pixels
+    count = int(np.clip(np.ceil(pixels.pitch_deg / PIECE_DEG), 2, MOST_PIECES))
+    step = np.radians(pixels.pitch_deg) * ((np.arange(count) + 0.5) / count - 0.5)
+    ray = rays[where]
+    right = np.cross(ray, [0.0, 0.0, 1.0])
+    right /= np.maximum(np.linalg.norm(right, axis=-1, keepdims=True), 1e-9)
+    up = np.cross(right, ray)
+    radiance = pixels.radiance.copy()
+    covered = np.zeros(pixels.shape) if pixels.sun is None else pixels.sun.copy()
+    over_sun = over_sun / moon.irradiance_factor(disc.wavelength_nm)  # for the disc counts from the sun at 1 au
+    for k in range(0, len(ray), DISC_PIXELS_AT_ONCE):
+        part = np.s_[k : k + DISC_PIXELS_AT_ONCE]
+        inside = where[0][part], where[1][part]
+        r, x, y = (v[part][:, None, None] for v in (ray, right, up))
+        pieces = r + x * step[:, None] + y * step[:, None, None]
+        azimuth, elevation = azimuth_elevation(pieces)
+        shown = disc.radiance(elevation, np.mod(azimuth - moon.azimuth_deg + 180.0, 360.0) - 180.0)
+        radiance[inside] += (shown.mean(axis=(1, 2)) * over_sun).astype(radiance.dtype)
+        covered[inside] = np.maximum(covered[inside], (shown.max(axis=-1) > 0.0).mean(axis=(1, 2)))
+    return replace(pixels, radiance=radiance, sun=covered)

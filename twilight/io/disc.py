@@ -9,7 +9,6 @@ from twilight.io.environment import pixel_of, pixel_solid_angle
 from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.sky import colour
 from twilight.sky.disc import Disc
-from twilight.sky.moon import MoonDisc
 from twilight.sky.sky import Sky
 from twilight.sky.tone import Light, Tone
 
@@ -24,7 +23,7 @@ PIXELS_AT_ONCE = 512
 class _Shown(NamedTuple):
     """A disc; azimuth_deg: of its body from the sun; scale: of its radiance to that over F0 at the sky's distance."""
 
-    disc: Disc | MoonDisc
+    disc: Disc
     azimuth_deg: float
     scale: float
 
@@ -39,7 +38,7 @@ def _shown(sky: Sky) -> list[_Shown]:
     return discs
 
 
-def _fine(disc: Disc | MoonDisc) -> Disc | MoonDisc:
+def _fine(disc: Disc) -> Disc:
     """The disc at wavelengths close enough for its colours, where those of the sky are far apart."""
     nm = disc.wavelength_nm
     if nm.size == 1 or np.diff(nm).max() <= COLOUR_STEP_NM:

@@ -7,9 +7,7 @@ out, and rendering it gives the same sky.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,8 +20,8 @@ from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.climate import Spectrum, climate_files
 from twilight.config.scene import Config, Horizon, Observer
 from twilight.config.solver import complete_solver
-from twilight.config.sun import MoonSection, SunAt, SunElevation, SunElevations, SunInterval, SunTimes
-from twilight.numerics.directions import direction
+from twilight.config.sun import SunAt, SunElevation, SunElevations
+from twilight.scene.lights import SceneLights, lights_of
 from twilight.scene.medium import (
     check_sha256,
     climate_gas_bands,
@@ -33,8 +31,7 @@ from twilight.scene.medium import (
     wavelengths_of,
 )
 from twilight.scene.plan import Omission, make_plan
-from twilight.sky.ephemeris import AU_KM, sun_position
-from twilight.sky.moon import MEAN_DISTANCE_KM, Moon, moon_over
+from twilight.scene.suns import SceneSun, suns_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,68 +43,6 @@ if TYPE_CHECKING:
 
 MAP_MEAN_KM = 100.0
 """Least distance from the observer up to which the mean of an albedo map is taken [km]."""
-
-
-@dataclass(frozen=True)
-class SceneSun:
-    """One sun of a sequence, and the section of a configuration that asks for this sun alone.
-
-    elevation_deg: true; azimuth_deg: clockwise from north, None where there is no place; name: for a folder.
-    """
-
-    name: str
-    section: SunElevation | SunAt
-    elevation_deg: float
-    azimuth_deg: float | None = None
-    distance_au: float = 1.0
-    time: datetime | None = None
-
-
-def count_suns(config: Config) -> int:
-    """How many suns a configuration has."""
-    sun = config.sun
-    if isinstance(sun, SunElevations):
-        return len(sun.elevations_deg)
-    if isinstance(sun, SunInterval | SunTimes):
-        return len(_moments(sun))
-    return 1
-
-
-def suns_of(config: Config) -> Iterator[SceneSun]:
-    """The positions of the sun of a configuration, one by one."""
-    sun = config.sun
-    if isinstance(sun, SunElevation):
-        yield SceneSun(_elevation_name(sun.elevation_deg), sun, sun.elevation_deg, distance_au=sun.distance_au)
-    elif isinstance(sun, SunElevations):
-        for elevation in sun.elevations_deg:
-            section = SunElevation(elevation_deg=elevation, distance_au=sun.distance_au, disc=sun.disc)
-            yield SceneSun(_elevation_name(elevation), section, elevation, distance_au=sun.distance_au)
-    else:
-        for moment in _moments(sun):
-            place = {key: getattr(sun, key) for key in ("latitude_deg", "longitude_deg", "time_zone", "disc")}
-            one_at = SunAt(at=moment, **place)
-            above = config.observer.altitude_km  # within what views have
-            at = sun_position(moment, sun.latitude_deg, sun.longitude_deg, above, highest_km=max(above, 100.0))
-            finest = "%H%M%S.%f" if moment.microsecond else "%H%M%S" if moment.second else "%H%M"
-            twice = moment.replace(fold=0).utcoffset() != moment.replace(fold=1).utcoffset()  # as summer time ends
-            name = moment.strftime(f"%Y-%m-%dT{finest}{'%z' if twice else ''}")
-            yield SceneSun(name, one_at, float(at.elevation_deg), float(at.azimuth_deg), float(at.distance_au), moment)
-
-
-def _elevation_name(elevation_deg: float) -> str:
-    return f"sun{elevation_deg:+06.2f}"
-
-
-def _moments(sun: SunAt | SunTimes | SunInterval) -> list[datetime]:
-    """The times with their offsets; a daylight-saving change within an interval does not disturb the steps."""
-    if isinstance(sun, SunAt):
-        return [sun.aware(sun.at)]
-    if isinstance(sun, SunTimes):
-        return [sun.aware(moment) for moment in sun.times]
-    start, stop = sun.aware(sun.start), sun.aware(sun.stop)
-    step = timedelta(minutes=sun.step_minutes)
-    count = int((stop.timestamp() - start.timestamp()) / step.total_seconds() + 1e-9) + 1
-    return [datetime.fromtimestamp(start.timestamp() + i * step.total_seconds(), start.tzinfo) for i in range(count)]
 
 
 def screen_of(horizon: Horizon) -> Screen | None:
@@ -144,33 +79,6 @@ def described(horizon: Horizon) -> str | None:
     return (
         f"{beams} at {section.heights_km[0]:g} to {section.heights_km[-1]:g} km, from {section.from_km:g} km on{haze}"
     )
-
-
-def moon_of(config: Config, sun: SceneSun) -> Moon | None:
-    """The moon at the moment of a sun; None where the configuration has none."""
-    section = config.moon
-    if section is None:
-        return None
-    if section.elevation_deg is None:
-        place = sun.section
-        assert isinstance(place, SunAt) and sun.time is not None and sun.azimuth_deg is not None
-        altitude = config.observer.altitude_km
-        return moon_over(sun.time, place.latitude_deg, place.longitude_deg, sun.azimuth_deg, altitude)
-    return placed_moon(section, sun.elevation_deg, sun.distance_au)
-
-
-def placed_moon(section: MoonSection, sun_elevation_deg: float, sun_distance_au: float) -> Moon:
-    """The moon that a configuration puts somewhere (`elevation_deg`), under a sun."""
-    assert section.elevation_deg is not None
-    azimuth = 180.0 if section.azimuth_deg is None else section.azimuth_deg % 360.0
-    distance = section.distance_km or MEAN_DISTANCE_KM
-    moon = distance * direction(azimuth, section.elevation_deg)
-    from_sun = moon - sun_distance_au * AU_KM * direction(0.0, sun_elevation_deg)
-    phase = section.phase_angle_deg
-    if phase is None:
-        phase = float(np.degrees(np.arctan2(np.linalg.norm(np.cross(moon, from_sun)), moon @ from_sun)))
-    away = float(np.linalg.norm(from_sun)) / AU_KM
-    return Moon(section.elevation_deg, azimuth, phase, distance, away)
 
 
 def _with_mean_of_map(config: Config) -> Config:
@@ -301,6 +209,10 @@ class Scene:
     def sun_elevations_deg(self) -> tuple[float, ...]:
         """True elevations of the suns [deg]."""
         return tuple(sun.elevation_deg for sun in self.suns)
+
+    def lights(self, sun: SceneSun) -> SceneLights:
+        """What shines at the moment of one of the suns, and what does not, with the reason."""
+        return lights_of(self.configuration, self.medium, self.altitude_km, sun)
 
 
 def resolve(

@@ -1,30 +1,18 @@
 """Pictures from a `SkyTable` of four channels, by its rule, for any sun between those of the table.
 
 The rule is compiled here because films read some millions of directions a second; `SkyTable.light` is the same.
-
-The sun's disc in a film: lifted, flattened and coloured by the refracted sunbeam, darkened to its limb.
-
-The moon of a film: where it stands in every picture, and its disc.
 """
 
 import math
 from dataclasses import dataclass
-from datetime import timedelta
 
 import numpy as np
 
 from twilight.base.threads import in_slices
-from twilight.config.scene import Config
-from twilight.config.sun import SunInterval
 from twilight.jit.kernels import njit
 from twilight.jit.simd import LANES, broadcast, exp, load, store
 from twilight.numerics.directions import PHASE_COUNT
-from twilight.scene.scene import placed_moon
-from twilight.show.night import MoonColours, sky_elevations
-from twilight.show.timeline import FilmTimeline
 from twilight.show.tones import CHANNELS, NO_LIGHT, padded_columns
-from twilight.sky.disc import SOLAR_RADIUS_DEG, limb_darkening, mean_limb_darkening
-from twilight.sky.moon import Moon, disc_integral, moon_over, surface, towards_sun
 from twilight.sky.table import DARKEST, SkyTable
 
 NONE = np.float32(0.0)
@@ -154,118 +142,3 @@ def horizon_of(table: SkyTable) -> float:
     """Apparent elevation of the horizon [deg]: the lowest break of a table that has the ground."""
     rows = table.elevation_deg
     return float(rows[np.flatnonzero(np.diff(rows) == 0.0)[0]])
-
-
-DARKENED_AT_NM = np.array([550.0])
-"""Wavelength of the limb darkening of all wavelengths, as on the page of `twilight view` [nm]."""
-
-
-@dataclass(frozen=True)
-class RefractedBeam:
-    """refraction_deg (N,), beam (N, 4): of the sun's disc at 1 au; horizon_deg: apparent."""
-
-    refraction_deg: np.ndarray
-    beam: np.ndarray
-    horizon_deg: float
-
-    def near(self, elevation_deg: np.ndarray, body_elevation_deg: float, pixel_deg: float) -> np.ndarray:
-        """Whether apparent elevations [deg] may show a body at a true elevation."""
-        with np.errstate(invalid="ignore"):
-            near = np.abs(elevation_deg - body_elevation_deg) < 2.0 + pixel_deg
-            return near & (elevation_deg >= self.horizon_deg)
-
-    def at(self, elevation_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """True elevations [rad] (M,), and what the whole disc would give (M, 4), at apparent elevations (M,) [deg]."""
-        nodes = sky_elevations(self.horizon_deg)
-        true = np.radians(elevation_deg - np.interp(elevation_deg, nodes, self.refraction_deg))
-        logs = [np.interp(elevation_deg, nodes, column) for column in np.log(self.beam).T]
-        return true, np.stack([np.exp(log) for log in logs], axis=-1)
-
-
-@dataclass(frozen=True)
-class DiscPainter(RefractedBeam):
-    """Draws the sun's disc."""
-
-    def light(
-        self,
-        elevation_deg: np.ndarray,
-        azimuth_deg: np.ndarray,
-        pixel_deg: float,
-        sun_elevation_deg: float,
-        sun_azimuth_deg: float,
-        distance_au: float,
-    ) -> np.ndarray:
-        """Channels of the film's tone [cd m^-2], (H, W, 4).
-
-        sun_elevation_deg: true.  Edges are smoothed over pixel_deg; a disc of less than a pixel keeps its light.
-        """
-        light = np.zeros((*elevation_deg.shape, 4))
-        near = self.near(elevation_deg, sun_elevation_deg, pixel_deg)
-        if not near.any():
-            return light
-        true, beam = self.at(elevation_deg[near])
-        sun, across = np.radians(sun_elevation_deg), np.radians(azimuth_deg[near] - sun_azimuth_deg)
-        cosine = np.sin(true) * np.sin(sun) + np.cos(true) * np.cos(sun) * np.cos(across)
-        away = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        radius = SOLAR_RADIUS_DEG / distance_au
-        filled = np.clip((radius - away) / pixel_deg + 0.5, 0.0, min(1.0, np.pi * (radius / pixel_deg) ** 2))
-        mu = np.sqrt(np.clip(1.0 - (away / radius) ** 2, 0.0, 1.0))
-        dark = limb_darkening(mu[..., None], DARKENED_AT_NM)[..., 0] / mean_limb_darkening(DARKENED_AT_NM)[0]
-        # what the disc gives at 1 au over the solid angle that it has there
-        solid = np.pi * np.sin(np.radians(SOLAR_RADIUS_DEG)) ** 2
-        light[near] = (filled * dark / solid)[:, None] * beam
-        return light
-
-
-PIECE_DEG = 0.03
-"""Distance of the points of a pixel whose mean is the disc's light in it [deg]."""
-MOST_PIECES = 16
-"""Most points across a pixel."""
-
-
-def moons_of(config: Config, line: FilmTimeline) -> list[Moon] | None:
-    """The moon of every picture, its azimuth from the sun's; None where the configuration has none.
-
-    One that is put somewhere stands still, as seen from the sun's azimuth.
-    """
-    if config.moon is None:
-        return None
-    suns = zip(line.time_s, line.elevation_deg, line.azimuth_deg, line.distance_au, strict=True)
-    sun = config.sun
-    if not isinstance(sun, SunInterval):
-        return [placed_moon(config.moon, float(e), float(au)) for _, e, _, au in suns]
-    start, where = sun.aware(sun.start), (sun.latitude_deg, sun.longitude_deg)
-    altitude_km = config.observer.altitude_km
-    return [moon_over(start + timedelta(seconds=float(t)), *where, float(a), altitude_km) for t, _, a, _ in suns]
-
-
-@dataclass(frozen=True)
-class MoonDiscPainter(RefractedBeam):
-    """Draws the moon's disc, whose beam is the sun's in moonlight."""
-
-    colours: MoonColours
-
-    def light(
-        self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, pixel_deg: float, moon: Moon, sun_elevation_deg: float
-    ) -> np.ndarray:
-        """Channels [cd m^-2] of the disc in directions (H, W), (H, W, 4); azimuth from the sun's.
-
-        A pixel has the mean of its points, so that a disc smaller than it keeps its light.
-        """
-        light = np.zeros((*elevation_deg.shape, 4))
-        near = self.near(elevation_deg, moon.elevation_deg, pixel_deg)
-        if not near.any():
-            return light
-        true, beam = self.at(elevation_deg[near])
-        m, across = np.radians(moon.elevation_deg), np.radians(azimuth_deg[near] - moon.azimuth_deg)
-        radius = np.sin(np.radians(moon.radius_deg))
-        x = np.cos(true) * np.sin(across) / radius
-        y = (np.sin(true) * np.cos(m) - np.cos(true) * np.sin(m) * np.cos(across)) / radius
-        facing = np.cos(true) * np.cos(m) * np.cos(across) + np.sin(true) * np.sin(m) > 0.0
-        count = int(np.clip(np.ceil(pixel_deg / PIECE_DEG), 2, MOST_PIECES))
-        step = np.radians(pixel_deg) / radius * ((np.arange(count) + 0.5) / count - 0.5)
-        place = x[:, None, None] + step[:, None], y[:, None, None] + step
-        shape = surface(*place, towards_sun(moon, sun_elevation_deg), moon.phase_angle_deg).mean(axis=(1, 2))
-        whole = self.colours.moonlit(beam, moon)
-        light[near] = (np.where(facing, shape, 0.0) / radius**2 / disc_integral(moon.phase_angle_deg))[:, None] * whole
-        return light

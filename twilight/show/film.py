@@ -1,7 +1,6 @@
 """From a configuration to a film: one field, its tables, exposures of all pictures, the pictures, the encoder."""
 
 import hashlib
-import math
 import shutil
 import time
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from twilight import solvers
-from twilight.base.digest import code_digest
+from twilight.base.digest import add_content, code_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.base.reading import stored_arrays
@@ -20,7 +19,6 @@ from twilight.base.whole_files import check_file, check_folder, whole_file
 from twilight.config.pictures import View
 from twilight.config.scene import Config
 from twilight.engine import solve
-from twilight.engine.night import check_stars
 from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT, SunTables, suns_between
 from twilight.engine.table import first_columns, first_rows, with_ground
 from twilight.io.picture import to_bytes
@@ -28,13 +26,23 @@ from twilight.io.provenance import configuration_hash, locked
 from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import Scene, resolve
-from twilight.show import night
-from twilight.show.draw import DiscPainter, MoonDiscPainter, Painter, horizon_of, moons_of
+from twilight.scene.lights import check_stars
+from twilight.show.draw import Painter, horizon_of
 from twilight.show.encode import check_output, encode, write_exr
-from twilight.show.night import MoonColours, NightPainter, Nights, nights_of
+from twilight.show.lights import (
+    DiscPainter,
+    FilmGlows,
+    GlowPainter,
+    MoonColours,
+    glows_of_film,
+    moons_of,
+    sky_elevations,
+    sunbeam,
+)
 from twilight.show.skies import check_altitudes
-from twilight.show.timeline import FilmTimeline, meter, smoothed, timeline
+from twilight.show.timeline import FilmTimeline, Pace, meter, smoothed, timeline
 from twilight.show.tones import Channels
+from twilight.sky.lights import Sun
 from twilight.sky.moon import Moon
 from twilight.sky.table import SkyTable
 from twilight.sky.tone import Shot, Tone, adapt, tone_of
@@ -43,10 +51,6 @@ METERED_PIXELS = 96
 """Width at which pictures are metered before any is drawn."""
 USUAL_VIEW: dict[str, Any] = {"kind": "perspective", "width": 640, "elevation_deg": 12.0}
 """Where the configuration has no observer.view."""
-SPEED = 300.0
-"""Seconds of the sky in a second of film, unless asked otherwise: five minutes."""
-FRAMES_PER_SECOND = 25.0
-"""Pictures a second, unless asked otherwise."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +74,9 @@ class FilmParts:
     """What pictures are made of; None where a film has no such part."""
 
     table: SkyTable
-    nights: Nights | None
+    glows: FilmGlows | None
     moon: MoonColours | None
     disc: DiscPainter | None
-    moon_disc: MoonDiscPainter | None
 
 
 class SkyPainter:
@@ -82,7 +85,7 @@ class SkyPainter:
     def __init__(self, parts: FilmParts, directions: tuple[np.ndarray, np.ndarray]):
         self.directions, self._moon = directions, parts.moon
         self._air = Painter(parts.table, *directions)
-        self._night = None if parts.nights is None else NightPainter(parts.nights, *directions)
+        self._glows = None if parts.glows is None else GlowPainter(parts.glows, *directions)
         self.outside = self._air.outside
 
     def light(self, time_s: float, sun: tuple[float, float, float], moon: Moon | None) -> np.ndarray:
@@ -90,7 +93,7 @@ class SkyPainter:
         light = self._air.light(*sun)
         if moon is not None and self._moon is not None and moon.shines:
             light += self._moon.moonlit(self._air.light(moon.elevation_deg, sun[1] + moon.azimuth_deg), moon)
-        return light if self._night is None else light + self._night.light(time_s)
+        return light if self._glows is None else light + self._glows.light(time_s)
 
 
 class Animation:
@@ -98,7 +101,7 @@ class Animation:
 
     output: .mp4, .webp, .gif, or without a suffix a folder of numbered EXR.  exposure: `constant`, `metered`, or
     an exposure value at ISO 100; None: output.exposure_ev100, else `metered`.  output.tone_mapping is the tone.
-    speed, from_deg, to_deg, frames: as `timeline`.  nodes: rows of the sky and columns of the table.
+    nodes: rows of the sky and columns of the table.
     Errors: TwilightError for whatever cannot be shown.
     """
 
@@ -106,27 +109,21 @@ class Animation:
         self,
         config: Config,
         output: Path,
+        pace: Pace,
         *,
-        speed: float = SPEED,
-        frames_per_second: float = FRAMES_PER_SECOND,
         exposure: str | float | None = None,
-        from_deg: float | None = None,
-        to_deg: float | None = None,
-        frames: int | None = None,
         nodes: tuple[int, int] = (ROW_COUNT, COLUMN_COUNT),
         scene: Scene | None = None,
     ):
-        self.config, self.output, self.frames_per_second = config, output, frames_per_second
+        self.config, self.output, self.frames_per_second = config, output, pace.frames_per_second
         self.view = config.observer.view or View(**USUAL_VIEW)
         self.exposure = _exposure(config, exposure)
         _check_layers(config)
         check_stars(config)
         if exposure is not None and not output.suffix:
             raise TwilightError("--exposure: EXR hold luminances, which have no exposure; leave it out")
-        check_output(output, self.view.shape, frames_per_second)
-        self.line: FilmTimeline = timeline(
-            config, speed=speed, frames_per_second=frames_per_second, from_deg=from_deg, to_deg=to_deg, frames=frames
-        )
+        check_output(output, self.view.shape, pace.frames_per_second)
+        self.line: FilmTimeline = timeline(config, pace)
         self.moons = moons_of(config, self.line)
         lit_from = [*self.line.elevation_deg, *(moon.elevation_deg for moon in self.moons or () if moon.shines)]
         self._lit_deg = min(lit_from), max(lit_from)
@@ -183,10 +180,10 @@ class Animation:
         """The field's tables, discs, moon and nights where they are asked for; from the folder where it has them."""
         path = self.folder / f"tables-{self._scene[:32]}.npz"
         arrays = stored_arrays(path)
+        channels = Channels(self.scene.medium.wavelength_nm, self.config.solar_spectrum, self._measures)
         if arrays is None:
             tell = part_of(progress, 0.0, 0.5, "field")
             solved = solve(self.scene, self.suns_deg.tolist(), tell, cached=self._cached)
-            channels = Channels(solved.medium.wavelength_nm, self.config.solar_spectrum, self._measures)
             altitude = self.scene.altitude_km
             tables = SunTables(solved, altitude, rows_deg=self._rows_deg, columns_deg=self._columns_deg)
             spectra = tables.between(*self._lit_deg, part_of(progress, 0.5, 0.5, "tables"))
@@ -195,35 +192,25 @@ class Animation:
             if self.moons is not None:
                 arrays["moon"] = MoonColours.of(spectra.light_at_nodes()[::2, ::2, ::2], channels).matrices
             if self.config.sun.disc or self.moons is not None:
-                nodes = night.sky_elevations(horizon_of(table))
-                arrays["refraction_deg"], arrays["beam"] = night.sunbeam(solved, channels, altitude, nodes)
-            nights = nights_of(self.config, solved.medium, channels, self.line)
-            if nights is not None:
-                arrays |= nights.arrays()
+                nodes = sky_elevations(horizon_of(table))
+                arrays["refraction_deg"], arrays["beam"] = sunbeam(solved, channels, altitude, nodes)
             with whole_file(path) as temporary:
                 np.savez(temporary, allow_pickle=False, **arrays)
         held = {name.removeprefix("table_"): value for name, value in arrays.items() if name.startswith("table_")}
         table = SkyTable.of_arrays(held)
-        nights = Nights.from_arrays(arrays) if "night_time_s" in arrays else None
+        glows = glows_of_film(self.config, self.scene.medium, channels, self.line)
         moon = MoonColours(arrays["moon"]) if "moon" in arrays else None
-        disc = moon_disc = None
+        disc = None
         if "beam" in arrays:
-            beam = arrays["refraction_deg"], arrays["beam"], horizon_of(table)
-            disc = DiscPainter(*beam) if self.config.sun.disc else None
-            moon_disc = None if moon is None else MoonDiscPainter(*beam, moon)
-        return FilmParts(table, nights, moon, disc, moon_disc)
+            disc = DiscPainter(arrays["refraction_deg"], arrays["beam"], horizon_of(table), moon)
+        return FilmParts(table, glows, moon, disc)
 
     @cached_property
     def _scene(self) -> str:
         """A hash of all that the tables depend on."""
         name, _, settings = self.config.chosen_solver
-        medium = self.scene.medium
         content = hashlib.sha256()
-        for value in (v for k, v in sorted(vars(medium).items()) if isinstance(v, np.ndarray)):
-            content.update(np.ascontiguousarray(value).tobytes())
-        cosine = np.cos(np.linspace(0.0, math.pi, 181))
-        for phase in medium.phase_functions:
-            content.update(np.ascontiguousarray(phase(cosine)).tobytes())
+        add_content(content, self.scene.medium)
         return configuration_hash(
             {
                 "code": code_digest("twilight.show.film", solvers.SOLVERS[name]),
@@ -317,11 +304,11 @@ class Animation:
         pixel_deg = _pixel_deg(self.view)
         sun, moon = self._sun(i), self._moon(i)
         light = painter.light(float(self.line.time_s[i]), sun, moon)
-        if parts.disc is not None:
-            light += parts.disc.light(*painter.directions, pixel_deg, *sun)
-        if parts.moon_disc is not None and moon is not None:
+        bodies = [Sun(sun[0], 0.0, sun[2])] if self.config.sun.disc else []
+        for body in (*bodies, *([] if moon is None else [moon])):
+            assert parts.disc is not None
             elevation, azimuth = painter.directions
-            light += parts.moon_disc.light(elevation, azimuth - sun[1], pixel_deg, moon, sun[0])
+            light += parts.disc.light(elevation, azimuth - sun[1], pixel_deg, body, sun[0])
         if path.suffix == ".exr":
             header = {"twilightSunElevationDeg": facts["sun_elevation_deg"], "twilightScene": facts["scene"]}
             write_exr(light, ~painter.outside, path, header)

@@ -13,8 +13,8 @@ from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG as LOWEST_TABLE_DEG
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene import Scene
-from twilight.show import night, page, space, tones
-from twilight.show.night import MoonColours, page_header
+from twilight.show import page, space, tones
+from twilight.show.lights import MoonColours, night_lines, page_header, sky_elevations, sunbeam, zodiacal_table
 from twilight.show.page import Pack, Page
 from twilight.show.tones import Channels, padded_columns
 from twilight.sky.night.points import bright_stars
@@ -115,7 +115,7 @@ def view_fields(
         fraction = part_of(tell, k / len(fields), 1.0 / len(fields), names[k])
         _add_field(pack, k, solved, Channels(solved.medium.wavelength_nm, solar_spectrum), altitudes, nodes, fraction)
     add_tones(pack)
-    pack.numbers("zodiacal", np.log(night.zodiacal_table()))
+    pack.numbers("zodiacal", np.log(zodiacal_table()))
     pack.numbers("stars", _stars())
     return Page(pack, f"{' and '.join(names)}: sky")
 
@@ -156,9 +156,9 @@ def _add_field(
     if seen[0].log_phase is not None:
         pack.numbers(f"phase{k}", seen[0].log_phase)
     for i, altitude in enumerate(altitudes):
-        places = night.sky_elevations(edges[i][0])
-        _add_lines(pack, channels, f"{k}_{i}", night.sunbeam(solved, channels, altitude, places),
-                   night.night(solved.medium, altitude, places))  # fmt: skip
+        places = sky_elevations(edges[i][0])
+        _add_lines(pack, channels, f"{k}_{i}", sunbeam(solved, channels, altitude, places),
+                   night_lines(solved.medium, altitude, places))  # fmt: skip
     if "space" not in pack.header:
         return
     made, coarse, geometry = space.fill_space(
@@ -179,8 +179,8 @@ def _add_field(
         pack,
         channels,
         f"{k}_space",
-        night.sunbeam(solved, channels, geometry.top_km, geometry.line_elevations(geometry.top_radius_km)),
-        night.night(solved.medium, space.ABOVE_AIRGLOW_KM, geometry.line_elevations(above)),
+        sunbeam(solved, channels, geometry.top_km, geometry.line_elevations(geometry.top_radius_km)),
+        night_lines(solved.medium, space.ABOVE_AIRGLOW_KM, geometry.line_elevations(above)),
     )
 
 

@@ -31,7 +31,7 @@ from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG, SunTables, suns_between
 from twilight.engine.table import first_columns
 from twilight.numerics.spectrum import hermite_weights
-from twilight.show.night import NODES
+from twilight.show.lights import NODES
 from twilight.show.page import PageNodes, between_edges, haze_top_km
 from twilight.show.tones import Channels, padded_columns
 from twilight.sky.table import SkyTable

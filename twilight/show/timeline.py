@@ -39,11 +39,23 @@ class FilmTimeline:
 
 
 @dataclass(frozen=True)
-class _Step:
-    """step_s: seconds of the sky from picture to picture; frames: number of pictures, in its place."""
+class Pace:
+    """How a film goes through the sky.
 
-    step_s: float
-    frames: int | None
+    speed: seconds of the sky in a second of the film; frames: number of pictures, which then says the speed.
+    from_deg, to_deg: true elevations in place of the configuration's; with one sun and neither of them, `SUNSET_DEG`.
+    """
+
+    speed: float = 300.0
+    frames_per_second: float = 25.0
+    from_deg: float | None = None
+    to_deg: float | None = None
+    frames: int | None = None
+
+    @property
+    def step_s(self) -> float:
+        """Seconds of the sky from picture to picture."""
+        return self.speed / self.frames_per_second
 
     def times(self, span_s: float) -> np.ndarray:
         """Times of the pictures [s] in a span of the sky."""
@@ -58,30 +70,20 @@ class _Step:
         return np.arange(count) * self.step_s
 
 
-def timeline(
-    config: Config,
-    *,
-    speed: float,
-    frames_per_second: float,
-    from_deg: float | None = None,
-    to_deg: float | None = None,
-    frames: int | None = None,
-) -> FilmTimeline:
+def timeline(config: Config, pace: Pace) -> FilmTimeline:
     """The suns of a film: from one elevation to another, or along the configuration's sequence or time span.
 
-    speed: seconds of the sky in a second of the film; frames: number of pictures, which then says the speed.
-    from_deg, to_deg: true elevations in place of the configuration's; with one sun and neither of them, `SUNSET_DEG`.
     Azimuths are counted from north where there is a place, else from the sun.  Errors: TwilightError for what makes no
     film.
     """
-    step = _Step(speed / frames_per_second, frames)
+    from_deg, to_deg = pace.from_deg, pace.to_deg
     sun = config.sun
     if isinstance(sun, SunAt | SunTimes | SunInterval):
         if from_deg is not None or to_deg is not None:
             raise TwilightError("--from, --to: the configuration has a time; sun.start and sun.stop say what is shown")
         if not isinstance(sun, SunInterval):
             raise TwilightError("sun: single moments make no film; it needs sun.start and sun.stop")
-        return _over_a_place(config, sun, step)
+        return _over_a_place(config, sun, pace)
     path = [sun.elevation_deg] if isinstance(sun, SunElevation) else list(sun.elevations_deg)
     if isinstance(sun, SunElevation) or from_deg is not None or to_deg is not None:
         ends = SUNSET_DEG if isinstance(sun, SunElevation) else (path[0], path[-1])
@@ -91,14 +93,14 @@ def timeline(
         raise TwilightError(
             f"the film begins and ends at {path[0]:g} deg; a film needs a sun that moves (--from, --to)"
         )
-    time = step.times(way[-1] / FALL_DEG_PER_S)
+    time = pace.times(way[-1] / FALL_DEG_PER_S)
     elevation = np.interp(time * FALL_DEG_PER_S, way, path)
     return _checked(config, FilmTimeline(time, elevation, np.zeros(time.size), np.full(time.size, sun.distance_au)))
 
 
-def _over_a_place(config: Config, sun: SunInterval, step: _Step) -> FilmTimeline:
+def _over_a_place(config: Config, sun: SunInterval, pace: Pace) -> FilmTimeline:
     start, stop = sun.aware(sun.start), sun.aware(sun.stop)
-    time = step.times(stop.timestamp() - start.timestamp())
+    time = pace.times(stop.timestamp() - start.timestamp())
     altitude_km = config.observer.altitude_km
     positions = [
         sun_position(start + timedelta(seconds=float(t)), sun.latitude_deg, sun.longitude_deg, altitude_km)

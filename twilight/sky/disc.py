@@ -1,4 +1,4 @@
-"""The sun's disc as the observer sees it: darkened to its limb, flattened, coloured and cut off by the air.
+"""The disc of a body as the observer sees it, the sun's darkened to its limb: flattened, coloured, cut off by the air.
 
 The disc is a layer of its own, never a part of the sky's radiance.  It holds what the refracted paths say of every
 apparent elevation: from which true elevation the light of a wavelength comes, and how much of it.  Along a path
@@ -9,6 +9,7 @@ line of sight followed backwards; irradiance, flattening, dispersion and mirages
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
@@ -87,19 +88,21 @@ def mean_limb_darkening(wavelength_nm: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Disc:
-    """What the air does to the light of the sun's disc, H apparent elevations, W wavelengths.
+    """What the air does to the light of the sun's disc, or of another body's, H apparent elevations, W wavelengths.
 
     wavelength_nm (W,); elevation_deg (H,): apparent, uniform and increasing, over all of the disc's image.
     true_elevation_deg (H, W): where the light of a line of sight comes from; transmittance (H, W): times the square of
         the observer's refractive index, 0 where the line of sight meets the ground or is caught in a duct.
-    sun_elevation_deg: true, of the centre; radius_deg: angular, of the disc above the air.
+    body_elevation_deg: true, of the centre; radius_deg: angular, of the disc above the air.
     """
 
+    ACROSS: ClassVar[int] = 12
+    """Nodes from limb to limb of an integral over a row."""
     wavelength_nm: np.ndarray
     elevation_deg: np.ndarray
     true_elevation_deg: np.ndarray
     transmittance: np.ndarray
-    sun_elevation_deg: float
+    body_elevation_deg: float
     radius_deg: float
 
     def __post_init__(self) -> None:
@@ -111,14 +114,14 @@ class Disc:
 
     @property
     def is_seen(self) -> bool:
-        """Whether any part of the disc is above the horizon."""
-        return bool(self.irradiance_factor().any())
+        """Whether any part of the disc, lit or not, is above the horizon."""
+        return bool(np.isfinite(self.edges_deg()[0]))
 
     def radiance(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
         """Radiance over F0 [sr^-1] in apparent directions (azimuth from the sun), broadcast shape plus (W,)."""
         elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
         out = np.zeros((elevation.size, self.wavelength_nm.size))
-        widest = self.radius_deg / max(np.cos(np.radians(min(abs(self.sun_elevation_deg) + 1.0, 89.9))), 1e-3) + 0.1
+        widest = self.radius_deg / max(np.cos(np.radians(min(abs(self.body_elevation_deg) + 1.0, 89.9))), 1e-3) + 0.1
         around = np.mod(azimuth.ravel() + 180.0, 360.0) - 180.0
         low, high = self.elevation_deg[[0, -1]]
         near = np.flatnonzero((elevation.ravel() >= low) & (elevation.ravel() <= high) & (np.abs(around) <= widest))
@@ -127,7 +130,7 @@ class Disc:
             out[near] = self._above_the_air(true, around[near][:, None]) * passed
         return out.reshape(*elevation.shape, self.wavelength_nm.size)
 
-    def dimmed(self, factor: float) -> Disc:
+    def dimmed(self, factor: float) -> Self:
         """The disc behind a filter."""
         return replace(self, transmittance=factor * self.transmittance)
 
@@ -141,7 +144,7 @@ class Disc:
 
         Over the azimuth by Gauss and Legendre in the angle whose sine goes from limb to limb.
         """
-        node, weight = np.polynomial.legendre.leggauss(12)
+        node, weight = np.polynomial.legendre.leggauss(self.ACROSS)
         half = self.half_width_deg()
         angle = 0.5 * np.pi * node
         azimuth = half[..., None] * np.sin(angle)
@@ -152,7 +155,7 @@ class Disc:
 
     def half_width_deg(self) -> np.ndarray:
         """Azimuth of the limb from the sun's vertical [deg], (H, W), 0 where a line of sight misses the disc."""
-        t, s, r = (np.radians(x) for x in (self.true_elevation_deg, self.sun_elevation_deg, self.radius_deg))
+        t, s, r = (np.radians(x) for x in (self.true_elevation_deg, self.body_elevation_deg, self.radius_deg))
         # cos r = cos(t - s) - cos t cos s (1 - cos a), in half angles to keep the digits
         inside = np.maximum(np.sin(r / 2) ** 2 - np.sin((t - s) / 2) ** 2, 0.0) / (np.cos(t) * np.cos(s))
         return np.degrees(2.0 * np.arcsin(np.sqrt(np.clip(inside, 0.0, 1.0))))
@@ -171,7 +174,7 @@ class Disc:
         rows = self.rows().sum(axis=1)
         return float((rows * self.elevation_deg).sum() / rows.sum()) if rows.any() else float("nan")
 
-    def at_wavelengths(self, wavelength_nm: np.ndarray) -> Disc:
+    def at_wavelengths(self, wavelength_nm: np.ndarray) -> Self:
         """The disc at other wavelengths, with elevations and the logarithm of the transmittance interpolated.
 
         Each wavelength has an edge of its own, so that colours of the edge (the green rim) need many wavelengths; what
@@ -195,6 +198,11 @@ class Disc:
             passed = np.exp(np.log(np.where(both, a, 1.0)) * (1 - f) + np.log(np.where(both, b, 1.0)) * f)
         return replace(self, wavelength_nm=nm, true_elevation_deg=true, transmittance=np.where(both, passed, 0.0))
 
+    def without_dispersion(self) -> Self:
+        """The disc with one edge for all wavelengths, for pixels that are much wider than a coloured rim."""
+        true = self.true_elevation_deg.mean(axis=1, keepdims=True)
+        return replace(self, true_elevation_deg=true.repeat(self.wavelength_nm.size, axis=1))
+
     def along(self, elevation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """True elevation and transmittance (N, W) at apparent elevations (N,), between the rows."""
         step = self.elevation_deg[1] - self.elevation_deg[0]
@@ -209,7 +217,7 @@ class Disc:
 
     def _above_the_air(self, true_deg: np.ndarray, azimuth_deg: np.ndarray, at: tuple | None = None) -> np.ndarray:
         """Radiance over F0 [sr^-1] of the disc without air; at: index that aligns wavelengths with the arguments."""
-        t, s, a, r = (np.radians(x) for x in (true_deg, self.sun_elevation_deg, azimuth_deg, self.radius_deg))
+        t, s, a, r = (np.radians(x) for x in (true_deg, self.body_elevation_deg, azimuth_deg, self.radius_deg))
         # squared half-chord to the centre, which keeps its digits
         chord = np.sin((t - s) / 2) ** 2 + np.cos(t) * np.cos(s) * np.sin(a / 2) ** 2
         sine = 4.0 * chord * (1.0 - chord) / np.sin(r) ** 2

@@ -10,6 +10,7 @@ from __future__ import annotations
 import datetime as dt
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +20,7 @@ from twilight.base.shipped_data import data_numbers
 from twilight.numerics import spectrum
 from twilight.sky.disc import Disc
 from twilight.sky.ephemeris import AU_KM, Sites
+from twilight.sky.lights import Luminary
 
 __all__ = ["Moon", "MoonDisc", "MoonSeen", "moon_over"]
 
@@ -82,25 +84,26 @@ LOWEST_DEG = -18.0
 
 
 @dataclass(frozen=True)
-class Moon:
-    """The moon over an observer.
+class Moon(Luminary):
+    """The moon over an observer; all are numbers, or (N,) at N moments.
 
-    elevation_deg: true, of its centre.  azimuth_deg: from the sun, clockwise.  phase_angle_deg: between sun and
-    observer at the moon, 0 full and 180 new.  distance_km: from the observer.  sun_distance_au: from the sun.
-    waxing: None where it is not known.
+    azimuth_deg: from the sun, or north.  phase_angle_deg: between sun and observer at the moon, 0 full and 180 new.
+    distance_km: from the observer.  sun_distance_au: from the sun.  waxing: None where it is not known.
     """
 
-    elevation_deg: float
-    azimuth_deg: float
-    phase_angle_deg: float
-    distance_km: float = MEAN_DISTANCE_KM
-    sun_distance_au: float = 1.0
-    waxing: bool | None = None
+    name: ClassVar[str] = "moon"
+    strips: ClassVar[int] = 1
+    elevation_deg: Any
+    azimuth_deg: Any
+    phase_angle_deg: Any
+    distance_km: Any = MEAN_DISTANCE_KM
+    sun_distance_au: Any = 1.0
+    waxing: Any = None
 
     @property
-    def radius_deg(self) -> float:
+    def radius_deg(self) -> Any:
         """Angular radius [deg]."""
-        return float(np.degrees(np.sqrt(MEAN_SOLID_ANGLE_SR / np.pi)) * MEAN_DISTANCE_KM / self.distance_km)
+        return np.degrees(np.sqrt(MEAN_SOLID_ANGLE_SR / np.pi)) * MEAN_DISTANCE_KM / self.distance_km
 
     @property
     def illuminated_fraction(self) -> float:
@@ -108,7 +111,7 @@ class Moon:
         return float(0.5 * (1.0 + np.cos(np.radians(self.phase_angle_deg))))
 
     @property
-    def shines(self) -> bool:
+    def shines(self) -> Any:
         """Whether it lights the air over the observer (`LOWEST_DEG`)."""
         return self.elevation_deg >= LOWEST_DEG
 
@@ -122,10 +125,9 @@ class Moon:
         return disc_reflectance(wavelength_nm, self.phase_angle_deg, self.waxing)
 
     def irradiance_factor(self, wavelength_nm: np.ndarray) -> np.ndarray:
-        """Irradiance above the air over the sun's at 1 au, (W,)."""
-        return irradiance_factors(
-            wavelength_nm, self.phase_angle_deg, self.waxing, self.distance_km, self.sun_distance_au
-        )
+        """Irradiance above the air over the sun's at 1 au, (..., W): reflectance x solid angle / pi."""
+        nearer = np.square(MEAN_DISTANCE_KM / self.distance_km) / np.square(self.sun_distance_au)
+        return self.reflectance(wavelength_nm) * (MEAN_SOLID_ANGLE_SR / np.pi) * np.asarray(nearer)[..., None]
 
 
 def moon_illuminance_lux(moon: Moon, solar_spectrum: str = spectrum.DEFAULT_SOLAR_SPECTRUM) -> float:
@@ -185,19 +187,6 @@ def disc_reflectance(
     return np.asarray(value * 10.0 ** (-0.4 * thinner)[..., None])
 
 
-def irradiance_factors(
-    wavelength_nm: np.ndarray,
-    phase_angle_deg: ArrayLike,
-    waxing: bool | np.ndarray | None,
-    distance_km: ArrayLike,
-    sun_distance_au: ArrayLike,
-) -> np.ndarray:
-    """Irradiance above the air over the sun's at 1 au, (..., W): reflectance x solid angle / pi, by the distances."""
-    nearer = (MEAN_DISTANCE_KM / np.asarray(distance_km, float)) ** 2 / np.asarray(sun_distance_au, float) ** 2
-    reflectance = disc_reflectance(wavelength_nm, phase_angle_deg, waxing)
-    return reflectance * (MEAN_SOLID_ANGLE_SR / np.pi) * nearer[..., None]
-
-
 def allen_mag(phase_angle_deg: np.ndarray) -> np.ndarray:
     """Magnitudes by which the moon is fainter than the full one, 0.026 g + 4e-9 g^4, without the surge."""
     linear, fourth = ALLEN_MAG
@@ -205,48 +194,21 @@ def allen_mag(phase_angle_deg: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class MoonDisc:
-    """What the air does to the light of the moon's disc.
+class MoonDisc(Disc):
+    """What the air does to the light of the moon's disc; radiances are over the sun's irradiance at 1 au.
 
-    path: its refracted image, whose radius and elevation are the moon's.  moon: its place and phase.
-    sun_elevation_deg: true, of the sun, which with `moon.azimuth_deg` says to where the lit limb points.
+    moon: its place and phase.  sun_elevation_deg: true, of the sun, which with `moon.azimuth_deg` says to where the lit
+    limb points.
     """
 
-    path: Disc
+    ACROSS: ClassVar[int] = 24
     moon: Moon
     sun_elevation_deg: float
 
-    @property
-    def wavelength_nm(self) -> np.ndarray:
-        """(W,)."""
-        return self.path.wavelength_nm
-
-    @property
-    def elevation_deg(self) -> np.ndarray:
-        """Apparent, of the rows (H,) [deg]."""
-        return self.path.elevation_deg
-
-    @property
-    def is_seen(self) -> bool:
-        """Whether any part of the disc, lit or not, is above the horizon."""
-        return self.path.is_seen
-
-    def edges_deg(self) -> tuple[float, float]:
-        """Lower and upper apparent edge [deg] of the whole disc, lit or not; NaN where nothing of it is seen."""
-        return self.path.edges_deg()
-
-    def half_width_deg(self) -> np.ndarray:
-        """As `Disc.half_width_deg`."""
-        return self.path.half_width_deg()
-
-    def at_wavelengths(self, wavelength_nm: np.ndarray) -> MoonDisc:
-        """The disc at other wavelengths, as `Disc.at_wavelengths`."""
-        return replace(self, path=self.path.at_wavelengths(wavelength_nm))
-
-    def without_dispersion(self) -> MoonDisc:
-        """The disc with one edge for all wavelengths, for pixels that are much wider than a coloured rim."""
-        true = self.path.true_elevation_deg.mean(axis=1, keepdims=True)
-        return replace(self, path=replace(self.path, true_elevation_deg=true.repeat(self.wavelength_nm.size, axis=1)))
+    @classmethod
+    def of(cls, path: Disc, moon: Moon, sun_elevation_deg: float) -> MoonDisc:
+        """The moon in the refracted image of a disc of its elevation and radius."""
+        return cls(**vars(path), moon=moon, sun_elevation_deg=sun_elevation_deg)
 
     @property
     def bright_limb_deg(self) -> float:
@@ -254,49 +216,16 @@ class MoonDisc:
         right, up = towards_sun(self.moon, self.sun_elevation_deg)
         return float(np.degrees(np.arctan2(right, up)) % 360.0)
 
-    def radiance(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
-        """Radiance over the sun's irradiance at 1 au [sr^-1] in apparent directions; azimuth from the moon.
-
-        Broadcast shape plus (W,); 0 off the disc and on its dark part.
-        """
-        elevation, azimuth = np.broadcast_arrays(np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
-        out = np.zeros((elevation.size, self.wavelength_nm.size))
-        low, high = self.path.elevation_deg[[0, -1]]
-        near = np.flatnonzero((elevation.ravel() >= low) & (elevation.ravel() <= high))
-        if near.size and self.is_seen:
-            true, passed = self.path.along(elevation.ravel()[near])
-            out[near] = self._surface(true, azimuth.ravel()[near][:, None]) * self._scale() * passed
-        return out.reshape(*elevation.shape, self.wavelength_nm.size)
-
-    def rows(self) -> np.ndarray:
-        """Irradiance over the sun's at 1 au that each row of `path` brings, (H, W), as `Disc.rows`."""
-        node, weight = np.polynomial.legendre.leggauss(24)
-        half, path = self.half_width_deg(), self.path
-        angle = 0.5 * np.pi * node
-        value = self._surface(path.true_elevation_deg[..., None], half[..., None] * np.sin(angle))
-        across = (value * (0.5 * np.pi * np.cos(angle) * weight)).sum(axis=-1) * np.radians(half)
-        step = np.radians(path.elevation_deg[1] - path.elevation_deg[0])
-        return across * self._scale() * path.transmittance * np.cos(np.radians(path.elevation_deg))[:, None] * step
-
-    def irradiance_factor(self) -> np.ndarray:
-        """Irradiance of what is seen of the disc, on a surface that faces it, over the sun's at 1 au, (W,)."""
-        return self.rows().sum(axis=0)
-
-    def _scale(self) -> np.ndarray:
-        """Radiance over the sun's irradiance at 1 au, (W,), of a place where `surface` is 1."""
-        radius = np.sin(np.radians(self.path.radius_deg))
-        return self.moon.irradiance_factor(self.wavelength_nm) / radius**2 / disc_integral(self.moon.phase_angle_deg)
-
-    def _surface(self, true_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
-        """`surface` in true directions; azimuth from the moon."""
+    def _above_the_air(self, true_deg: np.ndarray, azimuth_deg: np.ndarray, at: tuple | None = None) -> np.ndarray:
+        """As of `Disc`: `surface` in true directions, azimuth from the moon, scaled to the moon's irradiance."""
         t, m, a = (np.radians(x) for x in (true_deg, self.moon.elevation_deg, azimuth_deg))
-        radius = np.sin(np.radians(self.path.radius_deg))
+        radius = np.sin(np.radians(self.radius_deg))
         x = np.cos(t) * np.sin(a) / radius
         y = (np.sin(t) * np.cos(m) - np.cos(t) * np.sin(m) * np.cos(a)) / radius
         in_front = np.cos(t) * np.cos(m) * np.cos(a) + np.sin(t) * np.sin(m) > 0.0
-        return np.where(
-            in_front, surface(x, y, towards_sun(self.moon, self.sun_elevation_deg), self.moon.phase_angle_deg), 0.0
-        )
+        towards, phase = towards_sun(self.moon, self.sun_elevation_deg), self.moon.phase_angle_deg
+        scale = self.moon.irradiance_factor(self.wavelength_nm) / radius**2 / disc_integral(phase)
+        return np.where(in_front, surface(x, y, towards, phase), 0.0) * (scale if at is None else scale[at])
 
 
 def towards_sun(moon: Moon, sun_elevation_deg: float) -> tuple[float, float]:
@@ -344,5 +273,5 @@ class MoonSeen:
 
     def dimmed(self, factor: float) -> MoonSeen:
         """Its light behind a filter."""
-        disc = None if self.disc is None else replace(self.disc, path=self.disc.path.dimmed(factor))
+        disc = None if self.disc is None else self.disc.dimmed(factor)
         return replace(self, direct_irradiance=factor * self.direct_irradiance, disc=disc)

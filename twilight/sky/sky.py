@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -66,6 +67,8 @@ class Sky(SkyLight):
     night_radiance (E, A, W): of the night sky behind and in the air (airglow, stars, zodiacal light, light pollution,
         moonlight scattered in the air), mean over each wavelength's bin [W m^-2 sr^-1 nm^-1], or None.  Not of the sun:
         it is no part of sun_normalised_radiance, and counts as unpolarised.
+    lights: terms of night_radiance by name (moon, airglow, stars, zodiacal_light, light_pollution), where known;
+        `sky["moon"]` is the sky of one light, `sky - "moon"` that of the others, "sun" among them.
     disc: of the sun, where it was asked for; a layer of its own, never part of a radiance here.
     moon: where it was asked for, with its beam and its disc, which are no part of a radiance here either.
     provenance: what made it (JSON values): configuration, version, hash, run_time_s, solver ...
@@ -96,6 +99,7 @@ class Sky(SkyLight):
     disc: Disc | None = None
     moon: MoonSeen | None = None
     provenance: dict = field(default_factory=dict)
+    lights: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self):
         for key in ("wavelength_nm", "elevation_deg", "azimuth_deg"):
@@ -124,6 +128,14 @@ class Sky(SkyLight):
         widest = float(np.diff(np.append(azimuth, azimuth[0] + 360.0)).max())
         if azimuth.size > 2 and widest >= 180.0:
             raise TwilightError(f"sky: azimuth_deg must go all round; allowed is a gap below 180 deg, got {widest:g}")
+        if self.lights:
+            total = sum(self.lights.values())
+            if self.night_radiance is None:
+                object.__setattr__(self, "night_radiance", total)
+            elif np.shape(total) != np.shape(self.night_radiance) or not np.allclose(
+                total, self.night_radiance, 1e-6, 0
+            ):
+                raise TwilightError("sky: lights must add up to night_radiance; leave one of them out")
         stokes = (*shape[:2], 2, shape[2])
         for key, expected, lowest in (
             ("standard_error", shape, 0.0),
@@ -176,13 +188,53 @@ class Sky(SkyLight):
 
     # Comparison -------------------------------------------------------------------------------------------------
 
-    def __sub__(self, other: Sky) -> SkyComparison[Sky]:
-        """Difference of the radiances of two skies with the same directions and wavelengths."""
+    @overload
+    def __sub__(self, other: Sky) -> SkyComparison[Sky]: ...
+    @overload
+    def __sub__(self, other: str) -> Sky: ...
+
+    def __sub__(self, other: Sky | str) -> SkyComparison[Sky] | Sky:
+        """Difference of the radiances of two skies with the same directions and wavelengths; or the sky without a light
+        of this name."""
+        if isinstance(other, str):
+            self[other]  # which says what there is
+            return self.only(*(name for name in ("sun", *self._others) if name != other))
         return SkyComparison(self, other, "difference") if isinstance(other, Sky) else NotImplemented
 
     def __truediv__(self, other: Sky) -> SkyComparison[Sky]:
         """Ratio of the radiances of two skies with the same directions and wavelengths."""
         return SkyComparison(self, other, "ratio") if isinstance(other, Sky) else NotImplemented
+
+    # Lights -----------------------------------------------------------------------------------------------------
+
+    @property
+    def _others(self) -> Mapping[str, np.ndarray]:
+        """Terms of night_radiance; of a sky that knows none of them, all of it as `night`."""
+        return self.lights or ({} if self.night_radiance is None else {"night": self.night_radiance})
+
+    def __getitem__(self, name: str) -> Sky:
+        """The sky of one light, `sun` or a name of `lights`."""
+        return self.only(name)
+
+    def only(self, *names: str) -> Sky:
+        """The sky of some of its lights alone, with their beams and discs.
+
+        Errors: TwilightError for a light that it does not have.
+        """
+        others = self._others
+        for name in names:
+            if name != "sun" and name not in others:
+                raise TwilightError(f"sky: has no light '{name}'; it has {', '.join(('sun', *others))}")
+        chosen = {name: values for name, values in others.items() if name in names}
+        changes: dict[str, Any] = {"lights": chosen, "night_radiance": None}
+        if "moon" not in names:
+            changes["moon"] = None
+        if "sun" not in names:
+            changes |= dict.fromkeys(("standard_error", "polarisation", "polarisation_error", "disc"))
+            changes["sun_normalised_radiance"] = np.zeros_like(self.sun_normalised_radiance)
+            if self.direct_irradiance is not None:
+                changes["direct_irradiance"] = np.zeros_like(self.direct_irradiance)
+        return replace(self, **changes)
 
     # Grid -------------------------------------------------------------------------------------------------------
 
@@ -292,6 +344,7 @@ class Sky(SkyLight):
             polarisation=None,
             polarisation_error=None,
             night_radiance=None if self.night_radiance is None else 0.5 * self.night_radiance,
+            lights={name: 0.5 * values for name, values in self.lights.items()},
             direct_irradiance=None if self.direct_irradiance is None else 0.5 * self.direct_irradiance,
             disc=None if self.disc is None else self.disc.dimmed(0.5),
             moon=None if self.moon is None else self.moon.dimmed(0.5),
@@ -363,9 +416,14 @@ class Sky(SkyLight):
             for name, values in (("standard_error", self.standard_error), ("night_radiance", self.night_radiance))
         }
         factor = self._sample(self.sun_normalised_radiance, *grid)
+        lights = {name: self._sample(values, *grid) for name, values in self.lights.items()}
+        night = layers["night_radiance"]
+        if lights and night is not None:  # a logarithm of a sum is not that of its terms
+            whole = np.sum(list(lights.values()), axis=0)
+            scale = np.divide(night, whole, out=np.ones_like(factor, float), where=whole > 0.0)
+            lights = {name: scale * values for name, values in lights.items()}
         polarisation = None
         if self.polarisation is not None:
-            night = layers["night_radiance"]
             total = factor if night is None else factor + night / self.solar_irradiance
             polarisation = self.sample_fractional_stokes(*grid) * total[..., None, :]
         return replace(
@@ -376,7 +434,8 @@ class Sky(SkyLight):
             standard_error=layers["standard_error"],
             polarisation=polarisation,
             polarisation_error=None,
-            night_radiance=layers["night_radiance"],
+            night_radiance=night,
+            lights=lights,
         )
 
     def smooth(self, values: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:

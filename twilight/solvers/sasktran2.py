@@ -109,15 +109,15 @@ def prepare(
     *,
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
-) -> Field:
+) -> SasktranField:
     """Nothing is computed yet: sasktran2 solves anew for every sun.
 
     Raises TwilightError where sasktran2 is not installed and for an observer above the air or below the ground.
     """
-    return Field(medium, settings or QUALITIES["standard"], observer_altitude_km)
+    return SasktranField(medium, settings or QUALITIES["standard"], observer_altitude_km)
 
 
-class Field(BareField):
+class SasktranField(BareField):
     """The sky of one medium without refraction, seen from within the air."""
 
     def __init__(self, medium: Medium, settings: Sasktran2Settings, observer_altitude_km: float):

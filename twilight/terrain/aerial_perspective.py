@@ -53,16 +53,16 @@ class AerialPerspective:
 
     Parameters
     ----------
-    field : SegmentField
-    place : Viewpoint
-    sun : apparent elevation of the sun [rad]
+    lit : SunlitAir
     elevation_deg, azimuth_deg, far_km : (D,) of all lines that will be asked for; inf where there is no ground
     """
 
     def __init__(
-        self, field: Any, medium: Medium, beam: Beam, air: TerrainAir, forward_fraction: np.ndarray, place: Any,
-        sun: float, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, far_km: np.ndarray,
+        self, lit: Any, air: TerrainAir, forward_fraction: np.ndarray,
+        elevation_deg: np.ndarray, azimuth_deg: np.ndarray, far_km: np.ndarray,
     ):  # fmt: skip
+        field, medium, beam, place = lit
+        sun = place.sun_rad
         self.radius_km = medium.earth_radius_km + place.altitude_km
         self.height_km = place.altitude_km - medium.bottom_km
         folded = np.minimum(azimuth_deg, 360.0 - azimuth_deg)

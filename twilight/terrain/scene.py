@@ -45,6 +45,21 @@ class Viewpoint(NamedTuple):
     sun_elevation_deg: float
     bending_deg: float
 
+    @property
+    def sun_rad(self) -> float:
+        """Apparent elevation of the sun [rad]."""
+        return float(np.radians(self.sun_elevation_deg + self.bending_deg))
+
+
+class SunlitAir(NamedTuple):
+    """Air under one sun: its field, a `SegmentField` that serves every observer or a `FormulaField`, whose sun lights
+    the ground; its medium, the sunbeam in it, and who sees it."""
+
+    field: Any
+    medium: Medium
+    beam: Beam
+    place: Viewpoint
+
 
 class FormulaField:
     """The field of a formula, over a flat ground and with one sky for every altitude, as `add_terrain` takes it.
@@ -81,21 +96,18 @@ def add_terrain(
     sky: np.ndarray,
     rays: np.ndarray,
     heights: Heights,
-    field: Any,
-    medium: Medium,
-    beam: Beam,
-    place: Viewpoint,
+    lit: SunlitAir,
     albedo: float,
     shadows: str,
     mapped: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> TerrainView:
     """The picture `sky` (H, W, K) [sr^-1] of rays (H, W, 3) with terrain.
 
-    field: a `SegmentField` that serves every observer, or a `FormulaField`, whose sun lights the ground; shadows:
-    exact, segments or none; mapped: albedo (D, K) in directions from the sun, as far as an angle about the Earth's
-    centre, (D,) [rad] each, NaN where it is `albedo`, or outside of the heights the medium's.
+    shadows: exact, segments or none; mapped: albedo (D, K) in directions from the sun, as far as an angle about the
+    Earth's centre, (D,) [rad] each, NaN where it is `albedo`, or outside of the heights the medium's.
     Errors: TwilightError where the observer is under the ground.
     """
+    medium, place = lit.medium, lit.place
     radius = medium.earth_radius_km
     check_above(heights, place.altitude_km)
     azimuth_deg, elevation_deg = azimuth_elevation(rays)
@@ -106,8 +118,7 @@ def add_terrain(
         lambda i, j: first_hits(heights, radius, medium.bottom_km, place.altitude_km, e, a, FARTHEST_KM, far, i, j),
         e.size,
     )
-    sun = float(np.radians(place.sun_elevation_deg + place.bending_deg))
-    lines = _Lines(heights, field, medium, beam, place, albedo, shadows, mapped, sun, e, a, far)
+    lines = _Lines(heights, lit, albedo, shadows, mapped, e, a, far)
     light = np.array(sky[inside], dtype=np.float32)
     for start in range(0, e.size, LINES_AT_ONCE):
         part = slice(start, start + LINES_AT_ONCE)
@@ -129,17 +140,16 @@ def check_above(heights: Heights, altitude_km: float) -> None:
 class _Lines:
     """All lines of sight of a picture: elevation, azimuth (D,) [rad], far (D,) [km] of the ground, inf for the sky."""
 
-    def __init__(self, heights, field, medium, beam, place: Viewpoint, albedo, shadows, mapped, sun: float, e, a, far):
+    def __init__(self, heights: Heights, lit: SunlitAir, albedo: float, shadows: str, mapped, e, a, far):
+        field, medium, beam, place = lit
         self.heights, self.medium, self.beam, self.place = heights, medium, beam, place
-        self.albedo, self.shadows, self.mapped, self.sun = albedo, shadows, mapped, sun
+        self.albedo, self.shadows, self.mapped, self.sun = albedo, shadows, mapped, place.sun_rad
         self.e, self.a, self.far = e, a, far
         self.radius = medium.earth_radius_km
         self.true_sun = float(np.radians(place.sun_elevation_deg))
         self.air, self.forward_fraction = sunlit_air(field, medium)
-        self.aerial = AerialPerspective(
-            field, medium, beam, self.air, self.forward_fraction, place, sun, np.degrees(e), np.degrees(a), far
-        )
-        self.shadow = None if shadows == "none" else _shadow(heights, self.radius, sun)
+        self.aerial = AerialPerspective(lit, self.air, self.forward_fraction, np.degrees(e), np.degrees(a), far)
+        self.shadow = None if shadows == "none" else _shadow(heights, self.radius, self.sun)
         hit = np.isfinite(far)
         sunward_km, altitude_km = _ends(self.radius, place.altitude_km, e[hit], a[hit], far[hit])
         self.sun_factor = self._sun_factor(field)

@@ -6,7 +6,8 @@ A camera that cannot resolve them sees them blended.
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 
 import numpy as np
@@ -14,8 +15,9 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.shipped_data import data_file, data_rows
 from twilight.numerics.directions import azimuth_elevation
+from twilight.sky.moments import Place, to_horizon, years_from_j2000
+from twilight.sky.night.glows import Glow, Starlight
 from twilight.sky.night.light import starlight_s10
-from twilight.sky.night.world import Place, to_horizon, years_from_j2000
 from twilight.transport.rays import ApparentRays, horizon_dip_deg
 
 EPOCH = 1991.25
@@ -181,6 +183,17 @@ class StarSky:
         passed = np.stack([np.interp(shown, self.apparent_deg, column) for column in self.passed.T], axis=-1)
         above = irradiance_above_air(stars.magnitude[up], colour_index()[up], self.wavelength_nm)
         return StarPoints(azimuth, shown, self.level * above * passed)
+
+
+def with_points(glows: Sequence[Glow]) -> tuple[tuple[Glow, ...], StarSky | None]:
+    """Glows whose starlight lacks the brighter stars, and these; None: there is no starlight."""
+    sky, rest = None, []
+    for glow in glows:
+        if isinstance(glow, Starlight):
+            sky = StarSky.of(glow.medium, glow.altitude_km, glow.level)
+            glow = replace(glow, level=glow.level * (1.0 - resolved_starlight_fraction()))
+        rest.append(glow)
+    return tuple(rest), sky
 
 
 @dataclass(frozen=True, eq=False)

@@ -70,16 +70,16 @@ def prepare(
     *,
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
-) -> Field:
+) -> CieField:
     """The standard sky above this medium's ground; nothing is computed yet.
 
     Raises TwilightError for an observer high above the ground, wavelengths outside 300 to 830 nm, and a turbidity that
     is needed and not covered.
     """
-    return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
+    return CieField(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
 
 
-class Field(BareField):
+class CieField(BareField):
     """One standard sky for any sun above the horizon.
 
     turbidity: the one in use, None where the sky does not need one.

@@ -82,16 +82,16 @@ def prepare(
     *,
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
-) -> Field:
+) -> PreethamField:
     """The sky of this medium's turbidity; nothing is computed yet.
 
     Raises TwilightError for an observer high above the ground, wavelengths outside 300 to 830 nm, coefficients that do
     not exist, and a turbidity that they do not cover.
     """
-    return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
+    return PreethamField(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
 
 
-class Field(BareField):
+class PreethamField(BareField):
     """The sky of one turbidity for any sun above the horizon.
 
     turbidity: the one in use; medium_turbidity: that of the medium, None where a turbidity was set.

@@ -56,16 +56,16 @@ def prepare(
     *,
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
-) -> Field:
+) -> SunskyField:
     """The sky of this medium's turbidity; nothing is computed yet.
 
     Raises TwilightError where Mitsuba is not installed, for an observer high above the ground, and for wavelengths
     outside 320 to 720 nm.
     """
-    return Field(medium, settings or QUALITIES["standard"], observer_altitude_km)
+    return SunskyField(medium, settings or QUALITIES["standard"], observer_altitude_km)
 
 
-class Field(BareField):
+class SunskyField(BareField):
     """The sky of one turbidity for any sun above the horizon."""
 
     def __init__(self, medium: Medium, settings: SunskySettings, altitude_km: float):

@@ -87,7 +87,7 @@ RINGS_AT_ONCE = 256
 """Rings whose light of an event is there at the same time, beside the sum of all events."""
 
 
-class Field(BareField):
+class CellsField(BareField):
     """Haber's sky of one medium around one observer; the latest sun's is kept."""
 
     def __init__(
@@ -206,7 +206,7 @@ def grid_of(medium: Medium, settings: CellsSettings, observer_altitude_km: float
     return make_grid(settings.azimuth_cells, settings.inner_radius_km, observer_altitude_km, *air)
 
 
-def _warn_of_gaps(field: Field) -> None:
+def _warn_of_gaps(field: CellsField) -> None:
     """Say that shells hold air and no cell, and which qualities have none such."""
     gaps, altitude_km = field.grid.shells_without_cells, field.grid.observer_altitude_km
     if not gaps.size:
@@ -263,7 +263,7 @@ def prepare(
     *,
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
-) -> Field:
+) -> CellsField:
     """Make everything that does not depend on the sun.
 
     Parameters
@@ -297,6 +297,6 @@ def prepare(
             "the cells solver needs an observer inside the air: observer.altitude_km is "
             f"{observer_altitude_km:g}, allowed is {medium.bottom_km:g} to below {medium.top_km:g}"
         )
-    field = Field(medium, settings, float(observer_altitude_km), progress)
+    field = CellsField(medium, settings, float(observer_altitude_km), progress)
     _warn_of_gaps(field)
     return field

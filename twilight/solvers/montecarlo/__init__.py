@@ -11,7 +11,7 @@ From the bottom up: `kernel`, `air`, `rays`, `sunlight`, `importance`, `leg` and
 
 from twilight.solvers.base import Capabilities
 from twilight.solvers.montecarlo.chunks import MonteCarloResult, StokesResult
-from twilight.solvers.montecarlo.field import Field, prepare
+from twilight.solvers.montecarlo.field import MonteCarloField, prepare
 from twilight.solvers.montecarlo.settings import QUALITIES, MonteCarloSettings, carried, cost
 
 CAPABILITIES = Capabilities(
@@ -25,7 +25,7 @@ CAPABILITIES = Capabilities(
 __all__ = [
     "CAPABILITIES",
     "QUALITIES",
-    "Field",
+    "MonteCarloField",
     "MonteCarloResult",
     "MonteCarloSettings",
     "StokesResult",

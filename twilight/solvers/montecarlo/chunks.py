@@ -255,7 +255,8 @@ class MonteCarloResult:
 class StokesResult:
     """Sun-normalised Stokes vectors I, Q, U [sr^-1] with their noise: arrays (..., 3, W); samples (..., W).
 
-    The signs are those of :meth:`twilight.solvers.montecarlo.Field.stokes`; the rest is as in `MonteCarloResult`.
+    The signs are those of :meth:`twilight.solvers.montecarlo.MonteCarloField.stokes`; the rest is as in
+    `MonteCarloResult`.
     """
 
     stokes: np.ndarray

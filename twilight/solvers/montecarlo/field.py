@@ -74,7 +74,7 @@ def pixels_of(sun_deg, elevation_deg, azimuth_deg, far_km, altitude_km: float, w
 class Run:
     """Samples of one question: `all_rounds` takes them, `tally` holds their sums."""
 
-    def __init__(self, field: Field, pixels: chunks.Pixels, batch_order: Callable | None = None):
+    def __init__(self, field: MonteCarloField, pixels: chunks.Pixels, batch_order: Callable | None = None):
         self.field = field
         self.pixels = pixels
         self.settings = field.settings
@@ -205,7 +205,7 @@ def prepare(
     *,
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
-) -> Field:
+) -> MonteCarloField:
     """All that depends on the medium alone: tables of the air, of the direct beam and of the importance function.
 
     Parameters
@@ -221,7 +221,7 @@ def prepare(
 
     Returns
     -------
-    Field
+    MonteCarloField
 
     Raises
     ------
@@ -247,11 +247,11 @@ def prepare(
     sun = SolarBeam(beam, table, settings.exact_beam_fraction, screen)
     with stop_after(settings.time_limit_s) as stop:
         importance = solve_importance(air, medium, sun, settings.importance_sweeps, stop)
-    return Field(medium, settings, air, line_of_sight_air, sun, importance, altitude_km, progress)
+    return MonteCarloField(medium, settings, air, line_of_sight_air, sun, importance, altitude_km, progress)
 
 
 @dataclass(frozen=True)
-class Field(BareField):
+class MonteCarloField(BareField):
     """A medium ready for random walks; made by :func:`prepare`."""
 
     medium: Medium

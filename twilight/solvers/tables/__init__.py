@@ -6,7 +6,7 @@ order (their Algorithm 4.1) and read in constant time.  Rays are straight, as in
 
 from twilight.solvers.base import Capabilities
 from twilight.solvers.tables.algorithm import QUALITIES, TablesSettings, cost
-from twilight.solvers.tables.field import Field, prepare
+from twilight.solvers.tables.field import TablesField, prepare
 
 CAPABILITIES = Capabilities(
     every_sun=True,
@@ -18,4 +18,4 @@ CAPABILITIES = Capabilities(
     cost=cost,
 )
 
-__all__ = ["CAPABILITIES", "QUALITIES", "Field", "TablesSettings", "prepare"]
+__all__ = ["CAPABILITIES", "QUALITIES", "TablesField", "TablesSettings", "prepare"]

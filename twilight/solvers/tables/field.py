@@ -1,4 +1,4 @@
-"""Bruneton and Neyret 2008, sec. 5: the sky read from the tables by eq. 16; `prepare` and `Field`.
+"""Bruneton and Neyret 2008, sec. 5: the sky read from the tables by eq. 16; `prepare` and `TablesField`.
 
 What is read is C_M, S of each aerosol scattered once, and C_* = S_R + S_multiple / P_R (sec. 4, "Angular precision").
 Aerial perspective is S at the observer less T times S at the far end.
@@ -34,15 +34,15 @@ def prepare(
     *,
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
-) -> Field:
+) -> TablesField:
     """Fill the tables of a medium: for every sun, observer and direction.
 
     Errors: TwilightError for an observer below the ground, and for layers that lie between two heights of the tables.
     """
-    return Field(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
+    return TablesField(medium, settings or QUALITIES["standard"], observer_altitude_km, progress)
 
 
-class Field(BareField):
+class TablesField(BareField):
     """The sky of one medium for any sun, observer and direction, without refraction."""
 
     def __init__(

@@ -3,7 +3,7 @@
 from twilight.solvers.base import Capabilities
 from twilight.solvers.zones.constants import table as tuned_numbers
 from twilight.solvers.zones.cost import cost
-from twilight.solvers.zones.field import Field
+from twilight.solvers.zones.field import ZonesField
 from twilight.solvers.zones.grids import kinds_met, spectral_groups
 from twilight.solvers.zones.settings import QUALITIES, ZonesSettings
 from twilight.solvers.zones.solver import carried, load, prepare
@@ -21,4 +21,4 @@ CAPABILITIES = Capabilities(
     expected_error=stated_error,
 )
 
-__all__ = ["CAPABILITIES", "QUALITIES", "Field", "ZonesSettings", "kinds_met", "load", "prepare", "tuned_numbers"]
+__all__ = ["CAPABILITIES", "QUALITIES", "ZonesField", "ZonesSettings", "kinds_met", "load", "prepare", "tuned_numbers"]

@@ -1,4 +1,4 @@
-"""Field: a solved medium, evaluated for any sun, observer and direction."""
+"""ZonesField: a solved medium, evaluated for any sun, observer and direction."""
 
 import math
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from twilight.transport.sunlit import scattered_once
 from twilight.transport.sunlit_ray import Phases, SunlitAir
 
 
-class Field(BareField):
+class ZonesField(BareField):
     """The sky of one medium for any sun, observer and direction."""
 
     convergence: Convergence | None

@@ -22,7 +22,7 @@ from twilight.base.progress import Progress, silent
 from twilight.solvers.base import Convergence, observer_at
 from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.air_needs import degree_needed, thin_layers
-from twilight.solvers.zones.field import Field
+from twilight.solvers.zones.field import ZonesField
 from twilight.solvers.zones.grids import FieldGrids, spectral_groups, zenith_range
 from twilight.solvers.zones.orders import solve
 from twilight.solvers.zones.scattering import Solution
@@ -145,7 +145,7 @@ def prepare(
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
     sun_elevations_deg: Sequence[float] | None = None,
-) -> Field:
+) -> ZonesField:
     """Solve the field of a medium, for every position of the sun or for those of a scene.
 
     All wavelengths share one set of grids, as fine as any of them needs.  Wavelengths of one range of a climate
@@ -198,7 +198,7 @@ def prepare(
     if chosen.max_orders > 1:
         solutions, convergence = solve(grids, beam, progress)
     progress("field", 1.0)
-    field = Field(grids, beam, solutions, convergence, observer_altitude_km)
+    field = ZonesField(grids, beam, solutions, convergence, observer_altitude_km)
     if expected is not None:
         field.convergence = replace(field.convergence or Convergence(1, 0.0), error=expected)
         field.requested_settings = settings
@@ -228,13 +228,13 @@ def _warn_of_neighbours(medium: Medium, settings: ZonesSettings) -> None:
         )
 
 
-def _warn(field: Field, settings: ZonesSettings) -> None:
+def _warn(field: ZonesField, settings: ZonesSettings) -> None:
     """Say what a user should know about a field, solved here or read from a file."""
     for doubt in _doubts(field, settings):
         warnings.warn(doubt, TwilightWarning, stacklevel=3)
 
 
-def _doubts(field: Field, settings: ZonesSettings) -> Iterator[str]:
+def _doubts(field: ZonesField, settings: ZonesSettings) -> Iterator[str]:
     """Sentences on what may be wrong with a field, which was asked for with these settings."""
     convergence, solved = field.convergence, field.settings
     if convergence and settings.tolerance > 0.0 and convergence.residual >= solved.tolerance:
@@ -291,8 +291,8 @@ def _sharpest_peak(medium: Medium) -> tuple[float, float]:
     return max(peaks)
 
 
-def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
-    """Read a field that `Field.save` wrote.
+def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> ZonesField:
+    """Read a field that `ZonesField.save` wrote.
 
     Raises
     ------
@@ -301,6 +301,6 @@ def load(path: str | Path, *, observer_altitude_km: float = 0.0) -> Field:
     """
     stored = read(path)
     grids = FieldGrids.of(stored.medium, stored.settings, stored.zenith_range_deg)
-    field = Field(grids, stored.beam, stored.solutions, stored.convergence, observer_altitude_km)
+    field = ZonesField(grids, stored.beam, stored.solutions, stored.convergence, observer_altitude_km)
     field.requested_settings = stored.requested_settings
     return field

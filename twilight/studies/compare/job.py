@@ -11,7 +11,8 @@ from twilight.config.scene import Config
 from twilight.config.sun import SunElevation
 from twilight.io.provenance import configuration_hash
 from twilight.numerics.directions import half_of, texture_centres
-from twilight.scene.scene import resolved_configuration, suns_of
+from twilight.scene.scene import resolved_configuration
+from twilight.scene.suns import suns_of
 
 _GOLDEN = 0.6180339887498949
 """Golden section: its multiples modulo 1 spread evenly."""

@@ -12,7 +12,7 @@ from twilight.config.scene import Config
 from twilight.config.sun import SunElevations, SunInterval, SunTimes
 from twilight.config.vary import DRAWING, DRAWS, LIST, Axis
 from twilight.io.labels import LABELS, attributes
-from twilight.scene.scene import count_suns
+from twilight.scene.suns import count_suns
 
 SHAPE_KEYS = ("texture", "wavelengths")
 """Sections that set the shape of the dataset, which is one for all scenes."""

@@ -22,7 +22,7 @@ from twilight.io.provenance import configuration_hash, to_json
 from twilight.numerics.directions import half_of, texture_centres
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium, name_by_content, wavelengths_of
-from twilight.scene.scene import SceneSun, suns_of
+from twilight.scene.suns import SceneSun, suns_of
 from twilight.studies.sweep import dimensions
 from twilight.studies.sweep.work import STANDARD_ERROR, STOKES, STOKES_ERROR, Chunk, Task, code_of
 

@@ -16,11 +16,9 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.config.scene import Config, Observer
 from twilight.engine.field import solve
-from twilight.engine.night import levels_of
-from twilight.engine.sunbeam import Sunbeam, disc_irradiance
 from twilight.numerics import spectrum
-from twilight.numerics.directions import hemisphere
 from twilight.scene import resolve
+from twilight.scene.lights import levels_of
 from twilight.sky.ephemeris import sun_position
 from twilight.sky.night import Place, night_radiance
 from twilight.studies.validate.measured import meter
@@ -123,7 +121,6 @@ class Photometer:
         self.config = config
         self.medium = scene.medium
         self.solved = solve(scene, progress=progress, cached=False)
-        self.beam = Sunbeam(self.medium)
         self._weight = (
             spectrum.LUMINOUS_EFFICACY_LM_PER_W
             * spectrum.solar_at_visible(config.solar_spectrum)
@@ -136,19 +133,15 @@ class Photometer:
 
     def illuminance_lux(self, sun_elevation_deg: float) -> tuple[float, float]:
         """(sun, sky and night together; night alone): illuminance of level ground at the medium's foot [lx]."""
-        sun = float(self.luminous(disc_irradiance(self.beam.beam, self.medium, sun_elevation_deg)))
-        elevation, azimuth, weight = hemisphere(sun_elevation_deg)
-        radiance = self.solved.radiance(sun_elevation_deg, elevation, azimuth)
-        sky = float(self.luminous(weight @ radiance))
+        sun = float(self.luminous(self.solved.disc_irradiance(sun_elevation_deg)))
+        sky = float(self.luminous(self.solved.horizontal_irradiance(sun_elevation_deg)))
         night = self._night(np.arcsin(np.sqrt((np.arange(20) + 0.5) / 20)), 24, sun_elevation_deg, None)
         lux = float(np.pi * np.mean(night)) if night is not None else 0.0  # rows of equal cosine x solid angle
         return sun + sky + lux, lux
 
     def colours(self, sun_elevation_deg: float) -> np.ndarray:
         """Irradiance of level ground by sun and sky at 450 and at 650 nm over that at 550 nm, (2,)."""
-        elevation, azimuth, weight = hemisphere(sun_elevation_deg)
-        factor = weight @ self.solved.radiance(sun_elevation_deg, elevation, azimuth)
-        factor = factor + disc_irradiance(self.beam.beam, self.medium, sun_elevation_deg)
+        factor = self.solved.horizontal_irradiance(sun_elevation_deg, direct=True)
         nm = np.array(BLUE_GREEN_RED_NM)
         at = np.exp(np.interp(nm, self.medium.wavelength_nm, np.log(np.maximum(factor, 1e-300))))
         blue, green, red = at * spectrum.solar_irradiance(nm, self.config.solar_spectrum)
@@ -164,7 +157,7 @@ class Photometer:
 
     def transmission(self, altitude_km: float) -> float:
         """Vertical photopic transmission of the air above an altitude: of sunlight, by V(lambda)."""
-        out = self.beam.at(90.0, max(altitude_km, self.medium.bottom_km)).irradiance
+        out = self.solved.direct(90.0, max(altitude_km, self.medium.bottom_km)).irradiance
         return float(self.luminous(out) / self.luminous(np.ones_like(out)))
 
     def _night(

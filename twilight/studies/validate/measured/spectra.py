@@ -33,8 +33,6 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.config.scene import TYPICAL, Config, Observer
 from twilight.engine.field import solve
-from twilight.engine.sunbeam import Sunbeam, disc_irradiance
-from twilight.numerics.directions import hemisphere
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.scene import resolve
 
@@ -204,12 +202,9 @@ def bases(
         part = part_of(progress, k / (len(ramps) + 1), 1.0 / (len(ramps) + 1))
         medium = replace(scene.medium, screen=screen)
         solved = solve(replace(scene, medium=medium), progress=part, cached=False)
-        beam = Sunbeam(medium).beam
         ground, zenith = [], []
         for sun in recorded.sun_deg:
-            e, a, weight = hemisphere(float(sun))
-            sky = weight @ solved.radiance(float(sun), e, a)
-            ground.append((sky + disc_irradiance(beam, medium, float(sun))) * solar)
+            ground.append(solved.horizontal_irradiance(float(sun), direct=True) * solar)
             zenith.append(solved.radiance(float(sun), [90.0], [0.0])[0, green])
         return np.array(ground), np.array(zenith)
 
