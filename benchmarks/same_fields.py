@@ -91,6 +91,23 @@ for name in ("preetham", "sunsky"):
     CASES[name] = light("continental-average", (35.0, 4.0), solver=name)
 
 
+def lights() -> list[np.ndarray]:
+    """A moonlit night with all its lights, in the sky and in a view."""
+    from twilight.config import load
+    from twilight.engine import frames
+    from twilight.scene import resolve
+
+    place = {"at": "2026-08-25T22:10+02:00", "latitude_deg": 47.0, "longitude_deg": 11.0}
+    view = {"kind": "fisheye", "width": 96, "elevation_deg": 90.0}
+    settings = {"solver.quality": "draft", "sun": place, "moon": {}, "night": {}, "observer.view": view}
+    [frame] = frames(resolve(load("continental-average", settings)), cached=False)
+    assert frame.view is not None
+    return [frame.sky.radiance, np.asarray(frame.sky.night_radiance), frame.view.rows(0, frame.view.shape[0]).radiance]
+
+
+CASES["lights"] = lights
+
+
 def write(path: str, beginnings: list[str]) -> None:
     """Compute the cases and write their rows."""
     with open(path, "w", newline="", encoding="utf-8") as file:

@@ -285,10 +285,10 @@ def test_as_many_pictures_as_asked_for(tmp_path):
     from twilight.config import load
     from twilight.show.timeline import timeline
 
-    line = timeline(load("pure-air"), speed=300.0, frames_per_second=25.0, from_deg=4.0, to_deg=-8.0, frames=48)
+    line = timeline(load("pure-air"), Pace(from_deg=4.0, to_deg=-8.0, frames=48))
     assert len(line) == 48 and line.elevation_deg[[0, -1]] == pytest.approx([4.0, -8.0])
     place = {"latitude_deg": 48.0, "longitude_deg": 11.0, "start": "2026-06-21T20:00Z", "stop": "2026-06-21T21:00Z"}
-    line = timeline(load("pure-air", {"sun": place}), speed=300.0, frames_per_second=25.0, frames=10)
+    line = timeline(load("pure-air", {"sun": place}), Pace(frames=10))
     assert len(line) == 10 and line.time_s[-1] == pytest.approx(3600.0)
     config = scene(**{"sun.elevations_deg": [0.0, 5.0, -5.0]})
     line = film(tmp_path / "a.webp", config, from_deg=None, to_deg=None, speed=300.0).line

@@ -234,7 +234,8 @@ def _print_plans(cases: list[Any]) -> None:
     rows, sizes = [], []
     for case in cases:
         scene, name = resolve(case.config, for_plan=True), case.name or case.config.title
-        omitted = (*scene.omissions, *not_computed(case.config))
+        dark = scene.lights(scene.suns[0]).left_out if len(scene.suns) == 1 else ()
+        omitted = (*scene.omissions, *dark, *not_computed(case.config))
         rows += [[name, item.part, item.reason, item.effect] for item in omitted]
         if not omitted:
             rows.append([name, "nothing", "all that this program knows is computed", ""])

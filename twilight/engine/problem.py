@@ -35,8 +35,8 @@ VALUES_AT_ONCE = 400_000
 of them takes is free before the next rows."""
 ARRAYS_AT_ONCE = 4
 """Copies of a sky's radiance that a render holds at the same time: blocks, the whole, physical units, the file's."""
-NIGHT_ARRAYS = 3
-"""Copies more where the night sky is added: of its parts, the whole, and the sum with the sun's sky."""
+NIGHT_ARRAYS = 7
+"""Copies more where other lights are added: each of five, their sum, and the sum with the sun's sky."""
 BYTES_BY_ROWS = 24
 """Memory of a pixel of a view that is made by rows [bytes]: four channels of the EXR, or the 8 bit picture twice."""
 BYTES_WHOLE = 200
