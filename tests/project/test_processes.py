@@ -154,7 +154,7 @@ def test_a_sky_whose_data_are_in_other_files_is_refused(tmp_path, kind):
 
 def test_the_double_hour_has_its_offset_in_its_name(tmp_path):
     """Two suns of an interval over the end of summer time would have one name; the first would be taken in silence."""
-    from twilight.scene.scene import suns_of
+    from twilight.scene.suns import suns_of
 
     place = {"latitude_deg": -72, "longitude_deg": 2.5, "time_zone": "Europe/Berlin"}
     interval = {"start": "2026-10-25T01:30", "stop": "2026-10-25T03:30", "step_minutes": 30, **place}
