@@ -15,7 +15,7 @@ from twilight.io import picture
 from twilight.solvers.base import BareField, Capabilities
 
 SHEETS = {"contact-sheet.png", "series.csv", "series.nc", "skies.jsonl"}
-FILES = {"sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5", "sun.json"}
+FILES = {"sky.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5", "sun.json", "sky.usda"}
 TABLE = "altitude_km,wavelength_nm,air_scattering_per_km,aerosol_extinction_per_km,aerosol_single_scattering_albedo,"
 TABLE += "aerosol_asymmetry,absorption_per_km,refractivity\n"
 TABLE_NM = (420, 495, 570, 645)

@@ -205,7 +205,7 @@ def test_outputs_are_written_together(tmp_path):
     sky = full_sky()
     paths = write_outputs(sky, tmp_path / "new" / "folder", width=64, spectral_width=32, views=("panorama", "fisheye"))
     names = [p.name for p in paths]
-    assert names == ["sky.png", "sky.fisheye.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5", "sun.json"]
+    assert names == ["sky.png", "sky.fisheye.png", "sky.rgb.exr", "sky.spectral.exr", "sky.h5", "sun.json", "sky.usda"]
     assert sorted(names) == sorted(p.name for p in (tmp_path / "new" / "folder").iterdir())
     paths = write_outputs(glow_sky(), tmp_path, files=("rgb",), renderer="radiance", width=16)
     assert [p.name for p in paths] == ["sky.rgb.exr", "sky.rgb.hdr"]
