@@ -207,7 +207,7 @@ def evenings(count: int) -> None:
             shots = [read_photograph(file, None, cell_deg=3.0, min_elevation_deg=3.0, glare_deg=10.0) for file in files]
         fitted = len(shots) // 2
         found = twilight.estimate(shots[fitted], types=[kind], settings={"aerosol.type": kind}, name="frame")
-        camera = found.photograph.camera
+        camera, seen_by = found.photograph.camera, []
         for k, shot in enumerate(shots):
             at = sun_position(shot.stated.moment, shot.stated.latitude_deg, shot.stated.longitude_deg, 0.0)
             of_fit = sun_position(*(getattr(shots[fitted].stated, n) for n in PLACE), 0.0)
@@ -223,8 +223,8 @@ def evenings(count: int) -> None:
             if k == fitted:
                 one = found.comparison
                 gains, first = one.balance.gains, one.figures["luminance_rms_percent"]
-            shots[k] = (at.elevation_deg, seen, computed)
-        for k, (sun, seen, computed) in enumerate(shots):
+            seen_by.append((at.elevation_deg, seen, computed))
+        for k, (sun, seen, computed) in enumerate(seen_by):
             if k == fitted:
                 continue
             # the curve and the white balance of the one frame; only the exposure is this frame's own
