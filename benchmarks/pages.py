@@ -78,7 +78,8 @@ def budget() -> str:
     found: dict[str, dict[str, str]] = {}
     seconds: dict[str, str] = {}
     for row in _rows("haber_budget.csv"):
-        off = "/".join(f"{float(row[name]):.2g}" for name in ("median_percent", "p95_percent"))
+        percent = (float(row[name]) for name in ("median_percent", "p95_percent"))
+        off = "/".join(f"{value:.0f}" if value >= 10.0 else f"{value:.2g}" for value in percent)
         found.setdefault(row["step"], {})[row["sun_elevation_deg"]] = off
         seconds[row["step"]] = f"{float(row['processor_s']):.2g}"
     suns = list(next(iter(found.values())))

@@ -33,6 +33,7 @@ from twilight.solvers import cells, montecarlo, tables, zones
 from twilight.solvers.analytic import aerial
 from twilight.solvers.analytic.coefficients import load_coefficients
 from twilight.solvers.cells.direct_light import refracted_sun
+from twilight.solvers.cells.exchange import energy_ratio, full_turn
 from twilight.solvers.cells.grid import layer_of, make_grid, make_layers
 from twilight.solvers.cells.haber import Field
 from twilight.studies.compare.accuracy import colour_errors
@@ -149,7 +150,15 @@ def shells() -> Iterator[Row]:
             factor = ((72 + math.pi) / (72 - math.pi)) ** step
             value = off(haber(72, sun, f"-{step}", active_shell_step=step), every)
             yield f"sun {sun:+g}: S = 72, active shells a factor {factor:.2f} of radius apart", value
-    yield "the same factor of every fourth shell at S = 120", f"{((120 + math.pi) / (120 - math.pi)) ** 4:.2f}"
+    medium = his_air((550.0,))
+    for s, step in ((72, 2), (72, 4), (92, 4), (120, 4)):
+        settings = replace(cells.QUALITIES["haber2005"], azimuth_cells=s, active_shell_step=step)
+        field = Field(medium, settings, 0.0)
+        for sun in FEW_SUNS_DEG:
+            h = math.radians(sun)
+            light = sum(next(field.events(np.array([math.cos(h), 0.0, math.sin(h)]))))
+            ratio = energy_ratio(light @ full_turn(s), field.active)[0]
+            yield f"sun {sun:+g}: S = {s}, I_all / I_active with every shell no. {step} active", f"{ratio:.2f}"
 
 
 def sizes() -> Iterator[Row]:
@@ -198,9 +207,10 @@ def beyond() -> Iterator[Row]:
     medium = his_air((550.0,))
     settings = replace(cells.QUALITIES["haber2005"], azimuth_cells=92)
     wide = make_grid(92, 0.1, 0.0, 0.0, medium.top_km, medium.earth_radius_km, reach=1.5)
-    for sun in FEW_SUNS_DEG[1:]:
+    for sun in FEW_SUNS_DEG:
         more = skies("92-beyond", sun, medium, settings, wide)[-1, :, 0]
-        yield f"sun {sun:+g}: R_max beside 1.5 R_max", off(haber(92, sun), more)
+        brighter = np.median(more / haber(92, sun))
+        yield f"sun {sun:+g}: light with shells to 1.5 R_max over that to R_max", f"{brighter:.3g} times (median)"
 
 
 def isotropic_air() -> Iterator[Row]:

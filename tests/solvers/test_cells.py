@@ -28,6 +28,8 @@ from twilight.transport.ray_profile import ray_profile
 from twilight.transport.rays import OUTSIDE, sun_ray
 from twilight.transport.steps import altitude_along, distance_to_sphere
 
+pytestmark = pytest.mark.filterwarnings("ignore:solver.azimuth_cells")
+
 HABER = replace(QUALITIES["haber2005"], azimuth_cells=24)
 SUN = np.array([math.cos(0.3), 0.0, math.sin(0.3)])
 
