@@ -19,7 +19,7 @@ from twilight.base.errors import TwilightError
 from twilight.config import load
 from twilight.config.climate import Climate
 from twilight.engine import solve
-from twilight.numerics.phase import HENYEY_GREENSTEIN, PhaseFunction
+from twilight.numerics.phase import PhaseFunction
 from twilight.scene import resolve
 from twilight.scene.plan import not_computed
 
@@ -197,7 +197,7 @@ PARTS: dict[str, Any] = {
     "aerosol_single_scattering_albedo": lambda m: 0.8 * m.aerosol_single_scattering_albedo,
     "aerosol_phase_fraction": lambda m: m.aerosol_phase_fraction[::-1].copy(),
     "phase_functions": lambda m: tuple(
-        PhaseFunction(HENYEY_GREENSTEIN, np.full(m.n_wavelengths, g))
+        PhaseFunction.henyey_greenstein(np.full(m.n_wavelengths, g))
         for g in np.linspace(0.4, 0.7, len(m.phase_functions))
     ),
     "refractivity": lambda m: 0.7 * m.refractivity,
@@ -210,6 +210,11 @@ PARTS: dict[str, Any] = {
 """Of each part of a medium another one."""
 QUALITY = {"zones": "draft", "montecarlo": "draft", "tables": "bruneton2017", "cells": "draft", "sasktran2": "draft"}
 FEW_E, FEW_A = np.array([8.0, 30.0, 60.0, 30.0]), np.array([0.0, 0.0, 90.0, 180.0])
+CHEAPER: dict[str, dict[str, Any]] = {
+    "montecarlo": {"target_stderr": 0.01},
+    "tables": {"scattering_r": 12, "scattering_mu": 32, "scattering_mu_s": 16, "max_orders": 3},
+    "sasktran2": {"incoming": 50},
+}
 NEAR = {"montecarlo": 0.05, "tables": 0.15, "cells": 0.2}
 """How far ln of a change may be from that of zones, relative to it; 0.1 of others."""
 NOISE = {"montecarlo": 0.05}
@@ -231,8 +236,7 @@ def light(solver: str, medium: Medium) -> np.ndarray:
     quality = module.QUALITIES[QUALITY.get(solver, "standard")]
     if hasattr(quality, "polarisation"):
         quality = replace(quality, polarisation=False)
-    if module.CAPABILITIES.standard_error:
-        quality = replace(quality, target_stderr=0.01)
+    quality = replace(quality, **CHEAPER.get(solver, {}))
     field = module.prepare(medium, quality, observer_altitude_km=medium.bottom_km)
     return np.array([field.radiance(sun, FEW_E, FEW_A) for sun in (20.0, -1.0)])
 
