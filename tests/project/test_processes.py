@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from closed_sky import closed
 from toy_sky import glow_sky
+from twilight.engine.surfaces import _stored as stored_lines
 
 import twilight
 from twilight.base import cache
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.engine.sun_tables import _stored as stored_table
-from twilight.engine.surfaces import _stored as stored_lines
 from twilight.io.folder import JOURNAL, RequestedSky, open_folder
 from twilight.io.netcdf import write_sky
 from twilight.io.provenance import locked
