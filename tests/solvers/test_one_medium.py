@@ -212,13 +212,13 @@ QUALITY = {"zones": "draft", "montecarlo": "draft", "tables": "bruneton2017", "c
 FEW_E, FEW_A = np.array([8.0, 30.0, 60.0, 30.0]), np.array([0.0, 0.0, 90.0, 180.0])
 CHEAPER: dict[str, dict[str, Any]] = {
     "montecarlo": {"target_stderr": 0.01},
-    "tables": {"scattering_r": 12, "scattering_mu": 32, "scattering_mu_s": 16, "max_orders": 3},
+    "tables": {"scattering_r": 24, "scattering_mu": 32, "scattering_mu_s": 16},
     "sasktran2": {"incoming": 50},
 }
-NEAR = {"montecarlo": 0.05, "tables": 0.15, "cells": 0.2}
-"""How far ln of a change may be from that of zones, relative to it; 0.1 of others."""
-NOISE = {"montecarlo": 0.05}
-"""And in any case, 0.02 of others: by noise of 0.01 in each of two skies."""
+NEAR = {"montecarlo": 0.05, "tables": 0.2, "cells": 0.4, "sasktran2": 0.25}
+"""How far ln of a change may be from that of zones, relative to it; 0.1 of others: some are coarse below the horizon."""
+NOISE = {"montecarlo": 0.05, "tables": 0.04, "cells": 0.06, "sasktran2": 0.05}
+"""And in any case, 0.02 of others: of `montecarlo` by noise of 0.01 in each of two skies."""
 
 
 @pytest.fixture(scope="module")
@@ -262,7 +262,7 @@ def test_each_part_of_a_medium_moves_a_sky_as_that_of_zones_or_is_refused(solver
     if part == "screen" and not module.CAPABILITIES.screen:
         return  # `Scene` refuses it
     if part == "refractivity" and module.CAPABILITIES.straight_rays:
-        said = not_computed(configured(URBAN, solver, [602.0]))
+        said = not_computed(load({"version": 1, "climate": "urban", "solver": {"name": solver}}))
         assert "refraction" in {one.part for one in said}
         return
     for name, medium in ((solver, urban), ("zones", urban), ("zones", other)):
@@ -277,4 +277,5 @@ def test_each_part_of_a_medium_moves_a_sky_as_that_of_zones_or_is_refused(solver
     exact = np.log(lights["zones", part] / lights["zones", ""])
     assert np.abs(exact).max() > 1e-3
     most = NOISE.get(solver, 0.02) + NEAR.get(solver, 0.1) * np.abs(exact).max()
+    assert np.abs(moved).max() > 1e-4
     assert np.abs(moved - exact).max() < most, (moved[..., 0], exact[..., 0])
