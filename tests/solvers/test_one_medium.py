@@ -210,14 +210,16 @@ PARTS: dict[str, Any] = {
 """Of each part of a medium another one."""
 QUALITY = {"zones": "draft", "montecarlo": "draft", "tables": "bruneton2017", "cells": "draft", "sasktran2": "draft"}
 FEW_E, FEW_A = np.array([8.0, 30.0, 60.0, 30.0]), np.array([0.0, 0.0, 90.0, 180.0])
+OF_PAPERS = {("cells", "depolarisation"), ("cells", "aerosol_phase_fraction")}
+"""What a paper's own phase functions leave out."""
 CHEAPER: dict[str, dict[str, Any]] = {
     "montecarlo": {"target_stderr": 0.01},
     "tables": {"scattering_r": 24, "scattering_mu": 32, "scattering_mu_s": 16},
     "sasktran2": {"incoming": 50},
 }
 NEAR = {"montecarlo": 0.05, "tables": 0.2, "cells": 0.4, "sasktran2": 0.25}
-"""How far ln of a change may be from that of zones, relative to it; 0.1 of others: some are coarse below the horizon."""
-NOISE = {"montecarlo": 0.05, "tables": 0.04, "cells": 0.06, "sasktran2": 0.05}
+"""How far ln of a change may be from that of zones, relative to it; 0.1 of others: some are coarse in twilight."""
+NOISE = {"montecarlo": 0.05, "tables": 0.04, "cells": 0.06, "sasktran2": 0.08}
 """And in any case, 0.02 of others: of `montecarlo` by noise of 0.01 in each of two skies."""
 
 
@@ -251,6 +253,7 @@ def test_every_part_of_a_medium_is_asked_for():
         pytest.param(solver, part, marks=() if solver == "compact" or part == FILTER else pytest.mark.slow)
         for solver in SOLVERS[1:]
         for part in PARTS
+        if (solver, part) not in OF_PAPERS
     ],
 )
 def test_each_part_of_a_medium_moves_a_sky_as_that_of_zones_or_is_refused(solver, part, urban, lights):
