@@ -29,7 +29,7 @@ from twilight.solvers import cells, zones
 from twilight.solvers.cells.direct_light import sunlit
 from twilight.solvers.cells.exchange import exchange
 from twilight.solvers.cells.grid import Layers
-from twilight.solvers.cells.haber import Field
+from twilight.solvers.cells.haber import CellsField as Field
 
 SUNS_DEG = (10.0, 0.0, -4.0, -6.0, -9.0)
 NM = 550.0

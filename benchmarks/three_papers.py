@@ -36,7 +36,7 @@ from twilight.solvers.analytic.coefficients import load_coefficients
 from twilight.solvers.cells.direct_light import refracted_sun
 from twilight.solvers.cells.exchange import energy_ratio, full_turn
 from twilight.solvers.cells.grid import layer_of, make_grid, make_layers
-from twilight.solvers.cells.haber import Field
+from twilight.solvers.cells.haber import CellsField as Field
 from twilight.studies.compare.accuracy import colour_errors
 from twilight.studies.fit.truth import compute_truth, error_of
 from twilight.transport.ray_profile import ray_profile

@@ -63,9 +63,10 @@ def test_sunset_is_one_moment_everywhere():
     config = load({"version": 1, "climate": "pure-air", "sun": sun, "observer": {"altitude_km": 3.0}})
     assert next(suns_of(config)).time == expected
     assert load({"version": 1, "climate": "pure-air", "sun": sun}).sun.at < expected
-    from twilight.api.light import _Places, _times
+    from twilight.api.arguments import places_of
+    from twilight.api.light import _times
 
-    assert _times("2026-06-21 sunset", _Places.of(PLACE, "Europe/Berlin"), 3.0)[1] == [expected]
+    assert _times("2026-06-21 sunset", places_of(PLACE, "Europe/Berlin")[1], 3.0)[1] == [[expected]]
 
 
 NO_ZONE = "2026-06-21T21:00"

@@ -148,18 +148,14 @@ def test_the_judge_takes_it_when_asked_alone():
     solver = {"name": "montecarlo", "target_stderr": None, "samples": 64}
     scene = resolve(load("pure-air", {"solver": solver, "wavelengths": nm}))
     assert not any(plan(scene).carriers)
-    asked = resolve(load("pure-air", {"solver": solver | {"spectrum": "carried"}, "wavelengths": nm}))
-    field = solve(asked, cached=False)
+    carried = {"solver": solver | {"expert": {"spectrum": "carried"}}, "wavelengths": nm}
+    field = solve(resolve(load("pure-air", carried)), cached=False)
     answer = field.radiance_with_error(-2.0, [20.0], [40.0])
     assert n_nodes(field.problem) == 8 and (answer.standard_error > 0.0).all()
     assert (answer.standard_error < 0.3 * answer.radiance).all()
-    high = resolve(
-        load(
-            "pure-air", {"solver": solver | {"spectrum": "carried"}, "wavelengths": nm, "observer": {"altitude_km": 40}}
-        )
-    )
-    with pytest.raises(TwilightError, match=r"solver\.spectrum: the fitted model"):
+    high = resolve(load("pure-air", carried | {"observer": {"altitude_km": 40}}))
+    with pytest.raises(TwilightError, match=r"solver\.expert\.spectrum: the fitted model"):
         plan(high).carriers  # noqa: B018
-    cut = resolve(load("pure-air", {"solver": solver | {"spectrum": "carried", "max_orders": 2}, "wavelengths": nm}))
+    cut = resolve(load("pure-air", carried | {"solver": carried["solver"] | {"max_orders": 2}}))
     with pytest.raises(TwilightError, match="all orders"):
         solve(cut)

@@ -24,7 +24,7 @@ def test_errors_are_those_behind_target_error(sun, part):
         assert found[f"zones {quality}"].error == pytest.approx(0.01 * SAFETY_FACTORS["fine"] * largest)
     assert [one.chosen for one in found.values()] == [False, True, False, False]
     model, slower = found["compact standard"], found["zones reference"]
-    assert 1e-3 < model.error < 0.05
+    assert 1e-3 < model.error < 0.08
     assert model.cost.cpu_s < found["zones draft"].cost.cpu_s < slower.cost.cpu_s
 
 
@@ -32,7 +32,7 @@ def test_what_was_not_measured_has_no_error():
     """An overcast sky, scalar theory or grids of one's own would be promised the errors of clear air."""
     overcast = of("overcast-stratus", sun__elevation_deg=30.0)
     assert all(one.error == math.inf for name, one in overcast.items() if name.startswith("zones"))
-    assert "optical depth" in overcast["compact standard"].reason
+    assert "without clouds" in overcast["compact standard"].reason
     scalar = of("pure-air", sun__elevation_deg=5.0, solver={"name": "zones", "polarisation": False})
     assert all(one.error == math.inf for name, one in scalar.items() if name.startswith("zones"))
     own = of("pure-air", sun__elevation_deg=5.0, solver={"name": "zones", "expert": {"degree": 12}})

@@ -12,12 +12,10 @@ import numpy as np
 import pytest
 from closed_sky import closed
 from toy_sky import glow_sky
-from twilight.engine.surfaces import _stored as stored_lines
 
 import twilight
 from twilight.base import cache
 from twilight.base.errors import TwilightError, TwilightWarning
-from twilight.engine.sun_tables import _stored as stored_table
 from twilight.io.folder import JOURNAL, RequestedSky, open_folder
 from twilight.io.netcdf import write_sky
 from twilight.io.provenance import locked
@@ -99,8 +97,7 @@ def damaged():
     yield "middle"
 
 
-@pytest.mark.parametrize("read", [stored_table, lambda name: stored_lines(name, 3)], ids=["tables", "lines"])
-def test_a_damaged_file_of_the_skies_cache_is_made_again(tmp_path, monkeypatch, read):
+def test_a_damaged_file_of_the_skies_cache_is_made_again(tmp_path, monkeypatch):
     """It would be a traceback until the cache is cleared."""
     monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("TWILIGHT_CACHE_GB", "1")
@@ -115,7 +112,7 @@ def test_a_damaged_file_of_the_skies_cache_is_made_again(tmp_path, monkeypatch, 
             path.write_bytes(whole.replace(np.ones(4, np.float32).tobytes(), np.zeros(4, np.float32).tobytes()))
         else:
             path.write_bytes(damage)
-        assert read("key") is None and not path.exists()
+        assert cache.read_arrays(cache.SKIES, "key") is None and not path.exists()
 
 
 def test_a_worker_of_compare_runs_nothing_of_the_working_folder(tmp_path):

@@ -178,7 +178,7 @@ def test_luminance_and_illuminance_of_a_uniform_sky_follow_the_sum_rule():
     ("change", "message"),
     [
         ({"sun_normalised_radiance": np.ones((2, 2, 2))}, "shape"),
-        ({"sun_normalised_radiance": np.full((30, 120, 4), -1.0)}, "not be negative"),
+        ({"sun_normalised_radiance": np.full((30, 120, 4), -1.0)}, "not negative"),
         ({"sun_normalised_radiance": np.full((30, 120, 4), np.nan)}, "finite"),
         ({"wavelength_nm": WAVELENGTHS[::-1]}, "wavelength_nm"),
         ({"elevation_deg": np.linspace(90, 0, 30)}, "elevation_deg"),

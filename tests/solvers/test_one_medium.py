@@ -110,7 +110,14 @@ IN_BANDS_NM = {"gases.water_vapour.column_mm": 720.0, "gases.oxygen": 762.0}
 """Keys that act in the bands of gases alone."""
 ELSEWHERE = {
     *("version", "name", "description"),  # no light
-    *("medium", "air", "aerosol.table", "ground.albedo_map", "atmosphere.levels.file"),  # files: they become the rest
+    *(
+        "medium",
+        "air",
+        "aerosol.table",
+        "ground.albedo_map",
+        "atmosphere.levels.file",
+        "gases.own.",
+    ),  # files: they become the rest
     *("clouds.", "atmosphere.levels.", "aerosol.modes.refractive_index.wavelength_nm"),  # parts of what moves as one
     "aerosol.mineral_transported.number_density_per_cm3",  # in place of an optical depth
 }

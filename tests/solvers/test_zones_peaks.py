@@ -150,7 +150,7 @@ def test_a_peak_that_cannot_be_followed_is_reported(desert):
     """Asymmetry 0.95, optical depth 0.5: `standard` is up to 5 % off; the coarsest types of OPAC give no warning."""
     few = {"max_orders": 2, "tolerance": 0.0, "polarisation": False}
     sharp = medium_of(Air(aerosol=0.5, asymmetry=0.95))
-    with pytest.warns(TwilightWarning, match=r"asymmetry 0.95 .*here it is 0.5"):
+    with pytest.warns(TwilightWarning, match=r"asymmetry 0.95 .*here the depth is 0.5"):
         zones.prepare(sharp, replace(COARSE, **few), sun_elevations_deg=[30.0])
     with warnings.catch_warnings():
         warnings.simplefilter("error")

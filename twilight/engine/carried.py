@@ -28,9 +28,10 @@ from twilight.atmosphere.grid_medium import range_of
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.threads import one_blas_thread
-from twilight.jit.simd import LANES
 from twilight.solvers.base import BareField, Convergence
 
+LANES = 8
+"""Wavelengths, or terms, that solvers compute as one: lanes of a vector."""
 MODEL = "compact"
 """The solver that carries: the fitted model of all clear air."""
 LOWEST_SUN_DEG = -18.0

@@ -16,8 +16,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.base.reading import memory_bytes
 from twilight.config.scene import Config
-from twilight.engine.carried import HIGHEST_OBSERVER_KM, LOWEST_SUN_DEG, MODEL, Carrier, carriers
-from twilight.jit.simd import LANES
+from twilight.engine.carried import HIGHEST_OBSERVER_KM, LANES, LOWEST_SUN_DEG, MODEL, Carrier, carriers
 from twilight.scene.medium import wavelengths_of
 from twilight.scene.scene import Scene
 from twilight.scene.suns import count_suns
@@ -151,8 +150,8 @@ class Problem:
         found = carriers(scene.medium, scene.bands, scene.altitude_km) if known else none
         if scene.settings.spectrum == "carried" and not any(found) and self.term_counts.sum() > LANES:
             raise TwilightError(
-                "solver.spectrum: the fitted model of clear air does not have this air, observer or sun, and cannot "
-                "carry the light of its wavelengths; allowed here is solved"
+                "solver.expert.spectrum: the fitted model of clear air does not have this air, observer or sun, and "
+                "cannot carry the light of its wavelengths; allowed here is solved"
             )
         return found
 

@@ -61,6 +61,7 @@ class MonteCarloSettings:
         "solved: every wavelength is sampled. carried: of many, or of terms of gas bands, eight to 24 are sampled, "
         "and the fitted model of clear air carries their light, with its standard error, to the others",
         default="solved",
+        expert=True,
     )
     seed: int = option("any integer; names the random numbers", default=1, ge=0, le=2**63 - 1)
     max_samples: int = option(
@@ -200,7 +201,7 @@ def carried(settings: MonteCarloSettings) -> bool:
     ]
     if settings.max_orders is not None or settings.approximation != "none" or left_out:
         raise TwilightError(
-            "solver.spectrum: carried takes all orders of scattering and all physics, as the fitted model has; leave "
+            "solver.expert.spectrum: carried takes all orders of scattering and all physics, as the model has; leave "
             "max_orders, approximation, polarisation, refraction, spreading and bent_lines_of_sight as they are"
         )
     return True
