@@ -170,4 +170,5 @@ def main(words: list[str]) -> None:
 
 
 if __name__ == "__main__":
+    results.say_help(__doc__)
     main(sys.argv[1:])

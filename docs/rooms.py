@@ -1,8 +1,8 @@
-"""The house, drawn from its code: rooms, their sizes, what each hands up, and which takes from which.
+"""The house, drawn from its code: rooms, their sizes, what each hands up, which takes from which; and what tables feed.
 
     python docs/rooms.py
 
-writes the drawing into `architecture.md`; tests hold the page to the code.
+writes both drawings into `architecture.md`; tests hold the page to the code.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ import functools
 import re
 import tomllib
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "architecture.md"
-BEGIN, END = "<!-- drawing -->", "<!-- end of drawing -->"
 HANDS_UP = {
     "engine": ("Field",),
     "scene": ("Scene",),
@@ -38,6 +38,26 @@ STOREYS = (
     ("numerics", "jit", "base"),
 )
 """Rooms of the six storeys, from the top."""
+
+MADE_BY = {
+    "Medium": "scene.medium.climate_medium",
+    "GasBands": "scene.medium.climate_gas_bands",
+    "ScaledMedium": "transport.scaling.delta_scaled",
+    "Layout": "solvers.zones.grids.lay_out",
+    "FieldGrids": "solvers.zones.grids.FieldGrids",
+    "Beam": "solvers.zones.grids.FieldGrids.sunbeam",
+    "Solution": "solvers.zones.orders.solve",
+    "ZonesField": "solvers.zones.field.ZonesField",
+    "ScatteredOnce": "transport.scattered_once.ScatteredOnce",
+    "Answer": "engine.block.Block.answer",
+    "SkyTable": "engine.table.fill",
+    "SunLight": "engine.one_sun.SunLight",
+    "Sky": "engine.one_sun.SunLight.sky",
+}
+"""Tables between a climate and a sky, and the function or class that makes each: what feeds it is its annotations."""
+
+STANDS_FOR = {"Field": "ZonesField"}
+"""What the engine knows a solver's table as."""
 
 
 def modules() -> dict[str, Path]:
@@ -94,33 +114,92 @@ def takes() -> set[tuple[str, str]]:
     return {(above, below) for above, below in pairs if above != below}
 
 
-def drawing() -> str:
-    """A row for each room.  Its line goes left to dots on the lines that go down from the rooms that import it."""
-    order, pairs, names = layers(), takes(), modules()
-    storeys = {room: n for n, rooms in enumerate(STOREYS, 1) for room in rooms}
-    lowest = {room: max([i for i, below in enumerate(order) if (room, below) in pairs], default=-1) for room in order}
+def named(note: ast.AST | None) -> set[str]:
+    """Names in an annotation or an expression."""
+    return {node.id for node in ast.walk(note) if isinstance(node, ast.Name)} if note else set()
+
+
+def annotated(table: str) -> set[str]:
+    """Names in the annotations of what makes a table: parameters, and what an object of the class holds.
+
+    Where a method's class is a table, that stands for what it holds.
+    """
+    names, made_by = modules(), MADE_BY[table]
+    module = max((name for name in names if f"twilight.{made_by}.".startswith(f"{name}.")), key=len)
+    tree = ast.parse(names[module].read_text(encoding="utf-8"))
+    parts = f"twilight.{made_by}".removeprefix(f"{module}.").split(".")
+    found: set[str] = set()
+    scope: Any = tree
+    for part in parts:
+        [scope] = [n for n in scope.body if isinstance(n, ast.ClassDef | ast.FunctionDef) and n.name == part]
+        if isinstance(scope, ast.ClassDef) and part in MADE_BY and part != parts[-1]:
+            found.add(part)
+            continue
+        functions = [scope]
+        if isinstance(scope, ast.ClassDef):
+            found = found.union(
+                *(named(node.annotation) for node in ast.walk(scope) if isinstance(node, ast.AnnAssign))
+            )
+            functions = [n for n in scope.body if isinstance(n, ast.FunctionDef) and n.name == "__init__"]
+        for function in functions:
+            arguments = [*function.args.args, *function.args.kwonlyargs]
+            found = found.union(*(named(argument.annotation) for argument in arguments))
+    made = scope.name if isinstance(scope, ast.ClassDef) else ast.unparse(scope.returns)
+    assert table in made, f"{made_by} makes {made}"
+    aliases = [n for n in tree.body if isinstance(n, ast.Assign) and named(n.targets[0]) & found]
+    return found.union(*(named(alias.value) for alias in aliases))
+
+
+def feeds() -> set[tuple[str, str]]:
+    """Pairs of tables: the first enters the second."""
+    pairs = {(STANDS_FOR.get(n, n), table) for table in MADE_BY for n in annotated(table)}
+    return {(above, below) for above, below in pairs if above in MADE_BY and above != below}
+
+
+def lines_down(order: list[str], pairs: set[tuple[str, str]]) -> list[str]:
+    """For each name a line that goes left to dots on the lines that go down from the names above it in its pairs."""
+    lowest = {name: max([i for i, below in enumerate(order) if (name, below) in pairs], default=-1) for name in order}
     rows = []
-    for i, room in enumerate(order):
-        files = [path for name, path in names.items() if name.split(".")[1:2] == [room]]
-        lines = round(sum(len(path.read_text("utf-8").splitlines()) for path in files), -2)
-        importers = [above for above in order[:i] if (above, room) in pairs]
+    for i, name in enumerate(order):
         line, joined = "", False
         for above in order[:i]:
-            joined |= above in importers
+            joined |= (above, name) in pairs
             below = i < lowest[above]
-            mark = "●" if above in importers else "│┼"[joined] if below else " ─"[joined]
+            mark = "●" if (above, name) in pairs else "│┼"[joined] if below else " ─"[joined]
             line += mark + " ─"[joined] * 2
-        line += "┐" if lowest[room] > i else "╴"
+        rows.append(f"{line}{'┐' if lowest[name] > i else '╴'}")
+    return rows
+
+
+def drawing() -> str:
+    """A row for each room."""
+    order, names = layers(), modules()
+    storeys = {room: n for n, rooms in enumerate(STOREYS, 1) for room in rooms}
+    rows = []
+    for room, line in zip(order, lines_down(order, takes()), strict=True):
+        files = [path for name, path in names.items() if name.split(".")[1:2] == [room]]
+        lines = round(sum(len(path.read_text("utf-8").splitlines()) for path in files), -2)
         up = ", ".join(HANDS_UP.get(room, ()))
-        name = f"{storeys[room]} {room:<11}{len(files):4}{lines:8,}"
-        rows.append(f"{name}   {line:<{3 * len(order)}}{up}".rstrip())
+        rows.append(f"{storeys[room]} {room:<11}{len(files):4}{lines:8,}   {line:<{3 * len(order)}}{up}".rstrip())
     return "\n".join([f"  {'room':<11}files  lines   {'imported by':<{3 * len(order)}}hands up", *rows])
 
 
-def drawn(text: str) -> str:
-    """The drawing that a page holds."""
-    block = re.search(rf"{BEGIN}\n\n```text\n(.*?)\n```\n\n{END}", text, re.DOTALL)
-    assert block is not None, f"{BEGIN} is not there"
+def drawing_of_tables() -> str:
+    """A row for each table."""
+    order = [*MADE_BY]
+    rows = zip(MADE_BY.items(), lines_down(order, feeds()), strict=True)
+    head = f"{'table':<15}{'made of':<{3 * len(order)}}made by"
+    return "\n".join([head, *(f"{table:<15}{line:<{3 * len(order)}}{made_by}" for (table, made_by), line in rows)])
+
+
+DRAWINGS = {"drawing": drawing, "tables": drawing_of_tables}
+"""Marks on the page, and what stands between them."""
+
+
+def drawn(text: str, name: str) -> str:
+    """A drawing that a page holds."""
+    block = re.search(rf"<!-- {name} -->\n\n```text\n(.*?)\n```\n\n<!-- end of {name} -->", text, re.DOTALL)
+    assert block is not None, f"{name} is not there"
     return block[1]
 
 
@@ -159,6 +238,9 @@ def broken(steps: list[tuple[str, str]]) -> list[str]:
 
 
 if __name__ == "__main__":
-    head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-    block = f"{BEGIN}\n\n```text\n{drawing()}\n```\n\n{END}"
-    PAGE.write_text(f"{head}{block}{rest.partition(END)[2]}", encoding="utf-8")
+    text = PAGE.read_text(encoding="utf-8")
+    for name, draw in DRAWINGS.items():
+        begin, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
+        head, _, rest = text.partition(begin)
+        text = f"{head}{begin}\n\n```text\n{draw()}\n```\n\n{end}{rest.partition(end)[2]}"
+    PAGE.write_text(text, encoding="utf-8")

@@ -99,7 +99,7 @@ ROOMS = "|".join(room for room in BUDGET if " " not in room)
 QUOTED = re.compile(rf"`{{1,2}}((?:twilight|{ROOMS})(?:\.\w+)+)`{{1,2}}")
 ENTRY_POINTS = "twilight.formats"
 """A group of entry points of packages, which is no module."""
-FILES = (".png", ".exr", ".hdr", ".h5", ".json", ".jpg", ".glsl", ".wgsl", ".bin", ".csv")
+FILES = (".png", ".exr", ".hdr", ".h5", ".json", ".jpg", ".glsl", ".wgsl", ".bin", ".csv", ".usda")
 """Ends of names in backticks that are files' and not modules'."""
 
 

@@ -80,7 +80,7 @@ SIZES = re.compile(r"^\d (\w+) +(\d+) +([\d,]+)(?=   )", re.MULTILINE)
 
 def test_the_page_draws_the_rooms_as_they_are():
     """An import between rooms came or went: `python docs/rooms.py`; so did a tenth of a room's files or lines."""
-    page, now = rooms.drawn(PAGE), rooms.drawing()
+    page, now = rooms.drawn(PAGE, "drawing"), rooms.drawing()
     assert SIZES.sub(r"\1", page) == SIZES.sub(r"\1", now)
     sizes = [
         {room: (int(files), int(lines.replace(",", ""))) for room, files, lines in SIZES.findall(text)}
@@ -90,6 +90,15 @@ def test_the_page_draws_the_rooms_as_they_are():
     for room, (files, lines) in sizes[1].items():
         assert sizes[0][room][0] == pytest.approx(files, rel=0.1, abs=2), room
         assert sizes[0][room][1] == pytest.approx(lines, rel=0.1, abs=200), room
+
+
+def test_the_page_draws_which_table_feeds_which():
+    """A table is made of others than it was: `python docs/rooms.py`; what it is made of stands above it."""
+    assert rooms.drawn(PAGE, "tables") == rooms.drawing_of_tables()
+    order, pairs = [*rooms.MADE_BY], rooms.feeds()
+    assert all(order.index(above) < order.index(below) for above, below in pairs)
+    assert {below for _, below in pairs} == {*order[1:]} and {above for above, _ in pairs} == {*order[:-1]}
+    assert rooms.annotated("ZonesField") & {*order} == {"FieldGrids", "Beam", "Solution"}
 
 
 def test_rooms_define_what_they_hand_up():

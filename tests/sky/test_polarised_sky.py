@@ -183,7 +183,7 @@ def test_the_picture_shows_degree_and_angle_over_the_whole_sky(sky, tmp_path):
     assert np.abs(found - right).max() < 0.01
     paths = write_outputs(sky, tmp_path, files=("polarisation", "h5"))
     assert {path.name for path in paths} == {"sky.polarisation.png", "sky.h5"}
-    picture = Image.open(paths[0])
+    picture = Image.open(tmp_path / "sky.polarisation.png")
     assert picture.size[0] > 800 and "configuration_hash" in picture.text
 
 

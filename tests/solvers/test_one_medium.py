@@ -109,6 +109,7 @@ KEYS: dict[str, tuple[Any, dict[str, Any]]] = {
 IN_BANDS_NM = {"gases.water_vapour.column_mm": 720.0, "gases.oxygen": 762.0}
 """Keys that act in the bands of gases alone."""
 ELSEWHERE = {
+    "gases.own.",  # a file too
     *("version", "name", "description"),  # no light
     *(
         "medium",
@@ -116,7 +117,6 @@ ELSEWHERE = {
         "aerosol.table",
         "ground.albedo_map",
         "atmosphere.levels.file",
-        "gases.own.",
     ),  # files: they become the rest
     *("clouds.", "atmosphere.levels.", "aerosol.modes.refractive_index.wavelength_nm"),  # parts of what moves as one
     "aerosol.mineral_transported.number_density_per_cm3",  # in place of an optical depth
