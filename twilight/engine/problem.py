@@ -235,7 +235,12 @@ def full_cost(scene: Scene) -> SceneCost:
         return sizes
     of_blocks = [int(problem.term_counts[part].sum()) for part in problem.slices]
     in_band = [bool((problem.term_counts[part] > 1).any()) for part in problem.slices]
-    field = max(per_block.n_bytes(n, band) for n, band in zip(of_blocks, in_band, strict=True))
+    model, carried = cost_of_model(problem), [problem.carriers[part.start] for part in problem.slices]
+    each = 0.0 if model is None else model.bytes_per_wavelength
+    field = max(
+        per_block.n_bytes(n, band) if one is None else per_block.n_bytes(one.n_nodes, True) + each * n
+        for n, band, one in zip(of_blocks, in_band, carried, strict=True)
+    )
     directions = _directions(config)
     pixels = 0
     if config.observer.view is not None:
@@ -260,6 +265,12 @@ def full_cost(scene: Scene) -> SceneCost:
     )
 
 
+def cost_of_model(problem: Problem) -> Cost | None:
+    """What the fitted model costs that carries light over the spectrum."""
+    of_model = solvers.load(MODEL).CAPABILITIES.cost
+    return None if of_model is None else of_model(problem.scene.medium, None, None, 0.0)
+
+
 def field_cpu_s(problem: Problem, suns: int, directions: int) -> float:
     """Processor time [s] of solving a field and of evaluating it under so many suns, in `directions` of each.
 
@@ -269,8 +280,7 @@ def field_cpu_s(problem: Problem, suns: int, directions: int) -> float:
     if cost is None:
         raise TwilightError(f"solver: {problem.scene.solver_name} does not say what its field costs")
     seconds = 0.0
-    of_model = solvers.load(MODEL).CAPABILITIES.cost
-    model = None if of_model is None else of_model(problem.scene.medium, None, None, 0.0)
+    model = cost_of_model(problem)
     for part in problem.slices:
         n, band = int(problem.term_counts[part].sum()), bool((problem.term_counts[part] > 1).any())
         times = cost.band_cpu_factor if band else 1.0
