@@ -6,8 +6,8 @@
     python benchmarks/hyperspectral.py --quality standard ...   at another quality, into hyperspectral_standard.csv
 
 Seconds are those of optics, fields and the table of one sun, one thread, kernels compiled before; the eight default
-wavelengths come first.  Errors are beside light that is solved at wavelengths drawn at random in bands of gases and between them:
-49 directions and suns from +30 to -14 deg, 95 % and largest, of I, and of Q and U over I.
+wavelengths come first.  Errors are beside light that is solved at wavelengths drawn at random in bands of gases and
+between them: 49 directions and suns from +30 to -14 deg, 95 % and largest, of I, and of Q and U over I.
 """
 
 from __future__ import annotations

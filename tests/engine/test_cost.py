@@ -47,13 +47,13 @@ def test_blocks_shrink_until_the_limit_holds(monkeypatch):
         },
     )
     sizes = {}
-    for limit in (4e9, 0.2e9, 1e6):
+    for limit in (4e9, 0.25e9, 1e6):
         monkeypatch.setattr(sys.modules["twilight.engine.problem"], "FIELD_BYTES", limit)
         problem = plan(resolve(config), (-4.0,))
         assert sum(part.stop - part.start for part in problem.slices) == 48
         sizes[limit] = max(part.stop - part.start for part in problem.slices)
         assert sizes[limit] == problem.cost.block_size or problem.cost.n_bytes(sizes[limit]) <= limit
-    assert sizes[4e9] > sizes[0.2e9] > sizes[1e6] == problem.cost.block_size
+    assert sizes[4e9] > sizes[0.25e9] > sizes[1e6] == problem.cost.block_size
 
 
 @pytest.mark.parametrize("solver", ["preetham", "cie"])
