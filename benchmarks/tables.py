@@ -13,8 +13,8 @@ and the table is printed, not written.
 hold, beside `field.radiance` at `draft`, three wavelengths, scalar, in 1,200 directions: three quarters within 0.02 to
 5 deg of the visible horizon (above and, from high up, below), the others from nadir to zenith; all about the sun,
 opposite to it and anywhere, but not within 0.3 deg of its disc and 0.002 deg of edges of layers.  Beside them what the
-table says itself, its nodes and its processor seconds.  Each air is tried at each altitude under one of the suns in
-turn, and where it was worst.
+table says itself, its nodes and its processor seconds.  Each air is tried at every other altitude under one of the suns
+in turn, and where it was worst.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def raised() -> None:
     rows = []
     for n, air in enumerate(RAISED_AIRS):
         field = twilight.solve(air, **SCENE, **RAISED_SCENE)
-        turn = [(km, RAISED_SUNS_DEG[(n + k) % len(RAISED_SUNS_DEG)]) for k, km in enumerate(RAISED_KM)]
+        turn = [(km, RAISED_SUNS_DEG[(n // 2 + k) % len(RAISED_SUNS_DEG)]) for k, km in enumerate(RAISED_KM[n % 2 :: 2])]
         for km, sun in RAISED_TOO.get(air, []) + turn:
             rows.append((air, f"{km:g}", f"{sun:g}", *seen_from(field, km, sun)))
             print(*rows[-1], flush=True)
