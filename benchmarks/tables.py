@@ -156,7 +156,8 @@ def raised() -> None:
     rows = []
     for n, air in enumerate(RAISED_AIRS):
         field = twilight.solve(air, **SCENE, **RAISED_SCENE)
-        turn = [(km, RAISED_SUNS_DEG[(n // 2 + k) % len(RAISED_SUNS_DEG)]) for k, km in enumerate(RAISED_KM[n % 2 :: 2])]
+        suns = RAISED_SUNS_DEG[n // 2 :] + RAISED_SUNS_DEG[: n // 2]
+        turn = list(zip(RAISED_KM[n % 2 :: 2], suns, strict=True))
         for km, sun in RAISED_TOO.get(air, []) + turn:
             rows.append((air, f"{km:g}", f"{sun:g}", *seen_from(field, km, sun)))
             print(*rows[-1], flush=True)

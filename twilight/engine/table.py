@@ -20,7 +20,7 @@ from twilight.engine.block import Answer
 from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky.table import SkyTable, at_angle, split
 from twilight.transport.rays import horizon_dip_deg
-from twilight.transport.scattered_once import ScatteredOnce, sudden_edges
+from twilight.transport.scattered_once import ScatteredOnce, faint_edges
 
 if TYPE_CHECKING:
     from twilight.scene.scene import Scene
@@ -115,7 +115,7 @@ def row_breaks(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
     above_ground_km = altitude_km - medium.bottom_km
     if above_ground_km <= HIGH_FROM_KM or not (scene.capabilities.every_observer and scene.capabilities.looks_down):
         return 0.0, []
-    level = sudden_edges(medium)[0]
+    level = faint_edges(medium)
     level = np.append(level[level < medium.top_km], medium.top_km)
     edges = [-horizon_dip_deg(medium, altitude_km, float(k)) for k in level[level < altitude_km - 0.01]]
     breaks = [-horizon_dip_deg(medium, altitude_km)]
