@@ -1,12 +1,20 @@
 """Tables of skies beside the fields that they are made of: their errors, and what they and what reads them cost.
 
     python benchmarks/tables.py [AIR ...]
+    python benchmarks/tables.py raised
 
 Writes results/tables.csv, a row for each quantity: errors of radiance at 95 % and at most in 1,000 directions from
 0.3 deg above the horizon, 0.3 deg and more from the sun's disc, of `field.table(sun)` and of the table of many suns
 half-way between two of them (`between suns`); sizes; the aureole's axes; processor seconds at eight wavelengths, in one
 process with an empty cache, after a first sky of another air has compiled the kernels.  AIR: these alone are measured,
 and the table is printed, not written.
+
+`raised` writes results/raised_observers.csv, a row for each air, altitude and sun: errors of `Sky.sample`, which files
+hold, beside `field.radiance` at `draft`, three wavelengths, scalar, in 1,200 directions: three quarters within 0.02 to
+5 deg of the visible horizon (above and, from high up, below), the others from nadir to zenith; all about the sun,
+opposite to it and anywhere, but not within 0.3 deg of its disc and 0.002 deg of edges of layers.  Beside them what the
+table says itself, its nodes and its processor seconds.  Each air is tried at every other altitude under one of the suns
+in turn, and where it was worst.
 """
 
 from __future__ import annotations
@@ -26,14 +34,17 @@ import results
 
 import twilight
 from twilight.base import cache
+from twilight.engine.one_sun import SunLight
 from twilight.engine.sun_tables import SunTables
+from twilight.engine.table import row_breaks
 from twilight.io import write_outputs
 from twilight.numerics.directions import scattering_angle_rad
-from twilight.sky.table import SkyTable
+from twilight.sky.table import SkyTable, plain_grid
+from twilight.transport.rays import horizon_dip_deg
 
 sys.path.insert(0, str(results.ROOT / "tests"))
 sys.path.insert(0, str(results.ROOT / "tests" / "engine"))
-from test_files_beside_field import BESIDE_DEG, DISC_DEG, directions
+from test_files_beside_field import AT_EDGE_DEG, BESIDE_DEG, DISC_DEG, FAINT, at_horizon, directions
 
 AIRS = ("pure-air", "continental-average", "urban", "desert", "maritime-clean")
 SUNS_DEG = (60.0, 30.0, 10.0, 2.0, -1.0, -2.3, -4.0, -8.0, -14.0)
@@ -44,6 +55,17 @@ HIGHEST_BETWEEN_DEG = 3.0
 EVERY_BETWEEN = 3
 """One pair of suns in so many."""
 SCENE = {"quality": "draft"}
+RAISED_AIRS = ("continental-clean", "continental-average", "desert", "pure-air", "urban", "maritime-clean")
+RAISED_KM = (0.0, 0.3, 1.03, 4.0, 10.0, 12.0, 100.0, 400.0)
+RAISED_SUNS_DEG = (30.0, 2.0, -4.0, -12.0)
+RAISED_TOO = {"continental-clean": [(10.0, -3.0), (35.0, -4.0), (400.0, -4.0)]}
+"""Altitudes [km] and suns [deg] where a table was worst."""
+RAISED_SCENE = {"wavelength_nm": [420.0, 550.0, 676.0], "settings": {"solver.polarisation": False}}
+RAISED_DIRECTIONS = 300
+RAISED_COLUMNS = (
+    "air", "altitude_km", "sun_deg", "p95_percent", "largest_percent", "stated_p95_percent", "stated_largest_percent",
+    "rows", "columns", "processor_s",
+)  # fmt: skip
 COLUMNS = ("case", "air", "sun_deg", "quantity", "value")
 
 Row = tuple[str, str, str, str, str]
@@ -129,7 +151,42 @@ def speed(air: str = "continental-average") -> Iterator[Row]:
         yield ("speed", air, "", f"10,000 moments of illuminance and cct, {which} [processor s]", f"{seconds:.2f}")
 
 
+def raised() -> None:
+    """Skies of raised observers, written row by row."""
+    rows = []
+    for n, air in enumerate(RAISED_AIRS):
+        field = twilight.solve(air, **SCENE, **RAISED_SCENE)
+        suns = RAISED_SUNS_DEG[n // 2 :] + RAISED_SUNS_DEG[: n // 2]
+        turn = list(zip(RAISED_KM[n % 2 :: 2], suns, strict=True))
+        for km, sun in RAISED_TOO.get(air, []) + turn:
+            rows.append((air, f"{km:g}", f"{sun:g}", *seen_from(field, km, sun)))
+            print(*rows[-1], flush=True)
+            results.write(results.FOLDER / "raised_observers.csv", RAISED_COLUMNS, rows)
+
+
+def seen_from(field: Any, km: float, sun: float) -> tuple[str, ...]:
+    """Errors of a raised observer's sky and of its own word [%], its table's nodes and processor seconds."""
+    table, seconds = timed(lambda: field.table(sun, km))
+    sky = SunLight(None, [table]).sky(field.medium, plain_grid(table), field.direct(sun, km), sun, km)
+    low = float(table.elevation_deg[0])
+    elevation, azimuth = at_horizon(sun, horizon_dip_deg(field.medium, km) if low < 0.0 else 0.0, RAISED_DIRECTIONS)
+    away = np.degrees(scattering_angle_rad(table.apparent_sun_deg[0], elevation, azimuth))
+    breaks = np.array(row_breaks(field.scene, km)[1] or [0.0])
+    asked = (away > DISC_DEG + BESIDE_DEG) & (np.abs(elevation[:, None] - breaks).min(axis=1) > AT_EDGE_DEG)
+    asked &= elevation > low
+    elevation, azimuth = elevation[asked], azimuth[asked]
+    truth = field.radiance(sun, elevation, azimuth, km)
+    # light below a thousandth of the brightest counts as so bright
+    error = np.abs(sky.sample(elevation, azimuth) - truth) / np.maximum(truth, FAINT * truth.max(axis=0))
+    found = (np.percentile(error, 95), error.max(), table.error, table.worst)
+    nodes = (str(table.elevation_deg.size), str(table.azimuth_deg.size))
+    return (*(f"{100.0 * x:.3f}" for x in found), *nodes, f"{seconds:.2f}")
+
+
 def main() -> None:
+    if sys.argv[1:] == ["raised"]:
+        raised()
+        return
     with tempfile.TemporaryDirectory() as folder:
         os.environ[cache.FOLDER_VARIABLE] = folder
         rows = [] if sys.argv[1:] else list(speed())

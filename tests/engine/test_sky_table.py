@@ -130,7 +130,7 @@ def test_plain_rows_beside_breaks_stay_in_order_and_do_not_swing():
         np.testing.assert_allclose(sky.light(e, 40.0), table.light(e, 40.0), rtol=5e-3, err_msg=str(away))
 
 
-def test_the_error_is_that_at_the_horizon_and_where_nodes_end():
+def test_the_error_is_that_at_the_horizon_and_where_nodes_end(monkeypatch):
     """Random rows lay at the nadir: a file would call itself right to 0.03 % beside 400 % at the horizon."""
 
     def limb(elevation, azimuth, sun=SUN_DEG):
@@ -141,11 +141,30 @@ def test_the_error_is_that_at_the_horizon_and_where_nodes_end():
     none.log_phase = None
     none.light = lambda *_: None
     e = -2.0 + np.geomspace(0.02, 3.0, 400)
+    monkeypatch.setattr("twilight.engine.table.MORE_ROWS", 0)
     for most, honest in (((180, 70), 0.02), ((16, 70), 1.0)):
         table = fill(on(limb), none, SUN_DEG, first_rows(-90.0, [-2.0]), most=most)
         worst = np.abs(table.light(e, 40.0) / limb(e, np.full(400, 40.0)) - 1.0).max()
         assert 0.2 * worst < table.worst < honest
         assert (worst > 0.05) == (most[0] == 16)
+
+
+def test_an_edge_that_goes_slantwise_is_held_and_its_error_told():
+    """Rows and columns of nodes passed the edge of the Earth's shadow by: 3.2 % beside a stated 0.34 % from 10 km."""
+
+    def shadow(elevation, azimuth, sun=SUN_DEG):
+        beyond = (elevation - 0.12 * np.minimum(azimuth, 360.0 - azimuth) + 8.0) / 0.6
+        return smooth_light(elevation, azimuth) * (0.6 + 0.4 / (1.0 + np.exp(-beyond.clip(-50, 50))))[..., None]
+
+    none = Once()
+    none.log_phase = None
+    none.light = lambda *_: None
+    table = fill(on(shadow), none, SUN_DEG, first_rows(-90.0, [-2.0]))
+    random = np.random.default_rng(2)
+    a = random.uniform(50.0, 180.0, 4000)
+    e = 0.12 * a - 8.0 + random.normal(0.0, 1.5, a.size)
+    error = np.abs(table.light(e, a) / shadow(e, a) - 1.0)
+    assert error.max() < min(0.02, 3.0 * table.worst), (error.max(), table.worst)
 
 
 def test_light_through_the_limb_is_near_that_of_each_line():

@@ -1,8 +1,10 @@
 """Fills a `SkyTable` with a field's light: nodes are added until interpolation between them is accurate enough.
 
 Rows are halved where the table's rule misses the light of the row between two others, then columns, the worst first
-where their number ends; whatever is computed for a test becomes a node.  In the end the table is compared with light at
-the visible horizon and the other edges, about the sun, opposite to it and over the sky.
+where their number ends; whatever is computed for a test becomes a node.  From high up edges of light, that of the
+Earth's shadow above all, go slantwise over the sky: there the middles of cells are tried too.  In the end the table is
+compared with light at the visible horizon and the other edges, about the sun, opposite to it, over the sky, and in the
+middle of the worst cells.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from twilight.engine.block import Answer
 from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky.table import SkyTable, at_angle, split
 from twilight.transport.rays import horizon_dip_deg
-from twilight.transport.scattered_once import ScatteredOnce, sudden_edges
+from twilight.transport.scattered_once import ScatteredOnce, faint_edges
 
 if TYPE_CHECKING:
     from twilight.scene.scene import Scene
@@ -61,6 +63,18 @@ MOST_ROWS, MOST_COLUMNS = 140, 70
 ROWS_FOR_BREAK = 20
 """Rows that a table may have more for each break."""
 
+TRIES_OF_CELLS = 4
+"""How often at most the middles of cells are tried from high up: of all, then of those that a table missed."""
+
+LARGEST_IN_CELL = 0.01
+"""Relative error in the middle of a cell beyond which its rows, or its columns, are halved."""
+
+MORE_ROWS, MORE_COLUMNS = 60, 60
+"""Rows and columns that a table may have more for its cells."""
+
+CLOSEST_ROWS_OF_CELLS_DEG = 0.01
+"""Rows closer than this are not halved for a cell [deg]."""
+
 FAINT = 1e-3
 """Light, of the brightest at a wavelength, whose errors count as if it were so bright."""
 
@@ -101,7 +115,7 @@ def row_breaks(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
     above_ground_km = altitude_km - medium.bottom_km
     if above_ground_km <= HIGH_FROM_KM or not (scene.capabilities.every_observer and scene.capabilities.looks_down):
         return 0.0, []
-    level = sudden_edges(medium)[0]
+    level = faint_edges(medium)
     level = np.append(level[level < medium.top_km], medium.top_km)
     edges = [-horizon_dip_deg(medium, altitude_km, float(k)) for k in level[level < altitude_km - 0.01]]
     breaks = [-horizon_dip_deg(medium, altitude_km)]
@@ -228,7 +242,51 @@ def fill(
             halve(np.flatnonzero(far_apart(axis, 2.0)), axis)
         else:
             look_again(axis)
-    return _checked(table(), light, breaks)
+    cells = np.zeros(0), np.zeros(0)
+    if breaks.size:
+        cells = _mended(samples, table, (most[0] + MORE_ROWS, most[1] + MORE_COLUMNS))
+    return _checked(table(), light, breaks, cells)
+
+
+def _mended(samples: _Samples, table: Callable[[], SkyTable], most: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Halve rows and columns of cells in whose middle a table misses light; rows and columns to check it in.
+
+    With a cell's new row in the table, what it still misses in the middle is for columns.
+    """
+    tried = [_middles(nodes) for nodes in samples.nodes]
+    tried[0] = tried[0][np.diff(samples.nodes[0]) > CLOSEST_ROWS_AT_BREAK_DEG]
+    for left in range(TRIES_OF_CELLS, 0, -1):
+        light = samples.asked(*tried).radiance
+        first = error = _errors(table(), light, *tried).max(axis=-1)
+        for axis, closest in enumerate((CLOSEST_ROWS_OF_CELLS_DEG, CLOSEST_COLUMNS_DEG)):
+            nodes, miss = samples.nodes[axis], error.max(axis=1 - axis)
+            place = np.searchsorted(nodes, tried[axis])
+            miss = np.where(nodes[place] - nodes[place - 1] > closest, miss, 0.0)
+            worst = np.argsort(-miss)[: max(0, most[axis] - nodes.size) // left]
+            new = np.sort(worst[miss[worst] > LARGEST_IN_CELL])
+            if new.size:
+                grid = [*samples.nodes]
+                grid[axis] = tried[axis][new]
+                samples.insert(place[new], grid[axis], samples.asked(*grid), axis)
+                error = _errors(table(), light, *tried).max(axis=-1)
+        bad = first > LARGEST_IN_CELL
+        if not bad.any() or left == 1:
+            break
+        tried = [_cells_at(samples.nodes[axis], tried[axis][bad.any(axis=1 - axis)]) for axis in (0, 1)]
+    worst_of = [np.argsort(-first.max(axis=1 - axis))[: CHECKS[axis]] for axis in (0, 1)]
+    rows, columns = (_cells_at(samples.nodes[axis], tried[axis][worst_of[axis]]) for axis in (0, 1))
+    return rows, columns
+
+
+def _middles(nodes: np.ndarray) -> np.ndarray:
+    return 0.5 * (nodes[1:] + nodes[:-1])
+
+
+def _cells_at(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Middles of the intervals between nodes that hold or touch some places, but for those of no width."""
+    held = np.union1d(np.searchsorted(nodes, places) - 1, np.searchsorted(nodes, places, side="right") - 1)
+    held = held[(held >= 0) & (held < nodes.size - 1)]
+    return _middles(nodes)[held[np.diff(nodes)[held] > 0.0]]
 
 
 def _misses(
@@ -255,9 +313,11 @@ def _errors(table: SkyTable, radiance: np.ndarray, elevation_deg: np.ndarray, az
     return np.abs(table.on_grid(elevation_deg, azimuth_deg) - radiance) / np.maximum(radiance, least)
 
 
-def _checked(table: SkyTable, light: Light, breaks_deg: np.ndarray) -> SkyTable:
+def _checked(
+    table: SkyTable, light: Light, breaks_deg: np.ndarray, worst_of_cells: tuple[np.ndarray, np.ndarray]
+) -> SkyTable:
     """The table with its error, beside light where eyes look: about the visible horizon and the edges of layers below
-    the observer, about the sun, opposite to it, and over the sky."""
+    the observer, about the sun, opposite to it, over the sky, and in the worst of its cells."""
     random, rows, columns = np.random.default_rng(1), table.elevation_deg, table.azimuth_deg
     lowest = breaks_deg if breaks_deg.size else rows[:1]
     near = [edge + 10.0 ** random.uniform(*NEAR_HORIZON, CHECKS[0]) for edge in lowest]
@@ -267,11 +327,10 @@ def _checked(table: SkyTable, light: Light, breaks_deg: np.ndarray) -> SkyTable:
     # rows are closest where light changes most
     gaps = np.diff(rows)
     closest = np.argsort(gaps + 180.0 * (gaps < 3.0 * CLOSEST_ROWS_AT_BREAK_DEG))[: CHECKS[0]]
-    between = 0.5 * (rows[closest] + rows[closest + 1])
-    e = np.unique(np.concatenate([*near, high, sun, between]).clip(rows[0], rows[-1]))
+    e = np.concatenate([*near, high, sun, _middles(rows)[closest], worst_of_cells[0]])
     away = np.abs(random.normal(0.0, 15.0, CHECKS[1]))
-    a = np.concatenate([away, 180.0 - away[::2], random.uniform(0.0, 180.0, CHECKS[1])])
-    a = np.unique(a.clip(columns[0], columns[-1]))
+    a = np.concatenate([away, 180.0 - away[::2], random.uniform(0.0, 180.0, CHECKS[1]), worst_of_cells[1]])
+    e, a = np.unique(e.clip(rows[0], rows[-1])), np.unique(a.clip(columns[0], columns[-1]))
     error = _errors(table, light(e, a).radiance, e, a)
     return replace(table, error=float(np.percentile(error, 95)), worst=float(error.max()))
 

@@ -462,6 +462,9 @@ CLOSEST_PLAIN_DEG = 0.08
 FAINT = 1e-3
 """Light, of the brightest at a wavelength, whose errors count as if it were so bright."""
 
+CLOSEST_RAISED_DEG = 0.03
+"""The same of rows seen from high up, where the air is a thin line."""
+
 PLAIN_TO_BREAK = 0.3
 """Rows of `plain_grid` closer than this part of their distance from a break are not halved."""
 
@@ -485,7 +488,8 @@ def plain_grid(table: SkyTable) -> tuple[np.ndarray, np.ndarray]:
         return np.abs(rows_deg[:, None] - breaks).min(axis=1, initial=np.inf)
 
     def closest(rows_deg: np.ndarray) -> np.ndarray:
-        return np.clip(PLAIN_TO_BREAK * away(rows_deg), CLOSEST_TO_BREAK_DEG, CLOSEST_PLAIN_DEG)
+        largest = CLOSEST_RAISED_DEG if breaks.size else CLOSEST_PLAIN_DEG
+        return np.clip(PLAIN_TO_BREAK * away(rows_deg), CLOSEST_TO_BREAK_DEG, largest)
 
     rows = rows[away(rows) > CLOSEST_TO_BREAK_DEG]
     beside = np.minimum(BESIDE_BREAK_DEG, 0.25 * np.diff(breaks).min(initial=np.inf))

@@ -54,6 +54,9 @@ of the layer's thickness."""
 SUDDEN_FALL = 0.2
 """Part of the extinction that is lost within a hundredth of a kilometre where a layer has an edge."""
 
+FAINT_CHANGE = 0.05
+"""Part of the extinction that is lost or gained there, at any wavelength, where lines of sight that graze it show it."""
+
 ON_GROUND_KM = 0.1
 """Height up to which an observer sees no air between himself and the ground [km]."""
 
@@ -80,6 +83,15 @@ def sudden_edges(medium: Medium) -> tuple[np.ndarray, np.ndarray]:
     fall = extinction[:-1] - extinction[1:]
     sudden = (np.diff(z) <= 0.01) & (fall > SUDDEN_FALL * extinction[:-1])
     return 0.5 * (z[1:] + z[:-1])[sudden], fall[sudden]
+
+
+def faint_edges(medium: Medium) -> np.ndarray:
+    """Altitudes [km] at which extinction changes suddenly, however little, at any wavelength: lines of sight from far
+    away that graze one show a cusp."""
+    z, extinction = medium.altitude_km, medium.extinction_per_km
+    least = np.maximum(np.minimum(extinction[1:], extinction[:-1]), 1e-30)
+    change = (np.abs(np.diff(extinction, axis=0)) / least).max(axis=1)
+    return 0.5 * (z[1:] + z[:-1])[(np.diff(z) <= 0.01) & (change > FAINT_CHANGE)]
 
 
 class ShellsBelow(Shells):
