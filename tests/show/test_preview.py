@@ -119,7 +119,7 @@ def test_a_long_sky_says_before_it_begins_how_long_it_takes_and_why(hidden, tmp_
     monkeypatch.setattr(preview, "PATIENCE_S", 1.0)
     monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path / "cache"))
     words = ["--set", "climate.aerosol.optical_depth_550nm=1.5", "--quality", "draft", "--output", str(tmp_path / "o")]
-    words += ["--wavelengths", "550", "--set", "output.files=[h5]", *(["--no-preview"] if hidden else [])]
+    words += ["--set", "wavelengths.list_nm=[550]", "--set", "output.files=[h5]", *(["--no-preview"] if hidden else [])]
     done = CliRunner().invoke(app, ["render", "continental-average", "--sun-elevation", "15", *words])
     assert done.exit_code == 0, done.output
     (said,) = [line for line in done.output.splitlines() if "of processor time: zones at draft" in line]
