@@ -111,3 +111,17 @@ def test_a_render_has_one_until_its_sky_is_there(coarse_draft, tmp_path, monkeyp
     assert seen == [not off]
     assert {path.name for path in (tmp_path / "sky").iterdir()} == {"sky.png", "skies.jsonl"}
     assert ("is a preview" in result.stderr) is not off
+
+
+@pytest.mark.parametrize("hidden", [False, True], ids=["preview", "no preview"])
+def test_a_long_sky_says_before_it_begins_how_long_it_takes_and_why(hidden, tmp_path, monkeypatch):
+    """Thick or finely layered air began without a word, and --no-preview never had one."""
+    monkeypatch.setattr(preview, "PATIENCE_S", 1.0)
+    monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path / "cache"))
+    words = ["--set", "climate.aerosol.optical_depth_550nm=1.5", "--quality", "draft", "--output", str(tmp_path / "o")]
+    words += ["--set", "wavelengths.list_nm=[550]", "--set", "output.files=[h5]", *(["--no-preview"] if hidden else [])]
+    done = CliRunner().invoke(app, ["render", "continental-average", "--sun-elevation", "15", *words])
+    assert done.exit_code == 0, done.output
+    (said,) = [line for line in done.output.splitlines() if "of processor time: zones at draft" in line]
+    assert "this takes about" in said and "air of optical depth 1.6" in said
+    assert done.output.index(said) < done.output.index("wrote ")

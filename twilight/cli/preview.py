@@ -27,7 +27,11 @@ COMPILING_S = 30.0
 LONG_S = 8.0
 """Processor seconds of a sky from which on it has a preview though nothing is compiled."""
 PATIENCE_S = 30.0
-"""Processor seconds from which on a sky without a preview is said to take long, and why."""
+"""Processor seconds from which on it is said before how long a sky takes, and why."""
+THICK_DEPTH = 1.0
+"""Optical depth of scattering from which on thick air is a reason."""
+MANY_LEVELS = 150
+"""Levels of the air from which on they are a reason."""
 
 
 @dataclass(frozen=True)
@@ -84,45 +88,57 @@ def _sky(config: Config, sun: str) -> Sky:
     return next(iter(frames(resolve(config), wanted={sun}, cached=False, numpy_only_sun=True))).sky
 
 
-def wait_s(config: Config, compiles: bool) -> float | None:
-    """Processor seconds until the sky of a configuration is there, about, where they are worth a preview; else None."""
+def _cost(config: Config) -> tuple[float | None, str]:
+    """Processor seconds of the skies of a configuration, about, and what makes them many; None: not known."""
     from twilight.engine.problem import full_cost  # start-up
     from twilight.scene import resolve  # start-up
 
-    seconds = full_cost(resolve(config, for_plan=True)).cpu_s
-    if compiles:
-        return COMPILING_S + (seconds or 0.0)
-    return seconds if seconds is not None and seconds > LONG_S else None
+    scene = resolve(config, for_plan=True)
+    sizes, air = full_cost(scene), scene.medium
+    depth = float(max(air.optical_depth("air") + air.optical_depth("aerosol")))
+    why = [f"{scene.solver_name} at {config.chosen_solver.quality or 'settings of its own'}"]
+    why += [f"{sizes.suns} suns"] if sizes.suns > 1 else []
+    why += [f"{sizes.blocks} groups of wavelengths with grids of their own"] if sizes.blocks > 1 else []
+    why += [f"air of optical depth {depth:.2g}"] if depth > THICK_DEPTH else []
+    why += [f"air of {air.altitude_km.size} levels"] if air.altitude_km.size > MANY_LEVELS else []
+    return sizes.cpu_s, ", ".join(why)
 
 
-def _why_long(config: Config, seconds: float) -> str:
-    """How long a sky takes, and why."""
-    from twilight.engine.problem import full_cost  # start-up
-    from twilight.scene import resolve  # start-up
+def _why_long(seconds: float | None, why: str) -> str | None:
+    """How long skies take, and why; None: no longer than anybody waits for."""
+    if seconds is None or seconds <= PATIENCE_S:
+        return None
+    return f"this takes about {terminal.time_of(seconds)} of processor time: {why}"
 
-    blocks = full_cost(resolve(config, for_plan=True)).blocks
-    why = f"its wavelengths need grids of their own, {blocks} in all" if blocks > 1 else "its air needs fine grids"
-    return f"this sky takes about {terminal.time_of(seconds)} of processor time: {why}"
+
+@contextmanager
+def say_if_long(config: Config, *_: object) -> Iterator[None]:
+    """Say how long the skies of a configuration take and why, where that is long, before they are computed."""
+    _tell(_why_long(*_cost(config)))
+    yield
+
+
+def _tell(sentence: str | None) -> None:
+    if sentence is not None:
+        print(f"twilight: {sentence}", file=sys.stderr, flush=True)
 
 
 @contextmanager
 def show_preview(config: Config, sun: str, folder: Path) -> Iterator[None]:
     """Write the preview of a sky into its folder where it has one, say so, and take it away at the end."""
     path = folder / PREVIEW
-    seconds = wait_s(config, terminal.compiling)
-    preview = None if seconds is None else preview_of(config, sun)
+    seconds, why = _cost(config)
+    _tell(_why_long(seconds, why))
+    wait_s = (seconds or 0.0) + (COMPILING_S if terminal.compiling else 0.0)
+    preview = preview_of(config, sun) if wait_s > LONG_S else None
     try:
         if preview is not None:
             folder.mkdir(parents=True, exist_ok=True)
             draw(preview, config.output, path)
-            print(
-                f"twilight: {path} is a preview: {preview.sentence}; the sky itself follows in about {seconds:.0f} s "
-                "of processor time",
-                file=sys.stderr,
-                flush=True,
+            _tell(
+                f"{path} is a preview: {preview.sentence}; the sky itself follows in about {wait_s:.0f} s of "
+                "processor time"
             )
-        elif seconds is not None and seconds > PATIENCE_S:
-            print(f"twilight: {_why_long(config, seconds)}", file=sys.stderr, flush=True)
         yield
     finally:
         path.unlink(missing_ok=True)

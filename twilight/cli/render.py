@@ -121,7 +121,7 @@ def render(
         return
     from twilight.cli.climate import source_summary
     from twilight.cli.options import announce_compiling
-    from twilight.cli.preview import show_preview
+    from twilight.cli.preview import say_if_long, show_preview
     from twilight.cli.render_files import SUFFIX, check_cases, check_one_file, render_files, render_one_file
     from twilight.config.sun import SunElevation
 
@@ -142,9 +142,10 @@ def render(
     for name in sorted({case.config.chosen_solver.name for case in cases}):
         announce_compiling(name)
     if output is not None and one_file:
-        render_one_file(cases[0].config, output)
+        with say_if_long(cases[0].config):
+            render_one_file(cases[0].config, output)
         return
-    render_files(cases, scene, chosen, output, overwrite, None if no_preview else show_preview)
+    render_files(cases, scene, chosen, output, overwrite, say_if_long if no_preview else show_preview)
 
 
 def _has_default_sun(config: Any) -> bool:

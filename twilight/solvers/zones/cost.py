@@ -39,6 +39,9 @@ FEWEST_ORDERS = 5.0
 """Later orders that are followed in thin air."""
 MORE_ORDERS = 5.0
 """How many more where the air is thick."""
+SLOW_AZIMUTHS = 11
+"""Azimuths that count at most where all orders are solved at once: more of them stand for light that goes forward,
+of which fewer steps are left (desert dust of depth 20)."""
 ZENITHS = 5
 """Solar zenith angles that stand for what is done once at a node, whatever the sun."""
 BAND_CPU_FACTOR = 1.3
@@ -78,18 +81,21 @@ def work_of_block(layout: Layout, scaled: ScaledMedium, suns: int, early: _Order
     d, profile = layout.directions, layout.profile
     nodes = layout.altitude_km.size * (suns + ZENITHS)
     depth = float(np.trapezoid(profile.scattering, profile.altitude_km, axis=0).max())
+    azimuthal_orders = d.late_azimuth_directions
     orders, radiances = FEWEST_ORDERS + MORE_ORDERS * depth / (1.0 + depth), float(late.radiances)
     if reduced_depth(scaled, profile).max() > tuned.SLOW_DEPTH:
         radiances *= max(1.0, tuned.POLAR_PER_DEGREE * d.late_degree / d.late_polar_directions)
-    azimuthal_orders = d.late_azimuth_directions
+        azimuthal_orders = min(azimuthal_orders, SLOW_AZIMUTHS)
     return Work(profile.break_km.size, nodes * early.radiances, nodes * orders * radiances * azimuthal_orders)
 
 
 def cost(
     medium: Medium, settings: ZonesSettings, sun_elevations_deg: Sequence[float] | None, observer_altitude_km: float
 ) -> Cost:
-    """Cost of a field in the air of the medium's first wavelength, whose grids are about those of the others."""
-    monochromatic = without_small_jumps(medium).select(slice(0, 1))
+    """Cost of a field in the air of the medium's first wavelength; where each has grids of its own, of the middle one,
+    than whose those of the others are finer or coarser."""
+    one = medium.n_wavelengths // 2 if medium.at_grid_wavelengths is None else 0
+    monochromatic = without_small_jumps(medium).select(slice(one, one + 1))
     settings, _ = settings_to_solve(medium, settings, sun_elevations_deg)
     settings, degree = settings_for(monochromatic, settings)
     scaled = delta_scaled(monochromatic, degree)

@@ -322,7 +322,7 @@ class FieldGrids:
         scaled = delta_scaled(air, degree)
         layout = lay_out(air, scaled, of_air)
         bent = with_refraction(layout.profile, layout.bends)
-        zenith = zenith_nodes(*zenith_range_deg, settings.zenith_density)
+        zenith = zenith_nodes(*zenith_range_deg, of_air.zenith_density)
         return FieldGrids(
             medium,
             air,
