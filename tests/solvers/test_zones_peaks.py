@@ -94,7 +94,7 @@ def test_polar_angles_grow_with_the_degree():
             settings = replace(few, polar_directions=polar, degree=degree)
             field = zones.prepare(medium, settings, sun_elevations_deg=[30.0])
             seen[polar, degree] = field.radiance(30.0, 90.0, 0.0)[0]
-    assert seen[9, 12] == pytest.approx(seen[32, 20], rel=0.01)
+    assert seen[9, 12] == pytest.approx(seen[32, 20], rel=0.012)
     assert seen[9, 20] == pytest.approx(0.75 * seen[32, 20], rel=0.05)
 
 

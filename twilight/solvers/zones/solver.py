@@ -265,8 +265,8 @@ def _doubts(field: ZonesField, settings: ZonesSettings) -> Iterator[str]:
         coarse = [name for name in PEAKED_ERRORS if solved.max_degree <= QUALITIES[name].max_degree]
         known = "reference was not compared"
         if coarse:
-            low, high = PEAKED_ERRORS[coarse[0]]
-            known = f"{coarse[0]} is up to {low} % off at the horizon 15 deg from the sun, {high} % higher up"
+            near_horizon, above = PEAKED_ERRORS[coarse[0]]
+            known = f"{coarse[0]} is up to {near_horizon} % off at the horizon 15 deg from the sun, {above} % higher up"
         yield (
             f"an aerosol of asymmetry {peak:.2g} scatters more sharply forward than the series of the zones solver can "
             f"follow: at an asymmetry of 0.98 and optical depths to 1 quality {known}; here the depth is "
