@@ -39,7 +39,8 @@ from twilight.engine.sun_tables import SunTables
 from twilight.engine.table import row_breaks
 from twilight.io import write_outputs
 from twilight.numerics.directions import scattering_angle_rad
-from twilight.sky.table import SkyTable, plain_grid
+from twilight.sky.plain_grid import plain_grid
+from twilight.sky.table import SkyTable
 from twilight.transport.rays import horizon_dip_deg
 
 sys.path.insert(0, str(results.ROOT / "tests"))

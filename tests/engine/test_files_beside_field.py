@@ -10,8 +10,8 @@ from twilight.engine.table import row_breaks
 from twilight.io import write_outputs
 from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky import colour
+from twilight.sky.plain_grid import FAINT
 from twilight.sky.sky import Sky
-from twilight.sky.table import FAINT
 from twilight.transport.rays import horizon_dip_deg
 
 USUAL, LARGEST = 0.005, 0.02

@@ -10,7 +10,8 @@ from twilight.engine.table import BREAKS_APART_DEG, fill, first_columns, first_r
 from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
 from twilight.scene.medium import climate_medium
-from twilight.sky.table import SkyTable, join, plain_grid, split, stack
+from twilight.sky.plain_grid import plain_grid
+from twilight.sky.table import SkyTable, join, split, stack
 from twilight.transport.clear_air.shells import sublayers
 from twilight.transport.rays import horizon_dip_deg
 from twilight.transport.scattered_once import BOUNDARY_KM, ScatteredOnce, ShellsBelow

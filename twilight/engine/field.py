@@ -30,10 +30,11 @@ from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene.scene import Scene, resolve
 from twilight.sky.disc import Disc
 from twilight.sky.lights import Sun
+from twilight.sky.plain_grid import plain_grid
 from twilight.sky.quantities.measure import Quantity, Spectra, check_covered, check_of, quantity
 from twilight.sky.quantities.responses import ResponseLike
 from twilight.sky.sky import BrowserPage, Sky
-from twilight.sky.table import SkyTable, plain_grid
+from twilight.sky.table import SkyTable
 
 OWN_TABLE_DEG = (-3.2, 3.2)
 """Suns between which a sky is computed for its own sun [deg]: the edge of the Earth's shadow and the light beside a sun

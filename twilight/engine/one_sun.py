@@ -14,8 +14,9 @@ from twilight.engine.sunbeam import Direct
 from twilight.engine.table import HIGH_FROM_KM, fill, first_rows, row_breaks
 from twilight.numerics.directions import texture_centres
 from twilight.scene.scene import Scene
+from twilight.sky.plain_grid import plain_grid
 from twilight.sky.sky import Sky
-from twilight.sky.table import SkyTable, plain_grid
+from twilight.sky.table import SkyTable
 from twilight.sky.table import join as join_tables
 from twilight.transport.rays import horizon_dip_deg
 

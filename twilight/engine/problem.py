@@ -61,7 +61,7 @@ SUN_S = 0.3
 FILES_S = 1.0
 """Processor seconds of a sun's files: pictures 0.7, environment maps and HDF5 0.3."""
 USUAL_GRID = (90, 140)
-"""Rows and columns of a sky where no texture is asked for, about (`twilight.sky.table.plain_grid`)."""
+"""Rows and columns of a sky where no texture is asked for, about (`twilight.sky.plain_grid`)."""
 USUAL_NODES = 1150
 """Directions of the table that it is read from, about (`twilight.engine.table.fill`)."""
 VIEW_NODES = 4000

@@ -38,7 +38,7 @@ COLUMNS = (
 )
 
 CLOSEST_DEG = 0.08
-"""Rows and columns of skies on one grid that are closer are one [deg], as in `twilight.sky.table.plain_grid`."""
+"""Rows and columns of skies on one grid that are closer are one [deg], as in `twilight.sky.plain_grid`."""
 
 _PER_SKY = (
     "sun_normalised_radiance",
