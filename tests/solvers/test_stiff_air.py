@@ -88,7 +88,7 @@ def test_slow_orders_solved_at_once_are_those_followed_one_by_one(air, monkeypat
 
 
 @pytest.mark.parametrize(
-    ("quality", "said"), [("draft", "draft is up to 22 %"), ("standard", "standard is up to 16 %")]
+    ("quality", "said"), [("draft", "draft is up to 23 %"), ("standard", "standard is up to 20 %")]
 )
 def test_the_warning_of_a_sharp_peak_is_that_of_the_quality(quality, said):
     """`draft` promised what `standard` keeps."""

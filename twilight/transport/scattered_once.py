@@ -55,11 +55,7 @@ SUDDEN_FALL = 0.2
 """Part of the extinction that is lost within a hundredth of a kilometre where a layer has an edge."""
 
 FAINT_CHANGE = 0.05
-<<<<<<< HEAD
-"""Part of the extinction lost or gained there, at any wavelength, where lines of sight that graze it show it."""
-=======
 """Part of the extinction that is lost or gained there, at any wavelength, where lines of sight show an edge."""
->>>>>>> tables2
 
 ON_GROUND_KM = 0.1
 """Height up to which an observer sees no air between himself and the ground [km]."""
