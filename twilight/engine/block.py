@@ -31,6 +31,10 @@ from twilight.solvers.base import Field
 from twilight.transport.scattered_once import ScatteredOnce
 
 
+MANY_LEVELS = 300
+"""Levels beyond which the sun's own light on the ground is found by quadrature: tables would break at each of them."""
+
+
 @dataclass(frozen=True)
 class Answer:
     """What was found for some directions; sun-normalised [sr^-1].
@@ -106,7 +110,10 @@ class Block:
         self.from_disk = False
         self.term_medium = self.medium if self.bands is None else self.bands.expand(self.medium)
         self.carrier = problem.carriers[self.wavelengths.start]
-        in_numpy = self.capabilities.kind != "transport" or problem.numpy_only_sun or self.carrier is not None
+        layered = self.medium.altitude_km.size > MANY_LEVELS
+        in_numpy = (
+            self.capabilities.kind != "transport" or problem.numpy_only_sun or layered or self.carrier is not None
+        )
         self.sunbeam = Sunbeam(self.term_medium, in_numpy)
         self._progress = progress
         self._altitude_km = problem.scene.altitude_km
