@@ -30,7 +30,6 @@ from twilight.numerics.directions import half_of
 from twilight.solvers.base import Field
 from twilight.transport.scattered_once import ScatteredOnce
 
-
 MANY_LEVELS = 300
 """Levels beyond which the sun's own light on the ground is found by quadrature: tables would break at each of them."""
 
