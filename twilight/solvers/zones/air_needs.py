@@ -83,13 +83,15 @@ def with_degree(settings: ZonesSettings, medium: Medium) -> ZonesSettings:
         volcanic = _volcanic_fraction(medium.altitude_km, _scattered_by_aerosol(medium))
         grown = density * (1.0 + (tuned.ALOFT_DENSITY - 1.0) * volcanic)
         settings = replace(settings, altitude_density=max(density, min(grown, 1.0)))
-    degree = math.ceil(degree_needed(settings, medium))
+    needed = degree_needed(settings, medium)
+    degree = math.ceil(needed)
     if degree == settings.degree:
         return settings
     peak = _peak_fractions(medium, degree)
     removed = float(peak[degree])
     least_peak, peak_of_all = tuned.PEAKED_FRACTIONS
-    sharp = float(np.clip((removed - least_peak) / (peak_of_all - least_peak), 0.0, 1.0))
+    beyond = float(np.interp(needed, np.arange(degree + 1), peak))  # of a fraction of a degree too: without a step
+    sharp = float(np.clip((beyond - least_peak) / (peak_of_all - least_peak), 0.0, 1.0))
     zeniths = settings.zenith_density * (1.0 + (tuned.PEAKED_ZENITHS - 1.0) * sharp)
     left = np.append(1.0, (peak[:degree] - removed) / (1.0 - removed))
     least = settings.polar_directions
