@@ -43,6 +43,10 @@ def whole(file: Path) -> object:
     """The content of a file; an error where it is not whole."""
     if file.suffix == ".json":
         return json.loads(file.read_text(encoding="utf-8"))
+    if file.suffix == ".usda":
+        text = file.read_text(encoding="utf-8")
+        assert text.startswith("#usda") and text.rstrip().endswith("}")
+        return text
     if file.name.endswith(".rgb.exr"):
         return read_latlong_exr(file).rgb
     if file.name.endswith(".spectral.exr"):

@@ -48,7 +48,7 @@ def perez(
     output: Annotated[Path | None, option("FILE.yaml", "Coefficients; without it, out/perez_NAME.yaml.")] = None,
 ) -> None:
     """Fit Perez's sky, as Preetham did: 5 turbidities, 12 suns, 343 directions; or five parameters to one sky."""
-    options.check_suffix(output, "--output", ".yaml", ".yml")
+    options.check_suffix(output, "--output", ".yaml", ".yml", *([".csv"] if per_sky else []))
     if per_sky and haze is not None:
         raise TwilightError("--haze: takes part in the fit over turbidities, not in --per-sky")
     if not per_sky and sun_elevation is not None:
