@@ -46,8 +46,12 @@ UPPER_DEG = 30.0
 """Elevation above which lies half of a hemisphere [deg]."""
 HALVES = (("left", "right"), ("right", "left"), ("upper", "lower"))
 """Which half is fitted, and which predicted."""
-FRAMES, SEAM, CORNER = 8, 0.04, 0.05
-"""Of a stitched panorama: frames, error of their brightness (rms), darkening of their corners."""
+FRAMES = 8
+"""Frames of a stitched panorama."""
+SEAM = 0.04
+"""Relative error (rms) of their brightness."""
+CORNER = 0.05
+"""Relative darkening of their corners."""
 PANORAMAS = (
     *("picture", "fitted", "predicted", "fit_percent", "prediction_percent", "fit_uv", "prediction_uv"),
     *("sun_elevation_deg", "type", "aerosol", "low_68", "high_68", "low_95", "high_95", "ozone", "albedo"),

@@ -49,8 +49,12 @@ CLEAR_EVERY = 4
 """Of so many numbers one is a clear climate, which `compact` knows too."""
 SAMPLING_S = 2.0
 """Processor seconds of the reference's samples; its importance function takes some 3 more."""
-PILOT, BRIEF, MOST = 16, 256, 20000
-"""Samples of a direction: of the run that tells what one costs; of a run whose own errors are judged; the most."""
+PILOT = 16
+"""Samples of a direction in the run that tells what one costs."""
+BRIEF = 256
+"""Samples of a direction in a run whose own errors are judged."""
+MOST = 20_000
+"""Most samples of a direction."""
 LIMIT_S = 25.0
 """Processor seconds of `zones`, and of the reference solution, after which it is stopped."""
 TOLERATED = 0.03

@@ -23,8 +23,10 @@ MOST_ASYMMETRY = 0.98
 """Largest asymmetry parameter of Henyey and Greenstein's phase function."""
 DUCT_ODDS = 0.1
 """Part of the refracting airs with a duct over the ground."""
-DUCT, DUCT_KM = 4e-5, 0.1
-"""Fall of the index through the duct, faster than 1 / radius, and the duct's depth [km]."""
+DUCT = 4e-5
+"""Fall of the index through the duct, faster than 1 / radius."""
+DUCT_KM = 0.1
+"""Depth of the duct [km]."""
 LOWEST_KM, ORBIT_KM = -0.43, 400.0
 """Shore of the Dead Sea, and an orbit [km]."""
 
