@@ -101,6 +101,11 @@ class Horizon(Section):
             return {"screen": TYPICAL} if value == "typical" else {}
         return value
 
+    @property
+    def name(self) -> str | None:
+        """`typical` or `clean`; None for another screen."""
+        return next((name for name in ("typical", "clean") if self == Horizon.model_validate(name)), None)
+
 
 SolarSpectrum = Literal["astm_g173_etr", "astm_e490", "kurucz1992", "gueymard2003", "sao2010"]
 PLACED_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0)
@@ -279,7 +284,11 @@ class Config(Section):
         "the moon, its light in the air and its disc; unset: none, {}: where the place and time of the sun have it",
     )
     terrain: Terrain | None = key(None, "mountains before the sky of observer.view, and their shadows; unset: none")
-    horizon: Horizon = key(Horizon, "what lies beyond the horizon and takes sunbeams on their way; unset: nothing")
+    horizon: Horizon | None = key(
+        None,
+        "what lies beyond the horizon and takes sunbeams on their way: typical | clean | a section; unset: typical, "
+        "but clean where the solver takes no screen or the climate is a table",
+    )
     texture: Texture = key(Texture, "directions")
     output: Output = key(Output, "pictures")
     omit_negligible: Flag = key(True, "leave out what cannot matter (see --plan)")
