@@ -108,8 +108,8 @@ class Horizon(Section):
 
 
 SolarSpectrum = Literal["astm_g173_etr", "astm_e490", "kurucz1992", "gueymard2003", "sao2010"]
-PLACED_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0)
-"""Eight wavelengths between the absorption bands of O4 and NO2 and on both slopes of ozone's, found by
+PLACED_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 756.0)
+"""Eight wavelengths outside the bands of water vapour, oxygen, O4 and NO2 and on both slopes of ozone's, found by
 `benchmarks/wavelengths.py`: luminance and colour from them are nearer to those from 91 than with eight equidistant ones
 by a factor of four to twenty."""
 
@@ -272,7 +272,7 @@ class Config(Section):
     )
     observer: Observer = key(Observer, "where the eye is")
     wavelengths: Wavelengths | None = key(
-        None, "where the radiance is computed; unset: 8 from 380 to 720 nm, or those of a tabulated medium"
+        None, "where the radiance is computed; unset: 8 from 380 to 756 nm, or those of a tabulated medium"
     )
     solar_spectrum: SolarSpectrum = key("astm_g173_etr", "irradiance of the sun on top of the atmosphere")
     solver: Annotated[dict[str, Any], SolverOptions()] = key(
