@@ -167,7 +167,7 @@ class Sweep:
     # Configurations -------------------------------------------------------------------------------------------
 
     def _config(self, point: dict[str, Any]) -> Config:
-        """The first scene's configuration with some keys set, and with the horizon and the ozone that it leaves unset."""
+        """The first scene's configuration with some keys set, its horizon and ozone too."""
         return completed(self.series.config({k: v for d in self.dimensions for k, v in d.points[0].items()} | point))
 
     def _point(self, index: Sequence[int]) -> dict[str, Any]:
