@@ -62,8 +62,7 @@ def test_the_section_air_reads_beside_its_file_and_its_record_needs_no_files(tmp
     air_files.wyoming(tmp_path / "w.txt")
     air_files.aeronet(tmp_path / "a.lev15")
     (tmp_path / "munich.yaml").write_text(
-        "version: 1\nname: munich\naerosol: {type: continental_average}\n"
-        "air: {sounding: w.txt, aeronet: [a.lev15], ozone: climatology}\n"
+        "version: 1\nname: munich\naerosol: {type: continental_average}\nair: {sounding: w.txt, aeronet: [a.lev15]}\n"
     )
     sun = {"at": "2026-06-21T20:30", "latitude_deg": 48.25, "longitude_deg": 11.55, "time_zone": "Europe/Berlin"}
     config = load(tmp_path / "munich.yaml", {"sun": sun})
