@@ -38,15 +38,15 @@ from zones_error import errors as zones_errors
 import twilight
 from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file
+from twilight.clear_air import Model, Skies
+from twilight.clear_air.model import NODES, SUN_DEG
+from twilight.clear_air.of_medium import air_of
+from twilight.clear_air.skies import LEAST_SHARE
 from twilight.config.aerosol import AerosolType
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.sky import colour
-from twilight.solvers.compact.air import air_of
-from twilight.solvers.compact.field import SHIPPED, ClearAirField, load_model
-from twilight.transport.clear_air import Model, Skies
-from twilight.transport.clear_air.model import NODES, SUN_DEG
-from twilight.transport.clear_air.skies import LEAST_SHARE
+from twilight.solvers.compact import SHIPPED, ClearAirField, load_model
 
 REFERENCE_COVERED = 0.97
 """Fraction of the reference skies that `calibrate` covers, so that COVERED hold in others: errors of light

@@ -29,8 +29,8 @@ from clear_air_learners import TOLERATED, Network, process
 
 from twilight import __version__
 from twilight.base.whole_files import whole_file
-from twilight.solvers.compact.field import SHIPPED, load_model
-from twilight.transport.clear_air.model import FORMAT, NODES, SUN_DEG, Model, outputs
+from twilight.clear_air.model import FORMAT, NODES, SUN_DEG, Model, outputs
+from twilight.solvers.compact import SHIPPED, load_model
 
 HELD_OUT = 10
 """One file in so many judges the fit."""
@@ -363,7 +363,7 @@ def of_median_sky(light: np.ndarray) -> np.ndarray:
 
 
 def save(model: Model, path: Path) -> None:
-    """Write the file that `twilight.transport.clear_air` describes: components and weights as half floats."""
+    """Write the file that `twilight.clear_air` describes: components and weights as half floats."""
     keys = [key for key in Model.__dataclass_fields__ if key not in ("members", "provenance")]
     arrays: dict[str, Any] = {key: getattr(model, key).astype(np.float32) for key in keys}
     for key in ("intensity", "polarisation"):

@@ -14,23 +14,14 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import twilight
-from twilight import solvers
+from twilight import clear_air, solvers
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.base.errors import TwilightError
-from twilight.config import load
-from twilight.config.load import load_climate
-from twilight.engine import solve
-from twilight.scene import resolve
-from twilight.scene.medium import climate_medium
-from twilight.solvers.compact.air import air_of, side_by_side, slope
-from twilight.solvers.compact.field import SHIPPED, load_model
-from twilight.solvers.zones.air_needs import degree_needed
-from twilight.solvers.zones.settings import QUALITIES
-from twilight.transport import clear_air
-from twilight.transport.clear_air import Skies, skies
-from twilight.transport.clear_air.diffuse import LEAST_PART, _positive
-from twilight.transport.clear_air.model import AZIMUTH_DEG, ELEVATION_DEG, splines
-from twilight.transport.clear_air.rays import (
+from twilight.clear_air import Skies, skies
+from twilight.clear_air.diffuse import LEAST_PART, _positive
+from twilight.clear_air.model import AZIMUTH_DEG, ELEVATION_DEG, splines
+from twilight.clear_air.of_medium import air_of, side_by_side, slope
+from twilight.clear_air.rays import (
     BELOW,
     DIFFUSE,
     LAYERS,
@@ -42,8 +33,16 @@ from twilight.transport.clear_air.rays import (
     segments,
     turned,
 )
-from twilight.transport.clear_air.shells import ALTITUDE_KM, Shells, sublayers
-from twilight.transport.clear_air.sky import azimuth_splines
+from twilight.clear_air.shells import ALTITUDE_KM, Shells, sublayers
+from twilight.clear_air.sky import azimuth_splines
+from twilight.config import load
+from twilight.config.load import load_climate
+from twilight.engine import solve
+from twilight.scene import resolve
+from twilight.scene.medium import climate_medium
+from twilight.solvers.compact import SHIPPED, load_model
+from twilight.solvers.zones.air_needs import degree_needed
+from twilight.solvers.zones.settings import QUALITIES
 
 WAVELENGTH_NM = [380.0, 450.0, 550.0, 650.0]
 SUNS_DEG = (50.0, 10.0, 0.0, -4.0, -8.0, -14.0)

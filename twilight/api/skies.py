@@ -15,7 +15,7 @@ from twilight.base.threads import in_slices, one_blas_thread
 from twilight.engine import Field, solve
 from twilight.scene import resolve
 from twilight.solvers.base import ModelError
-from twilight.solvers.compact.field import checked_directions, checked_observer
+from twilight.solvers.compact import checked_directions, checked_observer
 
 
 class SkyArrays(NamedTuple):

@@ -1,4 +1,4 @@
-"""The solver compact: its settings, `prepare`, the interface of all solvers, and its field."""
+"""The solver compact: skies from a model of all clear air in one file (`clear_air`), without compiled code."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from twilight.base.progress import Progress
 from twilight.base.reading import reading
 from twilight.base.sections import option, settings
 from twilight.base.threads import one_blas_thread
-from twilight.solvers.base import BareField, Cost, ModelError, observer_at
-from twilight.solvers.compact.air import LIMITED, air_of, limited, side_by_side
-from twilight.transport.clear_air import Air, Model, Skies
-from twilight.transport.clear_air.model import SUN_DEG
-from twilight.transport.clear_air.shells import STEP
-from twilight.transport.clear_air.sky import Sky
+from twilight.clear_air import Air, Model, Skies
+from twilight.clear_air.model import SUN_DEG
+from twilight.clear_air.of_medium import LIMITED, air_of, limited, side_by_side
+from twilight.clear_air.shells import STEP
+from twilight.clear_air.sky import Sky
+from twilight.solvers.base import BareField, Capabilities, Cost, ModelError, observer_at
 
-SHIPPED = Path(__file__).resolve().parents[2] / "data" / "compact" / "clear-air.npz"
+SHIPPED = Path(__file__).resolve().parents[1] / "data" / "compact" / "clear-air.npz"
 """The file of the model."""
 
 HIGHEST_OBSERVER_KM = 15.0
@@ -102,6 +102,17 @@ def expected_error(
     field.radiance(sun, 90.0, 0.0)
     assert isinstance(field.convergence, ModelError)
     return field.convergence.error
+
+
+CAPABILITIES = Capabilities(
+    kind="fitted",
+    every_sun=True,
+    every_observer=True,
+    looks_down=False,
+    screen=True,
+    cost=lambda medium, settings, suns, altitude_km: COST,
+    expected_error=expected_error,
+)
 
 
 class ClearAirField(BareField):
@@ -283,3 +294,6 @@ def rows_and_columns(elevation: np.ndarray, azimuth: np.ndarray) -> tuple[np.nda
         return None
     rows, columns = elevation[:, :1], azimuth[:1]
     return (rows[:, 0], columns[0]) if (elevation == rows).all() and (azimuth == columns).all() else None
+
+
+Field = ClearAirField
