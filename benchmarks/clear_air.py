@@ -39,6 +39,7 @@ import twilight
 from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file
 from twilight.clear_air import Model, Skies
+from twilight.clear_air.entry import SHIPPED, ClearAir, load_model
 from twilight.clear_air.model import NODES, SUN_DEG
 from twilight.clear_air.of_medium import air_of
 from twilight.clear_air.skies import LEAST_SHARE
@@ -46,7 +47,7 @@ from twilight.config.aerosol import AerosolType
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.sky import colour
-from twilight.solvers.compact import SHIPPED, ClearAirField, load_model
+from twilight.solvers.compact import Field
 
 REFERENCE_COVERED = 0.97
 """Fraction of the reference skies that `calibrate` covers, so that COVERED hold in others: errors of light
@@ -187,7 +188,7 @@ def climates(model: Model) -> None:
         table = results.read_numbers(results.FOLDER / "reference" / f"{table_name}.csv")
         medium = climate_medium(load_climate(name), np.unique(table["wavelength_nm"]))
         try:
-            field = ClearAirField(medium, model, medium.bottom_km, polarisation=True)
+            field = Field(ClearAir(medium, model), medium.bottom_km, polarisation=True)
         except TwilightError as refused:
             print(name, refused)
             continue

@@ -31,6 +31,7 @@ from twilight.atmosphere.profiles import PROFILES
 from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file
 from twilight.clear_air import Air, Skies
+from twilight.clear_air.entry import shipped_model
 from twilight.clear_air.model import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG
 from twilight.clear_air.of_medium import air_of, limited, two_phase_functions
 from twilight.clear_air.of_medium import side_by_side as joined_airs
@@ -39,7 +40,6 @@ from twilight.config.load import load_climate
 from twilight.numerics.phase import TABLE, PhaseFunction
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.compact import shipped_model
 from twilight.solvers.zones.air_needs import degree_needed
 from twilight.solvers.zones.settings import QUALITIES
 

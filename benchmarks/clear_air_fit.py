@@ -29,8 +29,8 @@ from clear_air_learners import TOLERATED, Network, process
 
 from twilight import __version__
 from twilight.base.whole_files import whole_file
+from twilight.clear_air.entry import SHIPPED, load_model
 from twilight.clear_air.model import FORMAT, NODES, SUN_DEG, Model, outputs
-from twilight.solvers.compact import SHIPPED, load_model
 
 HELD_OUT = 10
 """One file in so many judges the fit."""

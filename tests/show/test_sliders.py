@@ -10,6 +10,7 @@ from closed_sky import ALL_SKY, ELEVEN_SUNS_DEG
 from typer.testing import CliRunner
 
 from twilight.clear_air import Skies
+from twilight.clear_air.entry import SHIPPED, shipped_model
 from twilight.clear_air.of_medium import air_of
 from twilight.cli.app import app
 from twilight.config import load
@@ -17,7 +18,6 @@ from twilight.numerics.projections import view_directions
 from twilight.scene import resolve
 from twilight.show.sliders import model_text, view_air
 from twilight.show.tones import Channels
-from twilight.solvers.compact import SHIPPED, shipped_model
 
 SAME = 1e-5
 """Relative difference of light between the port and Python, whose single precision ends at 1e-7."""

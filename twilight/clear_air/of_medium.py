@@ -109,7 +109,7 @@ def side_by_side(airs: list[Air]) -> Air:
 
 def slope(low: Medium, high: Medium, step: float) -> Air:
     """Change of the air for each unit of a parameter, from two media that differ by a step of it: a direction of
-    `ClearAirField.slopes`.  What both have in the same amount has none."""
+    `entry.ClearAir.slopes`.  What both have in the same amount has none."""
     first, last = air_of(low), air_of(high)
     change = {key: (getattr(last, key) - getattr(first, key)) / step for key in Air._fields[:-2]}
     return first._replace(**change)

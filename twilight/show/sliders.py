@@ -13,6 +13,7 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
+from twilight.clear_air.entry import HIGHEST_OBSERVER_KM, SHIPPED, check_air, check_medium, shipped_model
 from twilight.clear_air.model import SUN_DEG
 from twilight.clear_air.of_medium import air_of
 from twilight.clear_air.shells import ABSORPTION, EXTINCTION, HIGH, Air
@@ -25,7 +26,6 @@ from twilight.show.skies import about_page, add_tones, channel_facts
 from twilight.show.tones import Channels
 from twilight.sky import colour
 from twilight.sky.tone import Light, scotopic_weights
-from twilight.solvers.compact import HIGHEST_OBSERVER_KM, SHIPPED, check_air, check_medium, shipped_model
 
 ROWS_DEG = first_rows(0.0, [], 45)
 """Elevations at which the page computes light [deg]; in between it reads it as a `SkyTable`."""
