@@ -27,6 +27,8 @@ from typing import Any, get_args
 
 import numpy as np
 import results
+
+sys.path.insert(0, str(Path(__file__).with_name("builders")))
 from clear_air_airs import APART, SIDE_BY_SIDE, UNSOLVED, airs_of
 from clear_air_airs import drawn as drawn_air
 from clear_air_fit import COVERED, HELD_OUT, JUDGED_SUNS, LEAST_LEFT, SINGLE_ERROR, off, read

@@ -1,8 +1,8 @@
 """Fit the model of all clear air to airs that `clear_air_airs.py` drew and solved.
 
-    python benchmarks/clear_air_fit.py AIRS APPROXIMATE [FILE.npz]       folders of clear_air_airs.py; AIRS may be a
-                                                                         file of clear_air_kept.py
-    python benchmarks/clear_air_fit.py sizes AIRS APPROXIMATE            writes clear_air_sizes.csv
+    python benchmarks/builders/clear_air_fit.py AIRS APPROXIMATE [FILE.npz]   folders of clear_air_airs.py;
+                                                                AIRS may be a file of clear_air_kept.py
+    python benchmarks/builders/clear_air_fit.py sizes AIRS APPROXIMATE        writes clear_air_sizes.csv
 
 Needs PyTorch, takes a quarter of an hour and holds one file of airs in ten out: it prints the errors in these, and
 calibrates the model's estimate of its error on them.  `sizes` fits networks of other widths too.
@@ -22,6 +22,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # benchmarks, where results is
 import results
 from clear_air_airs import BETTER, SETTINGS, SIDE_BY_SIDE, UNSOLVED
 from clear_air_kept import components, degrees, solved

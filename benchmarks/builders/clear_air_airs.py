@@ -1,6 +1,6 @@
 """Airs for the fit of the model of clear air: drawn, and solved by `zones` for every sun and two observers.
 
-    python benchmarks/clear_air_airs.py FOLDER               in two processes: --step 2, and --first 1 --step 2
+    python benchmarks/builders/clear_air_airs.py FOLDER               in two processes: --step 2, and --first 1 --step 2
 
 One file for each number, FOLDER/<number>.npz, until --last is reached or it is stopped; what is there stays.  What it
 holds is drawn from its number alone: one air at eight wavelengths, from SIDE_BY_SIDE on eight airs at one wavelength
