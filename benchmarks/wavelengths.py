@@ -1,11 +1,13 @@
 """How few wavelengths do: luminance and colour from some of them against those from 91, and where to place eight.
 
     python benchmarks/wavelengths.py           writes results/wavelengths.csv
-    python benchmarks/wavelengths.py search    looks for the best places of eight between 380 and 720 nm
+    python benchmarks/wavelengths.py search    looks for the best places of eight from 380 nm on
+    python benchmarks/wavelengths.py light     those of `light` and `timeline`, writes results/wavelengths_light.csv
 
-Skies of `zones` at quality `draft` every 4 nm from 380 to 740 nm: four climates, nine suns from +30 to -15 deg, 35
-directions.  Luminance: root mean square over the directions of a sky, mean and largest of the skies.  CIEDE2000: over
-all directions, white at 1/0.18 of each sky's mean luminance.  What is beyond the wavelengths is a power law.
+Skies of `zones` at quality `draft` every 4 nm from 380 to 740 nm (`light`: `compact`, without bands, to 1000 nm), four
+climates, nine suns from +30 to -15 deg, 35 directions.  Luminance: root mean square over the directions of a sky, mean
+and largest of the skies.  CIEDE2000: over all directions, white at 1/0.18 of each sky's mean luminance.  What is beyond
+the wavelengths is a power law.
 """
 
 from __future__ import annotations
@@ -20,7 +22,9 @@ from twilight.config.load import load_climate
 from twilight.config.scene import PLACED_NM
 from twilight.scene.medium import climate_medium
 from twilight.sky.colour import MIDDLE_GREY, spectrum_to_xyz
-from twilight.solvers import zones
+from twilight.sky.quantities import responses
+from twilight.sky.quantities.measure import MAX_UNCOVERED, Spectra, needed_nm, samples_for, uncovered
+from twilight.solvers import compact, zones
 
 CLIMATES = ("continental-average", "pure-air", "desert", "maritime-clean")
 SUNS_DEG = (30.0, 5.0, 0.0, -3.0, -5.0, -7.0, -9.0, -12.0, -15.0)
@@ -31,13 +35,39 @@ OBSERVER = "cie1964_10deg"
 @cache
 def skies() -> np.ndarray:
     """Sun-normalised radiance (skies, directions, wavelengths)."""
-    elevation, azimuth = np.meshgrid([1.5, 4.0, 10.0, 20.0, 40.0, 65.0, 88.0], [0.0, 30.0, 90.0, 140.0, 180.0])
     found = []
     for climate in CLIMATES:
         field = zones.prepare(climate_medium(load_climate(climate), FINE_NM), zones.QUALITIES["draft"])
-        found += [field.radiance(sun, elevation.ravel(), azimuth.ravel()) for sun in SUNS_DEG]
+        found += [field.radiance(sun, *DIRECTIONS) for sun in SUNS_DEG]
         print(climate, file=sys.stderr, flush=True)
     return np.stack(found)
+
+
+DIRECTIONS = tuple(
+    v.ravel() for v in np.meshgrid([1.5, 4.0, 10.0, 20.0, 40.0, 65.0, 88.0], [0.0, 30.0, 90.0, 140.0, 180.0])
+)
+
+
+def light() -> None:
+    """Errors of every response from the wavelengths of `samples_for`, beside those of fine spectra."""
+    nm = np.concatenate([np.arange(320.0, 400.0, 2.0), np.arange(400.0, 1001.0, 4.0)])
+    found = []
+    for climate in CLIMATES:
+        field = compact.prepare(climate_medium(load_climate(climate), nm), compact.CompactSettings(polarisation=False))
+        found += [field.radiance(sun, *DIRECTIONS) for sun in SUNS_DEG]
+    spectra, rows = np.concatenate(found), []
+    for name in responses.names():
+        one = responses.response(name)
+        if needed_nm(one)[0] < nm[0] or uncovered(one, nm) > MAX_UNCOVERED:
+            continue
+        chosen = np.array([w for w in samples_for([one]) if w >= nm[0]])
+        at = np.searchsorted(nm, chosen)
+        few, fine = (Spectra(part, w, "astm_g173_etr") for part, w in ((spectra[:, at], nm[at]), (spectra, nm)))
+        error = 100.0 * np.abs(few.weighted(one) / fine.weighted(one) - 1.0)
+        rows.append([name, chosen.size, *(f"{v:.2f}" for v in (error.mean(), np.percentile(error, 95), error.max()))])
+        print(*rows[-1], sep="\t")
+    header = ["response", "wavelengths", "mean_percent", "p95_percent", "max_percent"]
+    results.write(results.FOLDER / "wavelengths_light.csv", header, rows)
 
 
 @cache
@@ -79,7 +109,7 @@ def nearest(wavelength_nm) -> np.ndarray:
 
 def search() -> None:
     """Descend from the places in use and from equidistant ones, one wavelength at a time, the ends held."""
-    for start in (PLACED_NM, np.linspace(380.0, 720.0, 8)):
+    for start in (PLACED_NM, np.linspace(380.0, 740.0, 8)):
         best = nearest(start)
         least, moved = cost(best), True
         while moved:
@@ -108,4 +138,4 @@ def main() -> None:
 
 if __name__ == "__main__":
     results.say_help(__doc__)
-    search() if sys.argv[1:] == ["search"] else main()
+    {"search": search, "light": light}.get("".join(sys.argv[1:]), main)()

@@ -14,7 +14,7 @@ from twilight.show.page import PageNodes
 from twilight.show.tones import Channels
 from twilight.solvers.base import BareField
 
-EIGHT_NM = np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0])
+EIGHT_NM = np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 756.0])
 """Wavelengths of pages and shaders [nm]."""
 FIVE_NM = np.array([400.0, 470.0, 540.0, 600.0, 680.0])
 """Wavelengths of films [nm]."""

@@ -259,3 +259,18 @@ def test_the_ultraviolet_index_of_a_high_sun_is_that_of_the_formula():
     assert float(field.measure("in:erythema", sun_deg, direct=True)) * 40.0 == pytest.approx(
         float(field.measure("uv_index", sun_deg, direct=True))
     )
+
+
+@pytest.mark.parametrize("sun_deg", [2.0, -5.0, -8.5])
+def test_the_chosen_wavelengths_have_the_light_of_fine_spectra(sun_deg):
+    """Nine that missed ozone's peak had 4 % too much illuminance in twilight."""
+    fine = np.arange(392.0, 760.0, 8.0)
+    sky = {
+        name: twilight.solve(
+            "continental-average", sun_elevation_deg=sun_deg, solver="compact", wavelength_nm=nm,
+            settings={"gases.water_vapour.column_mm": 0.0, "gases.oxygen": False},
+        )
+        for name, nm in {"few": samples_for([response("photopic")]), "fine": fine}.items()
+    }  # fmt: skip
+    few, true = (float(sky[name].measure("illuminance", sun_deg)) for name in ("few", "fine"))
+    assert few == pytest.approx(true, rel=0.008)

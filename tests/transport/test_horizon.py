@@ -17,7 +17,7 @@ from twilight.config import load
 from twilight.engine.block import field_key
 from twilight.engine.sunbeam import make_disc
 from twilight.scene import resolve
-from twilight.scene.scene import described
+from twilight.scene.usual import described
 from twilight.sky.lights import Sun
 from twilight.solvers import montecarlo, tables, zones
 from twilight.solvers.zones.storage import field_hash

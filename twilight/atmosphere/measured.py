@@ -144,6 +144,27 @@ def climatology_source(latitude_deg: float, day_of_year: float) -> str:
     return f"zonal mean (McPeters, Labow and Logan 2007), {latitude_deg:.4g} N, day {day_of_year:g}"
 
 
+YEAR: tuple[float, ...] = tuple(MIDDLE_OF_MONTH)
+"""Days over which what has no season is the mean."""
+OF_PROFILES: dict[str, tuple[float, tuple[float, ...]]] = {
+    "tropical": (15.0, YEAR),
+    "midlatitude_summer": (45.0, (197.0,)),
+    "midlatitude_winter": (45.0, (16.0,)),
+    "subarctic_summer": (60.0, (197.0,)),
+    "subarctic_winter": (60.0, (16.0,)),
+    "us_standard": (45.0, YEAR),
+}
+"""Latitude [deg] and days of the year for which the AFGL profiles stand (Anderson et al. 1986)."""
+
+
+def profile_column_du(profile: str) -> tuple[float, str]:
+    """The usual ozone column [DU] of an AFGL profile's latitude and season, and its source in words."""
+    latitude, days = OF_PROFILES[profile]
+    column = float(np.mean([climatological_column_du(latitude, day) for day in days]))
+    season = f"day {days[0]:g}" if len(days) == 1 else "the year"
+    return column, f"zonal mean (McPeters, Labow and Logan 2007), {latitude:g} N, {season}, where {profile} stands"
+
+
 @dataclass(frozen=True)
 class AirColumn:
     """Air above a place, at Z altitudes from the lowest up; all arrays have shape (Z,).

@@ -18,7 +18,7 @@ from twilight.base.whole_files import whole_file
 FILE_NAME = "mie_ten_types.npz"
 """The file in data/opac."""
 
-WAVELENGTHS_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0, 450.0, 500.0, 550.0, 600.0, 650.0)
+WAVELENGTHS_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 756.0, 450.0, 500.0, 550.0, 600.0, 650.0)
 """The default wavelengths of a render, then those of `twilight show NAME` that are not among them."""
 
 RATIO_SCALE = 32767.0

@@ -50,6 +50,11 @@ def compare(
     options.check_range(time_limit, "--time-limit", 1.0, 1e7)
     options.check_range(repeats, "--repeats", 1, 100)
     config = options.load_one_scene(scene, chosen, names, "compare")
+    from twilight.scene.usual import CLEAN
+
+    if config.horizon is None:  # solvers without a screen are compared too
+        chosen["horizon"] = "clean"
+        config = config.model_copy(update={"horizon": CLEAN})
     folder = options.output_folder(output, "compare", config.title)
 
     from twilight.base.progress import part_of

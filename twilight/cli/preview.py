@@ -55,9 +55,12 @@ def preview_of(config: Config, sun: str) -> Preview | None:
     """The preview of one sun of a configuration; None where the model lacks its air, sun or observer."""
     if not _has_one(config):
         return None
+    from twilight.scene.usual import usual_horizon  # start-up
+
     observer = config.observer.model_copy(update={"view": None})
     solver = {"name": "compact", "quality": "standard", "polarisation": False}
-    like = config.model_copy(update={"solver": solver, "observer": observer, "wavelengths": None})
+    beyond = usual_horizon(config)
+    like = config.model_copy(update={"solver": solver, "observer": observer, "wavelengths": None, "horizon": beyond})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what the sky itself will say
         try:
@@ -74,8 +77,6 @@ def _has_one(config: Config) -> bool:
     o, (name, _, settings) = config.output, config.chosen_solver
     able = solvers.load(name).CAPABILITIES
     pictures = "png" in (o.files or (() if config.observer.view is not None else ("png",)))
-    if config.horizon.screen is not None:
-        return False
     return (
         able.kind == "transport" and getattr(settings, "max_orders", None) != 1 and pictures and o.polariser_deg is None
     )

@@ -230,7 +230,7 @@ def _print_plans(cases: list[Any]) -> None:
     from twilight.cli.choices import print_choices
     from twilight.scene import resolve
     from twilight.scene.plan import not_computed
-    from twilight.scene.scene import described
+    from twilight.scene.usual import described, usual_horizon
 
     rows, sizes = [], []
     for case in cases:
@@ -243,9 +243,8 @@ def _print_plans(cases: list[Any]) -> None:
         sizes.append([name, *_sizes(scene)])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
     for case in cases:
-        beyond = described(case.config.horizon)
-        if beyond is not None:
-            print(f"beyond the horizon of {case.name or case.config.title}: {beyond}")
+        beyond = described(usual_horizon(case.config))
+        print(f"beyond the horizon of {case.name or case.config.title}: {beyond}")
     print_choices([(case.name or case.config.title, resolve(case.config, for_plan=True)) for case in cases])
     columns = ["scene", "suns", "wavelengths", "in blocks", "interpolated from", "sky [GB]", "picture of the view [GB]"]
     columns += ["field of a block [GB]", "memory in all [GB]", "processor time, about"]

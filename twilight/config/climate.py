@@ -212,14 +212,20 @@ class Ozone(Section):
 
     column_du: Number | None = key(
         None,
-        "total column; unset: the profile's own (AFGL 1986, means of many years: tropical 282, 15 N; midlatitude 45 N, "
-        "summer 334, winter 378; subarctic 60 N, summer 348, winter 375; US standard 344)",
+        "total column; unset: the zonal mean of the sun's place and day, without them of the profile's latitude and "
+        "season (tropical 271, midlatitude summer 323, winter 339, subarctic summer 319, winter 353, US standard 331); "
+        "levels of one's own have theirs",
         unit="DU",
         ge=0.0,
         le=1000.0,
     )
     day_of_year: Integer | None = key(
         None, "sets the column by season, 260 to 370 DU over the year (Haber 2005 sec. 4.3)", unit="day", ge=1, le=366
+    )
+    climatology: Flag = key(
+        True,
+        "whether an unset column is a zonal mean (McPeters et al. 2007); false: the profile's own (AFGL 1986: tropical "
+        "282, midlatitude summer 334, winter 378, subarctic summer 348, winter 375, US standard 344)",
     )
     treatment: Literal["layer", "overhead_filter", "none"] = key(
         "layer", "layer: absorbs along every path; overhead_filter: on the sunlight above the top only (Haber); none"

@@ -186,6 +186,9 @@ def _put_ozone(
 ) -> None:
     ozone = made.section("gases", "ozone") if columns or usual or profiles else {}
     measured = any(p.ozone is not None for p in profiles)
+    given = made.climate.gases.ozone
+    asked = given.column_du is not None or given.day_of_year is not None or not given.climatology
+    usual = usual or not (columns or measured or asked or wanted.time is None or wanted.latitude_deg is None)
     if columns or usual:
         ozone.pop("day_of_year", None)
     if columns:
@@ -207,9 +210,7 @@ def _put_ozone(
         ozone.pop("day_of_year", None)
         made.sources["ozone column"] = "that of the ozone profile"
     else:
-        given = made.climate.gases.ozone
-        asked = "as it asks for" if given.column_du is not None or given.day_of_year is not None else "of its profile"
-        made.sources["ozone column"] = f"{OWN}, {asked}"
+        made.sources["ozone column"] = f"{OWN}, {'as it asks for' if asked else 'of its profile'}"
 
 
 def _put_water(made: _Assembly, columns: list[WaterColumn], profiles: list[AirColumn]) -> None:

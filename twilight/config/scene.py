@@ -101,10 +101,15 @@ class Horizon(Section):
             return {"screen": TYPICAL} if value == "typical" else {}
         return value
 
+    @property
+    def name(self) -> str | None:
+        """`typical` or `clean`; None for another screen."""
+        return next((name for name in ("typical", "clean") if self == Horizon.model_validate(name)), None)
+
 
 SolarSpectrum = Literal["astm_g173_etr", "astm_e490", "kurucz1992", "gueymard2003", "sao2010"]
-PLACED_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 720.0)
-"""Eight wavelengths between the absorption bands of O4 and NO2 and on both slopes of ozone's, found by
+PLACED_NM = (380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 756.0)
+"""Eight wavelengths outside the bands of water vapour, oxygen, O4 and NO2 and on both slopes of ozone's, found by
 `benchmarks/wavelengths.py`: luminance and colour from them are nearer to those from 91 than with eight equidistant ones
 by a factor of four to twenty."""
 
@@ -267,7 +272,7 @@ class Config(Section):
     )
     observer: Observer = key(Observer, "where the eye is")
     wavelengths: Wavelengths | None = key(
-        None, "where the radiance is computed; unset: 8 from 380 to 720 nm, or those of a tabulated medium"
+        None, "where the radiance is computed; unset: 8 from 380 to 756 nm, or those of a tabulated medium"
     )
     solar_spectrum: SolarSpectrum = key("astm_g173_etr", "irradiance of the sun on top of the atmosphere")
     solver: Annotated[dict[str, Any], SolverOptions()] = key(
@@ -279,7 +284,11 @@ class Config(Section):
         "the moon, its light in the air and its disc; unset: none, {}: where the place and time of the sun have it",
     )
     terrain: Terrain | None = key(None, "mountains before the sky of observer.view, and their shadows; unset: none")
-    horizon: Horizon = key(Horizon, "what lies beyond the horizon and takes sunbeams on their way; unset: nothing")
+    horizon: Horizon | None = key(
+        None,
+        "what lies beyond the horizon and takes sunbeams on their way: typical | clean | a section; unset: typical, "
+        "but clean where the solver takes no screen or the climate is a table",
+    )
     texture: Texture = key(Texture, "directions")
     output: Output = key(Output, "pictures")
     omit_negligible: Flag = key(True, "leave out what cannot matter (see --plan)")

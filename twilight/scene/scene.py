@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twilight import solvers
-from twilight.atmosphere.screen import Screen
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.climate import Spectrum, climate_files
-from twilight.config.scene import Config, Horizon, Observer
+from twilight.config.scene import Config, Observer
 from twilight.config.solver import complete_solver
 from twilight.config.sun import SunAt, SunElevation, SunElevations
 from twilight.scene.lights import SceneLights, lights_of
@@ -32,6 +31,7 @@ from twilight.scene.medium import (
 )
 from twilight.scene.plan import Omission, make_plan
 from twilight.scene.suns import SceneSun, suns_of
+from twilight.scene.usual import completed, screen_of, usual_horizon, with_usual_ozone
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,42 +43,6 @@ if TYPE_CHECKING:
 
 MAP_MEAN_KM = 100.0
 """Least distance from the observer up to which the mean of an albedo map is taken [km]."""
-
-
-def screen_of(horizon: Horizon) -> Screen | None:
-    """The screen beyond the horizon; None where nothing is there."""
-    section = horizon.screen
-    if section is None:
-        return None
-    if section.clouds is not None:
-        return Screen.of_clouds(**section.clouds.model_dump(), angstrom_exponent=section.angstrom_exponent)
-    if section.skyline is not None:
-        return Screen.of_skyline(section.skyline.height_km, section.skyline.distance_km)
-    assert section.heights_km is not None and section.transmission is not None
-    return Screen(
-        section.heights_km, section.transmission, section.from_km, angstrom_exponent=section.angstrom_exponent
-    )
-
-
-def described(horizon: Horizon) -> str | None:
-    """One line about what lies beyond the horizon; None where nothing does."""
-    section = horizon.screen
-    if section is None:
-        return None
-    haze = f", at 550 nm (Angstrom exponent {section.angstrom_exponent:g})" if section.angstrom_exponent else ""
-    if section.clouds is not None:
-        c = section.clouds
-        return (
-            f"clouds from {c.from_km:g} km on stop {c.cover:.0%} of the beams below {c.top_km:g} "
-            f"+- {c.top_spread_km:g} km{haze}"
-        )
-    if section.skyline is not None:
-        return f"a skyline of {section.skyline.height_km:.4g} km at {section.skyline.distance_km:.4g} km"
-    assert section.heights_km is not None and section.transmission is not None
-    beams = f"{min(section.transmission):.0%} to {max(section.transmission):.0%} of the beams pass"
-    return (
-        f"{beams} at {section.heights_km[0]:g} to {section.heights_km[-1]:g} km, from {section.from_km:g} km on{haze}"
-    )
 
 
 def _with_mean_of_map(config: Config) -> Config:
@@ -122,8 +86,11 @@ def resolved_configuration(config: Config, section: SunElevation | SunAt) -> dic
 
     Tables of the climate are named by their files' names and the SHA-256 of their content, not by where they were.
     """
+    config = completed(config)
     data = config.model_copy(update={"sun": section, "vary": {}}).model_dump(mode="json", exclude_none=True)
     data["solver"] = complete_solver(config.solver)
+    assert config.horizon is not None
+    data["horizon"] = config.horizon.name or data["horizon"]
     rows, columns = config.texture.shape
     data["texture"] = {"elevation_count": rows, "azimuth_count": columns} if config.texture.plain else {}
     wavelength_nm = wavelengths_of(config)
@@ -231,14 +198,16 @@ def resolve(
     if solver is None:
         name, _, settings = config.chosen_solver
         solver = solvers.load(name), settings
-    config = _with_mean_of_map(config)
+    climate, ozone_source = with_usual_ozone(_with_mean_of_map(config))
+    horizon = usual_horizon(config, solver[0])
+    config = config.model_copy(update={"climate": climate, "horizon": horizon})
     plan = make_plan(config, wavelength_nm)
     wanted_nm = wavelengths_of(config) if wavelength_nm is None else wavelength_nm
     quick = for_plan and plan.climate.medium is None and wanted_nm is not None
     medium = (planning_medium if quick else climate_medium)(plan.climate, wanted_nm)  # type: ignore[arg-type]
-    screen = screen_of(config.horizon)
-    if screen is not None:
-        medium = replace(medium, screen=screen)
+    medium = replace(medium, screen=screen_of(horizon))
+    if ozone_source is not None:
+        medium = replace(medium, notes={**medium.notes, "ozone_source": ozone_source})
     return Scene(
         medium,
         None if solver[0].CAPABILITIES.kind == "formula" else climate_gas_bands(plan.climate, medium, for_plan),

@@ -33,6 +33,8 @@ COLUMNS_DEG = first_columns(29)
 """Azimuths from the sun at which it does [deg]."""
 COLOUR_NM = VISIBLE_NM[::10]
 """Wavelengths at which the page has spectra to take their colours [nm]."""
+EVERYWHERE_KM = 1e6
+"""Distance [km] up to which a screen without an end goes."""
 SMALL = 1e-3
 """Change of a logarithm from which its derivative is taken."""
 
@@ -46,8 +48,6 @@ def check_sliders(scene: Scene, name: str) -> None:
     """TwilightError for a scene whose air the sliders cannot change; name: what errors call it."""
     if scene.solver_name != "compact":
         raise TwilightError(f"{name}: sliders move the sky of the solver compact, not of {scene.solver_name}")
-    if scene.medium.screen is not None:
-        raise TwilightError(f"{name}: horizon: a page with sliders knows nothing beyond the horizon; leave it out")
     if scene.medium.overhead_absorption_optical_depth.any():
         raise TwilightError(
             f"{name}: gases.ozone.treatment: sliders have ozone in its layer, not in a filter above the air"
@@ -89,7 +89,7 @@ def view_air(scene: Scene, *, name: str, start: dict[str, Any] | None = None) ->
         "altitude_km": [medium.bottom_km],
         "highest_km": medium.bottom_km + HIGHEST_OBSERVER_KM,
         "sun_deg": [float(SUN_DEG[0]), float(SUN_DEG[-1])],
-        "air": {"now": now, "most": most, "column": around, "columns": COLUMNS_DEG.tolist()},
+        "air": {"now": now, "most": most, "column": around, "columns": COLUMNS_DEG.tolist(), "screen": _screen(medium)},
         "worker": model_text() + program_text("sky_worker.js"),
     }
     nodes = {"sun_node_deg": [0.0], "spectrum_sun_deg": [0.0], "lift_deg": [[0.0]], "horizon_deg": [0.0]}
@@ -103,6 +103,20 @@ def view_air(scene: Scene, *, name: str, start: dict[str, Any] | None = None) ->
         pack.file(key, _npz(air))
     add_tones(pack)
     return Page(pack, f"{name}: sky")
+
+
+def _screen(medium: Medium) -> dict[str, Any] | None:
+    """What lies beyond the horizon, as the page's model takes it: altitudes above the ground, and powers of T (W,)."""
+    screen = medium.screen
+    if screen is None:
+        return None
+    return {
+        "altitude": [z - medium.bottom_km for z in screen.altitude_km],
+        "transmission": list(screen.transmission),
+        "from": screen.from_km,
+        "to": min(screen.to_km, EVERYWHERE_KM),
+        "powers": screen.powers(medium.wavelength_nm).tolist(),
+    }
 
 
 def _parted(medium: Medium) -> tuple[Medium, Medium]:

@@ -11,12 +11,12 @@ function questionOf() {
 
 // The first sky; each worker has some of the wavelengths.
 function startAir() {
-  const { column, columns, now } = HEAD.air, { log_spectrum: logSpectrum, colour, ozone, model, below, above } = tables;
+  const { column, columns, now, screen } = HEAD.air, { log_spectrum: logSpectrum, colour, ozone, model, below, above } = tables;
   const program = URL.createObjectURL(new Blob([HEAD.worker], { type: "text/javascript" })), count = Math.min(navigator.hardwareConcurrency || 1, MOST_WORKERS, HEAD.fields[0].wavelength_nm.length);
   return new Promise((resolve, reject) => {
     for (let k = 0; k < count; k++) {
       const worker = new Worker(program);
-      worker.postMessage({ model, below, above, ozone, colour, logSpectrum, column, columns, rows: HEAD.row_deg, albedo: now.albedo, phaseCount: LINE / 4 });
+      worker.postMessage({ model, below, above, ozone, colour, logSpectrum, column, columns, rows: HEAD.row_deg, albedo: now.albedo, screen, phaseCount: LINE / 4 });
       worker.onerror = (e) => reject(new Error(e.message));
       worker.onmessage = ({ data }) => { if (data.light) takeLight(data); else { takeSky(data); resolve(); } };
       sliders.workers.push(worker);

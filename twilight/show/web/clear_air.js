@@ -2,7 +2,7 @@
 const SUN_DEG = [-18, -16.5, -15, -13.5, ...steps(-12, 3, 1), 3.5, 5, 7.5, 10, 15, ...steps(20, 91, 10)];
 const ELEVATION_DEG = [0, 1, 2.5, 5, 8, 12, 17, 23, 30, 38, 47, 57, 68, 79, 90], AZIMUTH_DEG = [0, 6, 12, 20, 30, 45, 60, 80, 100, 120, 140, 160, 180];
 const NODES = ELEVATION_DEG.length * AZIMUTH_DEG.length, BASE_ELEVATION_DEG = [0, 3, 6, 10, 14].map((i) => ELEVATION_DEG[i]), BASE_AZIMUTH_DEG = [0, 6, 12].map((i) => AZIMUTH_DEG[i]);
-const PEAK_DEGREE = 400, PEAK_ANGLES = 161, LEAST_PEAK_DEPTH = 1e-4, MOST_PEAK_DEPTH = 60, OUTERMOST = 5, NEGLIGIBLE = 0.01, SHADOWED_DEG = 2, DARKEST_TERM = 1e-3, LEAST_SHARE = 0.5, MANY_PARTICLES = 0.1;
+const PEAK_DEGREE = 400, PEAK_ANGLES = 161, LEAST_PEAK_DEPTH = 1e-4, MOST_PEAK_DEPTH = 60, OUTERMOST = 5, NEGLIGIBLE = 0.01, SHADOWED_DEG = 2, DARKEST_TERM = 1e-3, LEAST_SHARE = 0.5, MANY_PARTICLES = 0.1, SCREEN_ERROR = 0.1, SPARED_DEG = 2.5;
 const halved = (nodes, from = 0) => nodes.flatMap((v, i) => (i && nodes[i - 1] >= from ? [0.5 * (nodes[i - 1] + v), v] : [v])), FINER_ELEVATION_DEG = halved(ELEVATION_DEG), SHADOWED = FINER_ELEVATION_DEG.filter((e) => e <= 8);
 // Elevations and azimuths at which light is computed: in the day, and where the shadow of the Earth crosses the sky.
 const DAY = [FINER_ELEVATION_DEG, AZIMUTH_DEG], ROWS_DEG = [...halved(ELEVATION_DEG.filter((e) => e <= 12)), ...ELEVATION_DEG.filter((e) => e > 12)], TWILIGHT = [[...halved(SHADOWED), ...FINER_ELEVATION_DEG.slice(SHADOWED.length)], halved(AZIMUTH_DEG, AZIMUTH_DEG[3])];
@@ -54,20 +54,40 @@ class Model {
 
 // The skies of an air seen by one observer, under every sun.
 class Skies {
-  constructor(model, air, observerKm = 0) {
-    Object.assign(this, { model, air, geometry: geometryOf(air, observerKm) });
+  constructor(model, air, observerKm = 0, screen = null) {
+    Object.assign(this, { model, air, screen, geometry: geometryOf(air, observerKm), taken: null });
     const g = this.geometry, perKm = g.layer.map((l) => 1 / (ALTITUDE_KM[l + 1] - ALTITUDE_KM[l]));
-    const places = g.boundary.map((_, k) => ZENITH_DEG.map((z) => g.place(k, z * RAD))), layers = (row) => Float64Array.from(g.layer, (l, i) => row(l) * perKm[i]);
+    this.places = g.boundary.map((_, k) => ZENITH_DEG.map((z) => g.place(k, z * RAD)));
+    const layers = (row) => Float64Array.from(g.layer, (l, i) => row(l) * perKm[i]);
     this.at = air.at.map((one) => {
       const d = one.depth, fractions = one.moments.map((m) => peak(one.degree, m)), inPeaks = (l) => sum(fractions.map((f, k) => f * one.aerosolDepth[k][l]));
       const extinction = layers((l) => d[AIR][l] + d[ABSORPTION][l] + d[EXTINCTION][l] - inPeaks(l)), peaks = layers(inPeaks);
       const depth = Float64Array.from(g.path, (path, i) => inner(path, extinction) - g.logFactor[i]);
       const scattering = [d[AIR], ...one.aerosolDepth].map((row) => layers((l) => row[l]));
       const scattered = range(extinction.length, (l) => (g.boundary[l + 1] - g.boundary[l]) * sum(scattering.map((row) => row[l])));
-      return { air: one, fractions, extinction, peaks, scattering, depth, diffuse: diffuseLight(one, depth, places, g.boundary, scattered) };
+      return { air: one, fractions, extinction, peaks, scattering, scattered, depth, diffuse: diffuseLight(one, depth, this.places, g.boundary, scattered) };
     });
-    const base = seenAlong(SUN_DEG, BASE_AZIMUTH_DEG, lastScattering(this, BASE_ELEVATION_DEG));
-    this.at.forEach((one, w) => { one.coefficients = model.coefficients(networkInputs(one.air, observerKm), base[w].map(Math.log)); });
+    this.logBase = this._logBase();
+    this.at.forEach((one, w) => { one.coefficients = model.coefficients(networkInputs(one.air, observerKm), this.logBase[w]); });
+  }
+
+  _logBase() { return seenAlong(SUN_DEG, BASE_AZIMUTH_DEG, lastScattering(this, BASE_ELEVATION_DEG)).map((base) => base.map(Math.log)); }
+
+  // The skies of a sun behind the screen; these, where it takes nothing of them.
+  behind(sun) {
+    if (!this.screen) return this;
+    const { geometry: g, places } = this, passed = (this.passed ??= g.passed(this.screen));
+    const first = g.zenith.reduce((least, z, i) => (passed[i] < 0 && z < least ? z : least), Math.PI);
+    if (sun >= 90 - first / RAD + SPARED_DEG) return this;
+    if (this.screened) return this.screened;
+    const made = (this.screened = Object.assign(Object.create(Skies.prototype), this, { screen: null, rows: undefined }));
+    made.at = this.at.map((one) => {
+      const depth = one.depth.map((v, i) => v - one.air.power * passed[i]);
+      return { ...one, depth, diffuse: diffuseLight(one.air, depth, places, g.boundary, one.scattered) };
+    });
+    const log = made._logBase(), nodes = log[0].length / SUN_DEG.length;
+    made.taken = log.map((row, w) => range(SUN_DEG.length, (s) => Array.from(row.subarray(s * nodes, (s + 1) * nodes), (v, n) => this.logBase[w][s * nodes + n] - v)));
+    return made;
   }
 
   // The sky under one sun, from -18 to 90 deg.
@@ -98,7 +118,7 @@ class Skies {
       const spread = ofNodes(finer).flatMap((row) => Array.from(row, Math.exp)).map((m, n) => m * Math.sqrt(sum(apart.map((v) => v[n] ** 2)) / apart.length));
       return { air: one.air, elevations, azimuths, logs: [multiple, ...once], spread, widened: one.fractions.length ? this._widened(one, ofNodes(lines), ofNodes(places).map(([row]) => row), ofNodes(lit).map(([row]) => row)) : null };
     });
-    return new Sky(g.apparentElevation(sun), at, sun, model.error);
+    return new Sky(g.apparentElevation(sun), at, sun, model.error, this.taken);
   }
 
   // Light that forward peaks have scattered more than once, at the elevations of the nodes, from light in layers towards
@@ -162,9 +182,9 @@ const legendreTerms = () => (peakTerms ??= range(PEAK_ANGLES, (i) => Float32Arra
 
 // The sky of one sun: its apparent elevation; of each wavelength ln of M and of Q_k at the nodes, and `_widened`.
 class Sky {
-  constructor(apparent, at, sun, error) {
+  constructor(apparent, at, sun, error, taken) {
     Object.assign(this, { apparent, at });
-    this.spreads = this.light(ELEVATION_DEG, AZIMUTH_DEG, false).map(({ light }, w) => ({ brightest: Math.max(...light), share: LEAST_SHARE + (1 - LEAST_SHARE) * Math.min(sum(at[w].air.depth[EXTINCTION]) / MANY_PARTICLES, 1), of: at[w].spread.map((v, n) => v / light[n]) }));
+    this.spreads = this.light(ELEVATION_DEG, AZIMUTH_DEG, false).map(({ light }, w) => ({ brightest: Math.max(...light), share: LEAST_SHARE + (1 - LEAST_SHARE) * Math.min(sum(at[w].air.depth[EXTINCTION]) / MANY_PARTICLES, 1), of: at[w].spread.map((v, n) => v / light[n]), taken: taken?.[w] ?? null }));
     this.relativeError = relativeError(this.spreads, sun, error);
   }
 
@@ -193,11 +213,15 @@ class Sky {
   }
 }
 
-// The error of radiance at 95 % of directions, from how far the networks are apart at each wavelength.
+const percentile95 = (values) => { const sorted = values.sort((a, b) => a - b); return interp(0.95 * (sorted.length - 1), range(sorted.length), sorted); };
+
+// The error of radiance at 95 % of directions, from how far the networks are apart at each wavelength, and from what a
+// screen takes.
 function relativeError(spreads, sun, error) {
-  const least = DARKEST_TERM * Math.max(...spreads.map((one) => one.brightest)), bright = spreads.filter(({ brightest }) => brightest > least), counted = bright.flatMap(({ of }) => Array.from(of)).sort((a, b) => a - b);
+  const least = DARKEST_TERM * Math.max(...spreads.map((one) => one.brightest)), bright = spreads.filter(({ brightest }) => brightest > least), counted = bright.flatMap(({ of }) => Array.from(of));
   const [fixed, times] = [0, 1].map((row) => interp(sun, SUN_DEG, error.slice(row * SUN_DEG.length, (row + 1) * SUN_DEG.length)));
-  return sum(bright.map(({ share }) => share)) / bright.length * (fixed + times * interp(0.95 * (counted.length - 1), range(counted.length), counted));
+  const ofScreen = spreads[0].taken ? interp(sun, SUN_DEG, SUN_DEG.map((_, s) => percentile95(spreads.flatMap(({ taken }) => taken[s])))) : 0;
+  return Math.hypot(sum(bright.map(({ share }) => share)) / bright.length * (fixed + times * percentile95(counted)), SCREEN_ERROR * ofScreen);
 }
 
 // The cubic spline (not-a-knot) through values at the nodes, as rows of a matrix that gives its values at x.

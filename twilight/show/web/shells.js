@@ -1,8 +1,8 @@
 // The model of all clear air, in three files: this port of twilight/clear_air/shells.py, diffuse.js and clear_air.js, by the
-// names of Python, of intensity without a screen.  One wavelength is an object of its own (`Skies.at[w]`); geometry serves all.
+// names of Python, of intensity.  One wavelength is an object of its own (`Skies.at[w]`); geometry serves all.
 //
 //   const model = new Model(await readNpz(bytes)), air = airOf(await readNpz(more));
-//   new Skies(model, air, observerKm).sky(sun).light(elevations, azimuths)     // [w][row * azimuths + column] [sr^-1]
+//   new Skies(model, air, observerKm, screen).sky(sun).light(elevations, azimuths)     // [w][row * azimuths + column] [sr^-1]
 
 // Arrays -------------------------------------------------------------------------------------------------------------
 const range = (n, f = (i) => i) => Array.from({ length: n }, (_, i) => f(i));
@@ -58,7 +58,7 @@ const ALTITUDE_KM = [0, 0.02, 0.06, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 1.7, ...step
 const SHELLS_KM = [6, 2].reduce((boundary, highest) => boundary.flatMap((z, i) => i && z <= highest ? [0.5 * (boundary[i - 1] + z), z] : [z]), ALTITUDE_KM);   // layers up to there are halved
 const SUBLAYERS = 4, PARTS = 2, STEEPEST_DEG = 0.03, RAYS_FROM_ABOVE = 90, RAYS_FROM_BELOW = 30, RAYS_AT_GROUND = 25, LEAST_APART = 0.015, LEAST_SPREAD = 0.05, MOST_DEGREE = 16;
 const LOWEST_POINTS_KM = [...steps(0.5, 26, 0.5), ...steps(26, 30, 1), ...steps(30, 100, 2)];
-const AIR = 0, ABSORPTION = 1, EXTINCTION = 2, LOW = 3, HIGH = 4, DARK_LOG = -700, DARK = 1e-35;
+const AIR = 0, ABSORPTION = 1, EXTINCTION = 2, LOW = 3, HIGH = 4, DARK_LOG = -700, DARK = 1e-35, DARKEST_PASSED = 1e-6;
 
 // `Air` of an .npz of its fields: at[w] is one wavelength.
 function airOf(file) {
@@ -153,6 +153,18 @@ class Geometry {
       this.start.push(zenith.length);
     });
     Object.assign(this, { zenith, apparent: seen, logFactor: factors, path: rows });
+  }
+
+  // ln of what a screen { altitude, transmission, from, to } lets pass of each ray, by its least altitude on the way that
+  // counts.
+  passed({ altitude, transmission, from, to }) {
+    const { x } = this.parts, places = sublayers(this.boundary, PARTS);
+    let top = 0;
+    const highest = x.map((v) => (top = Math.max(top, v)));
+    return this.boundary.flatMap((_, k) => this.apparent.slice(this.start[k], this.start[k + 1]).map((angle) => {
+      const end = x[PARTS * k], [near, far] = [from, to].map((s) => end * Math.cos(angle) + s), along = near > 0 ? near : Math.min(far, 0);
+      return Math.log(Math.max(interp(interp(Math.hypot(end * Math.sin(angle), along), highest, places), altitude, transmission), DARKEST_PASSED));
+    }));
   }
 
   // The ray before a true solar zenith angle at boundary k, the part of the way to the next, and how far the angle is

@@ -18,11 +18,11 @@ function answer({ part, parts, sun, ...question }) {
   const key = JSON.stringify(question);
   if (key !== lastAir) {
     const air = changedAir(question);
-    skies = new Skies(given.model, { ...air, at: air.at.filter((_, w) => w % parts === part) }, question.observer);
+    skies = new Skies(given.model, { ...air, at: air.at.filter((_, w) => w % parts === part) }, question.observer, given.screen);
     phase = part === 0 && air.at[0].aerosolDepth.length ? meanPhase(air) : null;
     lastAir = key;
   }
-  const sky = skies.sky(sun);
+  const sky = skies.behind(sun).sky(sun);
   return { part, apparent: sky.apparent, spreads: sky.spreads, light: sky.light(given.rows, given.columns) };
 }
 
@@ -31,11 +31,11 @@ function answer({ part, parts, sun, ...question }) {
 function changedAir({ aerosol, stratosphere, ozone, albedo }) {
   const mixed = (a, b) => a.map((v, l) => aerosol * v + stratosphere * b[l]), count = given.below.at.length;
   const at = given.below.at.map((low, w) => {
-    const high = given.above.at[w], depth = low.depth.map((row, k) => (k < EXTINCTION ? row.slice() : mixed(row, high.depth[k])));
+    const high = given.above.at[w], power = given.screen?.powers[w], depth = low.depth.map((row, k) => (k < EXTINCTION ? row.slice() : mixed(row, high.depth[k])));
     depth[ABSORPTION] = depth[ABSORPTION].map((v, l) => v + (ozone - 1) * given.ozone[l * count + w]);
     const parts = [LOW, HIGH].map((k) => [aerosol * sum(low.depth[k]), stratosphere * sum(high.depth[k])]);
     const mean = (name, through, back, none) => parts.map(([a, b], k) => low[name][k].map((v, i) => (a + b > 0 ? back((a * through(v, i) + b * through(high[name][k][i], i)) / (a + b), i) : none(i))));
-    const asLog = (f, i) => (i ? f : 0), one = { ...low, depth, aerosolDepth: low.aerosolDepth.map((row, k) => mixed(row, high.aerosolDepth[k])) };
+    const asLog = (f, i) => (i ? f : 0), one = { ...low, depth, power, aerosolDepth: low.aerosolDepth.map((row, k) => mixed(row, high.aerosolDepth[k])) };
     one.mixedMoments = mean("mixedMoments", (v) => v, (v) => v, (i) => (i ? 0 : 1));
     one.mixedPhase = mean("mixedPhase", (v, i) => (i ? Math.exp(v) : v), (v, i) => (i ? Math.log(v) : v), (i) => asLog(-Math.log(4 * Math.PI), i));
     one.groundAlbedo = within(given.albedo > 0 ? low.groundAlbedo * albedo / given.albedo : albedo, 0, 1);

@@ -342,11 +342,11 @@ def check_covered(which: respond.Response, wavelength_nm: np.ndarray, where: str
 
 
 SAMPLES_NM = (
-    *(300.0, 305.0, 310.0, 320.0, 330.0, 345.0, 360.0, 380.0, 400.0, 424.0, 460.0, 490.0, 520.0, 545.0, 560.0, 590.0),
-    *(603.0, 620.0, 650.0, 675.0, 710.0, 750.0, 780.0, 810.0, 860.0, 885.0, 1000.0),
+    *(300.0, 305.0, 310.0, 320.0, 330.0, 345.0, 354.0, 368.0, 382.0, 398.0, 432.0, 444.0, 484.0, 540.0, 560.0, 580.0),
+    *(600.0, 620.0, 660.0, 684.0, 710.0, 756.0, 780.0, 788.0, 868.0, 888.0, 1000.0),
 )
-"""Wavelengths of which those are computed that a quantity needs: dense where ozone's Huggins bands and V(lambda) are,
-on both sides of the bands of O4 (477, 577, 630 nm), outside those of water vapour and oxygen."""
+"""Wavelengths of which those are computed that a quantity needs, outside the bands of water vapour and oxygen but for
+710 nm: by `benchmarks/wavelengths.py light` nearest to those of every 4 nm (wavelengths.csv)."""
 
 
 def samples_for(responses: Sequence[respond.Response]) -> tuple[float, ...]:

@@ -35,6 +35,7 @@ from twilight.config.scene import TYPICAL, Config, Observer
 from twilight.engine.field import solve
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.scene import resolve
+from twilight.scene.usual import CLEAN
 
 WAVELENGTHS_NM = (400.0, 424.0, 450.0, 490.0, 520.0, 550.0, 603.0, 650.0)
 """Where spectra are compared: between the bands of the gases."""
@@ -188,8 +189,9 @@ def bases(
 
     Errors: TwilightError for a configuration that has a screen of its own, or a solver that knows none.
     """
-    if config.horizon.screen is not None:
+    if config.horizon is not None and config.horizon.screen is not None:
         raise TwilightError("validate spectra: horizon.screen is what is fitted; leave it out of the configuration")
+    config = config.model_copy(update={"horizon": CLEAN})
     scene = replace(resolve(config, wavelength_nm=recorded.wavelength_nm), observer=Observer(), bands=None)
     able = scene.capabilities
     if not (able.screen and able.every_sun and able.every_observer):

@@ -24,7 +24,7 @@ from twilight.config.load import load
 from twilight.config.scene import PLACED_NM, Config
 from twilight.numerics import spectrum
 from twilight.scene.medium import climate_medium
-from twilight.scene.scene import screen_of
+from twilight.scene.usual import screen_of, usual_horizon
 from twilight.sky import colour
 from twilight.solvers import compact
 from twilight.studies.validate.photographs.picture_sky import OBSERVER
@@ -218,7 +218,7 @@ class Airs:
             shown = ", ".join(f"{p.name} {values[p.name]:.3g}" for p in self.design.parameters)
             self.progress(f"air {len(self._fields) + 1}: {aerosol_type}, {shown}", min(0.95, len(self._fields) / 24))
             config = with_settings(self.base, climate_settings(self.design, values, aerosol_type))
-            medium = replace(climate_medium(config.climate, WAVELENGTH_NM), screen=screen_of(config.horizon))
+            medium = replace(climate_medium(config.climate, WAVELENGTH_NM), screen=screen_of(usual_horizon(config)))
             self._fields[key] = compact.prepare(
                 medium,
                 compact.CompactSettings(polarisation=False),

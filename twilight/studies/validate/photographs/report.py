@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from twilight.config.scene import Config, Horizon
+from twilight.config.scene import Config
 from twilight.engine import run
 from twilight.scene import resolve
-from twilight.scene.scene import described
+from twilight.scene.usual import described, usual_horizon
 from twilight.sky.sky import Sky
 from twilight.studies.validate.photographs.air import (
     OTHERS,
@@ -33,7 +33,6 @@ from twilight.studies.validate.photographs.picture import Photograph
 OTHER_SUNS = {"the same air at noon (sun at 60 deg)": 60.0, "the same air with the sun at -6 deg": -6.0}
 """Other skies of the air of a photograph."""
 
-TYPICAL = Horizon.model_validate("typical")
 LEAST_ABOVE_KM = 0.02
 """Height of a camera above the ground from which on what is above it is said [km]."""
 LOW_SUN_DEG = 3.0
@@ -159,11 +158,9 @@ class Estimate:
     @property
     def beyond(self) -> list[str]:
         """The sentence on what was taken to lie beyond the horizon, where a sun stands so low that it matters."""
-        screen = described(self.given.horizon)
         if min(one.sun_elevation_deg for one in self.shown) >= LOW_SUN_DEG:
             return []
-        usual = " (horizon: typical, as on evenings that were recorded)" if self.given.horizon == TYPICAL else ""
-        return [f"beyond the horizon: {screen or 'nothing that stops sunlight'}{usual}"]
+        return [f"beyond the horizon: {described(usual_horizon(self.given))}"]
 
     def compared(self, shown: Shown) -> tuple[Sky, Comparison]:
         """The computed sky of one of the photographs, and the photograph beside it."""
@@ -299,7 +296,7 @@ class Estimate:
         return {
             "photograph": self.picture,
             "scene": self.given.title,
-            "horizon": self.given.horizon.model_dump(mode="json", exclude_none=True, exclude_unset=True),
+            "horizon": usual_horizon(self.given).model_dump(mode="json", exclude_none=True, exclude_unset=True),
             "fits": self.fits,
             "sun_elevation_deg": self.sun_elevation_deg,
             "sun_azimuth_deg": self.sun_azimuth_deg,

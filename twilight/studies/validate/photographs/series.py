@@ -16,6 +16,7 @@ from twilight.config.sun import SunAt, SunElevation, SunElevations
 from twilight.engine import run
 from twilight.numerics.directions import azimuth_elevation, camera_axes, direction
 from twilight.scene import resolve
+from twilight.scene.usual import usual_horizon
 from twilight.sky import colour
 from twilight.sky.ephemeris import SunPosition, sun_position
 from twilight.studies.validate.photographs.air import (
@@ -129,13 +130,12 @@ def estimate_air(
     given: Config,
     says: EstimateOptions,
 ) -> Estimate:
-    """Fit photographs of one camera, held the same, and one air, behind the horizon `typical` unless the scene has one.
+    """Fit photographs of one camera, held the same, and one air, behind the horizon that the scene has.
 
     Errors: TwilightError for whatever cannot be done.
     """
-    capable = not says.refine or solvers.load(given.chosen_solver[0]).CAPABILITIES.screen
-    if "horizon" not in given.model_fields_set and capable:
-        given = with_settings(given, {"horizon": "typical"})
+    solver = solvers.load(given.chosen_solver[0] if says.refine else "compact")
+    given = given.model_copy(update={"horizon": usual_horizon(given, solver)})
     given, altitude_known, above = at_the_camera(names, photographs, given)
     shown = [placed(*one, given, says) for one in zip(names, photographs, _suns(photographs, says), strict=True)]
     low, high = shown[0].between_deg

@@ -1,0 +1,94 @@
+"""What a scene has that its configuration leaves unset: the horizon of usual evenings, ozone of the place and day."""
+
+from __future__ import annotations
+
+from datetime import UTC
+from typing import TYPE_CHECKING
+
+from twilight import solvers
+from twilight.atmosphere.measured import climatological_column_du, climatology_source, profile_column_du
+from twilight.atmosphere.screen import Screen
+from twilight.config.measured import place_and_time_of
+from twilight.config.scene import Config, Horizon
+
+if TYPE_CHECKING:
+    from twilight.config.climate import Climate
+    from twilight.solvers.base import Solver
+
+
+CLEAN = Horizon()
+"""Nothing beyond the horizon: of papers, references and other codes."""
+
+
+def completed(config: Config) -> Config:
+    """The configuration with the horizon and the ozone that it leaves unset; what is set stays."""
+    return config.model_copy(update={"climate": with_usual_ozone(config)[0], "horizon": usual_horizon(config)})
+
+
+def usual_horizon(config: Config, solver: Solver | None = None) -> Horizon:
+    """The configuration's horizon; where it names none `typical`, and `clean` where the solver (None: its own) takes no
+    screen or the climate is a table, which is all that its author wanted of the air."""
+    if config.horizon is not None:
+        return config.horizon
+    solver = solver or solvers.load(config.chosen_solver[0])
+    return Horizon.model_validate(
+        "typical" if solver.CAPABILITIES.screen and config.climate.medium is None else "clean"
+    )
+
+
+def screen_of(horizon: Horizon) -> Screen | None:
+    """The screen beyond the horizon; None where nothing is there."""
+    section = horizon.screen
+    if section is None:
+        return None
+    if section.clouds is not None:
+        return Screen.of_clouds(**section.clouds.model_dump(), angstrom_exponent=section.angstrom_exponent)
+    if section.skyline is not None:
+        return Screen.of_skyline(section.skyline.height_km, section.skyline.distance_km)
+    assert section.heights_km is not None and section.transmission is not None
+    return Screen(
+        section.heights_km, section.transmission, section.from_km, angstrom_exponent=section.angstrom_exponent
+    )
+
+
+def described(horizon: Horizon) -> str:
+    """One line about what lies beyond the horizon."""
+    section = horizon.screen
+    if section is None:
+        return "clean: nothing takes sunbeams on their way"
+    haze = f", at 550 nm (Angstrom exponent {section.angstrom_exponent:g})" if section.angstrom_exponent else ""
+    if section.clouds is not None:
+        c = section.clouds
+        return (
+            f"clouds from {c.from_km:g} km on stop {c.cover:.0%} of the beams below {c.top_km:g} "
+            f"+- {c.top_spread_km:g} km{haze}"
+        )
+    if section.skyline is not None:
+        return f"a skyline of {section.skyline.height_km:.4g} km at {section.skyline.distance_km:.4g} km"
+    assert section.heights_km is not None and section.transmission is not None
+    beams = f"{min(section.transmission):.0%} to {max(section.transmission):.0%} of the beams pass"
+    return (
+        f"{'typical: ' if horizon.name else ''}{beams} at {section.heights_km[0]:g} to {section.heights_km[-1]:g} km, "
+        f"from {section.from_km:g} km on{haze}"
+    )
+
+
+def with_usual_ozone(config: Config) -> tuple[Climate, str | None]:
+    """The climate with the zonal mean of its ozone in place of an unset column, and its source in words: of the place
+    and day of the (first) sun, or of the latitude and season for which the profile stands.
+
+    As it is, and None, where the column, levels or a table were given, or `gases.ozone.climatology` is false.
+    """
+    climate = config.climate
+    ozone = climate.gases.ozone
+    own = climate.medium is not None or climate.atmosphere.levels is not None or not ozone.climatology
+    if own or ozone.column_du is not None or ozone.day_of_year is not None or ozone.treatment == "none":
+        return climate, None
+    at = place_and_time_of(config)
+    if at.time is None or at.latitude_deg is None:
+        column, source = profile_column_du(climate.atmosphere.profile)
+    else:
+        day = at.time.astimezone(UTC).timetuple().tm_yday
+        column, source = climatological_column_du(at.latitude_deg, day), climatology_source(at.latitude_deg, day)
+    gases = climate.gases.model_copy(update={"ozone": ozone.model_copy(update={"column_du": round(column, 1)})})
+    return climate.model_copy(update={"gases": gases}), source
