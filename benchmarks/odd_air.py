@@ -27,7 +27,7 @@ import numpy as np
 import results
 
 sys.path.insert(0, str(results.ROOT / "tests"))
-
+sys.path.insert(0, str(results.ROOT / "benchmarks" / "builders"))
 from clear_air_airs import drawn_climate, load_climate_document
 from layered_sky import layered
 from odd_airs import OddAir, drawn, seen

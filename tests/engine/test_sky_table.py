@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from twilight.base.conventions import EARTH_RADIUS_KM
+from twilight.clear_air.shells import sublayers
 from twilight.config import load_climate
 from twilight.engine.block import Answer
 from twilight.engine.table import BREAKS_APART_DEG, fill, first_columns, first_rows
@@ -12,7 +13,6 @@ from twilight.numerics.spectrum import hermite_matrix
 from twilight.scene.medium import climate_medium
 from twilight.sky.plain_grid import plain_grid
 from twilight.sky.table import SkyTable, join, split, stack
-from twilight.transport.clear_air.shells import sublayers
 from twilight.transport.rays import horizon_dip_deg
 from twilight.transport.scattered_once import BOUNDARY_KM, ScatteredOnce, ShellsBelow
 

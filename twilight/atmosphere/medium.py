@@ -353,3 +353,13 @@ def with_joined_refractivity(medium: Medium) -> Medium:
     x, y = np.concatenate([z[:1], middle, z[-1:]]), np.concatenate([[lowest], value, [top]])
     smooth = [np.exp(monotone_cubic(levels, x, column)) * (column.max() > np.log(1e-200)) for column in y.T]
     return replace(medium, refractivity=np.stack(smooth, axis=1)[place])
+
+
+def observer_at(medium: Medium, altitude_km: float | None, otherwise: float = 0.0) -> float:
+    """An observer's altitude [km], `otherwise` where it is None; TwilightError for one below the ground."""
+    altitude = otherwise if altitude_km is None else float(altitude_km)
+    if not medium.bottom_km <= altitude < np.inf:
+        raise TwilightError(
+            f"observer.altitude_km is {altitude:g}; allowed is {medium.bottom_km:g} (the ground) and more"
+        )
+    return altitude

@@ -5,7 +5,7 @@ Small matrix products on one thread.
 
 import functools
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 SLICES_PER_THREAD = 8
@@ -14,13 +14,13 @@ SLICES_PER_THREAD = 8
 
 def in_slices(work: Callable[[int, int], None], n: int) -> None:
     """Call `work(first, end)` for slices that cover range(n), on as many threads as numba is set to use."""
-    try:
-        import numba  # start-up
+    threads = 1
+    if n > 1:
+        with suppress(ImportError):  # kernels are Python, one at a time
+            import numba  # start-up
 
-        threads = numba.get_num_threads()
-    except ImportError:  # kernels are Python, one at a time
-        threads = 1
-    if threads == 1 or n < 2:
+            threads = numba.get_num_threads()
+    if threads == 1:
         work(0, n)
         return
     from concurrent.futures import ThreadPoolExecutor  # start-up

@@ -59,7 +59,7 @@ def compare(
 
     from twilight.base.progress import part_of
     from twilight.engine import check_size
-    from twilight.studies.compare import comparison, reference_solution, report
+    from twilight.studies.compare import comparison, presets, reference_solution, report
     from twilight.studies.compare.bench import Bench
     from twilight.studies.compare.job import stratified_directions, sun_elevations
 
@@ -70,7 +70,7 @@ def compare(
         _ablate(scene, chosen, ablations, suns or sun_elevations(config), bench, repeats, folder)
         return
     wanted = None if solvers is None else [name for name in solvers.split(",") if name.strip()]
-    presets = comparison.solver_presets(wanted)
+    wanted_presets = presets.solver_presets(wanted)
     check_size(config)
     stored = None if reference is None else reference_solution.read_references(reference)
     if suns is None and (stored is None or "sun" in config.model_fields_set):
@@ -88,7 +88,7 @@ def compare(
             references = solver.references(suns or [], grid, part)
             reference_solution.write_references(folder / "reference.csv", references)
         part = part_of(progress, done, 1.0 - done)
-        for results in comparison.compare(config, presets, references, bench, repeats=repeats, progress=part):
+        for results in comparison.compare(config, wanted_presets, references, bench, repeats=repeats, progress=part):
             rows += results
             report.write_tables(rows, folder)
     drawn = report.draw(report.points(rows), folder / "error-against-time.png", title=config.title)

@@ -133,7 +133,7 @@ def output_folder(output: Path | None, prefix: str, name: str, otherwise: str = 
 def check_polarised(config: Any) -> None:
     """Raise TwilightError, before anything is computed, where what is to be written needs polarised light."""
     from twilight import solvers
-    from twilight.base.registry import WHERE_POLARISED
+    from twilight.base.formats import WHERE_POLARISED
 
     wanted = [f"output.files: {name}" for name in config.output.files or () if name in WHERE_POLARISED]
     if config.output.polariser_deg is not None:

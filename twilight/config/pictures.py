@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from twilight.base.errors import TwilightError
-from twilight.base.registry import FORMATS, check_names
+from twilight.base.formats import FORMATS, check_names
 from twilight.base.sections import Flag, Integer, Number, Section, key
 from twilight.numerics.projections import PROJECTIONS, projection_of, shape_of, view_rays
 

@@ -21,8 +21,9 @@ from twilight.config.scene import Config
 from twilight.engine import solve
 from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT, SunTables, suns_between
 from twilight.engine.table import first_columns, first_rows, with_ground
+from twilight.io.journal import locked
 from twilight.io.picture import to_bytes
-from twilight.io.provenance import configuration_hash, locked
+from twilight.io.provenance import configuration_hash
 from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import Scene, resolve

@@ -208,16 +208,6 @@ class BareField:
         return False
 
 
-def observer_at(medium: Medium, altitude_km: float | None, otherwise: float = 0.0) -> float:
-    """An observer's altitude [km], `otherwise` where it is None; TwilightError for one below the ground."""
-    altitude = otherwise if altitude_km is None else float(altitude_km)
-    if not medium.bottom_km <= altitude < np.inf:
-        raise TwilightError(
-            f"observer.altitude_km is {altitude:g}; allowed is {medium.bottom_km:g} (the ground) and more"
-        )
-    return altitude
-
-
 class Estimate(Protocol):
     """Radiance with its standard error [sr^-1], both of the same shape."""
 

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.medium import Medium, observer_at
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.progress import Progress
 from twilight.base.threads import in_slices
-from twilight.solvers.base import BareField, observer_at
+from twilight.solvers.base import BareField
 from twilight.solvers.montecarlo import chunks
 from twilight.solvers.montecarlo.air import MonteCarloAir, prepare_air
 from twilight.solvers.montecarlo.importance import ImportanceTables

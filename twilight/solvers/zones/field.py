@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from twilight.atmosphere.medium import observer_at
 from twilight.base.errors import TwilightError
 from twilight.base.threads import in_slices
-from twilight.solvers.base import BareField, Convergence, check_sun, observer_at
+from twilight.solvers.base import BareField, Convergence, check_sun
 from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones import lines_of_sight
 from twilight.solvers.zones.angles import scattering_geometry

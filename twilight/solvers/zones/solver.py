@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.medium import Medium, observer_at
 from twilight.base.errors import TwilightWarning
 from twilight.base.progress import Progress, silent
-from twilight.solvers.base import Convergence, observer_at
+from twilight.solvers.base import Convergence
 from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.air_needs import degree_needed, thin_layers
 from twilight.solvers.zones.field import ZonesField
