@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from twilight.api import arguments
 from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError
-from twilight.base.threads import in_slices, one_blas_thread
+from twilight.base.threads import in_slices
 from twilight.engine import Field, solve
 from twilight.scene import resolve
 from twilight.solvers.base import ModelError
@@ -98,6 +98,5 @@ def skies(
                     said = (block.field.convergence for block in field.blocks)
                     error[n, o, s] = max(one.error for one in said if isinstance(one, ModelError))
 
-    with one_blas_thread():
-        in_slices(work, count)
+    in_slices(work, count)
     return SkyArrays(radiance, error)

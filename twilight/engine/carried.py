@@ -27,7 +27,6 @@ from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.grid_medium import range_of
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
-from twilight.base.threads import one_blas_thread
 from twilight.solvers.base import BareField, Convergence
 
 LANES = 8
@@ -286,7 +285,6 @@ class CarriedField(BareField):
         carried = np.sqrt(relative**2 @ self.weights.weight**2) * light[..., :1, :]
         return CarriedEstimate(light[..., 0, :], light, carried if light.shape[-2] > 1 else carried[..., 0, :])
 
-    @one_blas_thread()
     def _carried(self, question: tuple[Any, ...], at_nodes: np.ndarray, observer: dict[str, Any]) -> np.ndarray:
         """Stokes parameters (..., S, N) of the terms from those of the nodes, (..., S, n)."""
         method = "stokes" if at_nodes.shape[-2] > 1 else "radiance"

@@ -17,6 +17,7 @@ from twilight import solvers
 from twilight.atmosphere.screen import Screen
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.threads import one_blas_thread
 from twilight.config.climate import Spectrum, climate_files
 from twilight.config.scene import Config, Horizon, Observer
 from twilight.config.solver import complete_solver
@@ -215,6 +216,7 @@ class Scene:
         return lights_of(self.configuration, self.medium, self.altitude_km, sun)
 
 
+@one_blas_thread()
 def resolve(
     config: Config,
     *,

@@ -14,12 +14,13 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
 from twilight.base.reading import reading
 from twilight.base.sections import option, settings
-from twilight.base.threads import one_blas_thread
+from twilight.jit.kernels import COMPILED
 from twilight.solvers.base import BareField, Cost, ModelError, observer_at
 from twilight.solvers.compact.air import LIMITED, air_of, limited, side_by_side
 from twilight.transport.clear_air import Air, Model, Skies
+from twilight.transport.clear_air.diffuse import diffuse_light
 from twilight.transport.clear_air.model import SUN_DEG
-from twilight.transport.clear_air.shells import STEP
+from twilight.transport.clear_air.shells import STEP, Shells
 from twilight.transport.clear_air.sky import Sky
 
 SHIPPED = Path(__file__).resolve().parents[2] / "data" / "compact" / "clear-air.npz"
@@ -45,6 +46,10 @@ RADIUS_KM = (6345.0, 6396.0)
 
 MOST_DEPOLARISATION = 0.1
 """Largest depolarisation factor of air, 0.03 in the fitted ones; with 0.1 light is 0.8 % off, with 0.5 3.6 %."""
+
+MOST_BY_NUMPY = 8
+"""Most wavelengths of an air whose diffuse light numpy computes: some 20 processor ms each, where kernels take 7 and
+numba starts in 300."""
 
 CACHED_SKIES = 8
 """Observers whose skies are cached, before a screen and behind it."""
@@ -77,7 +82,6 @@ def load_model(path: Path) -> Model:
         return Model.load(path)
 
 
-@one_blas_thread()
 def prepare(
     medium: Medium,
     settings: CompactSettings | None = None,
@@ -156,7 +160,6 @@ class ClearAirField(BareField):
             raise TwilightError("solver.polarisation is false: this field has no Stokes parameters")
         return self._light(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 3)
 
-    @one_blas_thread()
     def _light(self, sun_elevation_deg: float, elevation_deg, azimuth_deg, altitude_km, n_stokes: int) -> np.ndarray:
         elevation, azimuth = checked_directions(sun_elevation_deg, elevation_deg, azimuth_deg)
         above, sun = self.observer_above_km(altitude_km), float(sun_elevation_deg)
@@ -173,7 +176,6 @@ class ClearAirField(BareField):
         out = sky.light(elevation.ravel(), azimuth.ravel(), n_stokes, on_grid=False) * self._filtered
         return out.reshape(*elevation.shape, *out.shape[1:])
 
-    @one_blas_thread()
     def slopes(
         self,
         directions: Sequence[Air],
@@ -204,17 +206,26 @@ class ClearAirField(BareField):
         altitude = self._altitude_km if altitude_km is None else altitude_km
         return checked_observer(self.medium, altitude) - self.medium.bottom_km
 
-    @one_blas_thread()
     def _seen_from(self, above: float, screened: bool = False) -> Skies:
         """The skies of an observer above the ground [km], computed when one is asked for first."""
         if (above, screened) not in self._skies:
-            made = Skies(self.model, self.air, above) if not screened else self._seen_from(above)
+            made = Skies(self.model, self.air, above, diffuse_of) if not screened else self._seen_from(above)
             if screened and self.screen is not None:
                 made = made.behind(self.screen, self.screen.powers(self.medium.wavelength_nm))
             if len(self._skies) == CACHED_SKIES:
                 del self._skies[next(iter(self._skies))]
             self._skies[above, screened] = made
         return self._skies[above, screened]
+
+
+def diffuse_of(air: Air, shells: Shells) -> np.ndarray:
+    """`diffuse_light`; compiled, and the same but for rounding, of more wavelengths than a process should load numba
+    for."""
+    if not COMPILED or air.degree.size <= MOST_BY_NUMPY:
+        return diffuse_light(air, shells)
+    from twilight.solvers.compact import lanes  # start-up
+
+    return lanes.diffuse_light(air, shells)
 
 
 def check_air(air: Air, wavelength_nm: np.ndarray, model: Model) -> None:
