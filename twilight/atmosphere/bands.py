@@ -200,10 +200,17 @@ def terms(gas: str, amount: float) -> tuple[tuple[float, ...], tuple[float, ...]
         weight, rate = parts(parameters)
         return np.exp(-np.outer(FITTED_MASSES, rate)) @ weight - true
 
+    def derivatives(parameters: np.ndarray) -> np.ndarray:
+        weight, rate = parts(parameters)
+        depths = np.outer(FITTED_MASSES, rate)
+        passed = np.exp(-depths)
+        return np.concatenate([passed - (passed @ weight)[:, None], -depths * passed], axis=1) * np.tile(weight, 2)
+
     for n in range(1, MOST_TERMS + 1):
         first = np.geomspace(0.1 * depth, 30.0 * depth, n) if n > 1 else np.array([depth])
         start = np.concatenate([np.zeros(n), np.log(first)])
-        best = least_squares(lambda p: error(p) * scale, start, max_nfev=300).x
+        jacobian = {"jac": lambda p: derivatives(p) * scale[:, None]}
+        best = least_squares(lambda p: error(p) * scale, start, max_nfev=300, **jacobian).x
         left = np.abs(error(best))
         if left.max() < FIT_ERROR and (left / true)[well].max() < FIT_ERROR:
             break

@@ -27,7 +27,7 @@ FIELD_BYTES = 1.0e9
 """Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
 FEW_WAVELENGTHS = 8
 """Up to so many are one block, whatever memory that takes: to know it would cost 4 % of a `draft` field's time."""
-CARRIED_AT_ONCE = 96
+CARRIED_AT_ONCE = 160
 """Most wavelengths of a block, or terms of their sums, whose light the fitted model carries: 5 MB each."""
 VALUES_AT_ONCE = 400_000
 """Directions times wavelengths of a texture or a view that a solver is asked for at once, by rows: the memory that each
