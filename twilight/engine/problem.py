@@ -144,7 +144,8 @@ class Problem:
         if able.carried is None or not able.carried(scene.settings):
             return none
         config, lowest = scene.config, min(self.sun_elevations_deg or (0.0,))
-        looks_down = config is not None and (config.terrain is not None or config.observer.view is not None)
+        view = None if config is None else config.observer.view
+        looks_down = view is not None and (config.terrain is not None or view.extent_deg[0][0] < 0.0)  # type: ignore[union-attr]
         high = scene.altitude_km > scene.medium.bottom_km + HIGHEST_OBSERVER_KM
         known = not (looks_down or high or lowest < LOWEST_SUN_DEG)
         found = carriers(scene.medium, scene.bands, scene.altitude_km) if known else none
