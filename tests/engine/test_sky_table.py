@@ -120,9 +120,10 @@ def test_plain_rows_beside_breaks_stay_in_order_and_do_not_swing():
     none = Once()
     none.log_phase = None
     none.light = lambda *_: None
-    for away in (3e-5, 4e-4, 1e-3, 1.9e-3, 5e-3, 0.04):
-        rows = np.concatenate([np.linspace(-90.0, -3.0, 20), [-2.0 - away, -2.0, -2.0, -2.0 + away]])
-        rows = np.concatenate([rows, [-2.0 + max(2.5 * away, BREAKS_APART_DEG)] * 2, np.linspace(-1.5, 90.0, 60)])
+    near = (3e-5, 4e-4, 1e-3, 1.04e-3, 1.9e-3, 5e-3, 0.04)
+    for away, above in [*zip(near, near, strict=True), (1.04e-3, 8e-3), (8e-3, 1.04e-3)]:
+        rows = np.concatenate([np.linspace(-90.0, -3.0, 20), [-2.0 - away, -2.0, -2.0, -2.0 + above]])
+        rows = np.concatenate([rows, [-2.0 + max(2.5 * above, BREAKS_APART_DEG)] * 2, np.linspace(-1.5, 90.0, 60)])
         table = fill(on(step), none, SUN_DEG, rows, first_columns(25), refine=False)
         plain, columns = plain_grid(table)
         assert np.diff(plain).min() > 0.0, away
