@@ -13,7 +13,7 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
-from twilight.engine.table import first_columns, first_rows
+from twilight.engine.table import first_rows, shared_columns
 from twilight.numerics.spectrum import VISIBLE_NM, expand, hermite_matrix
 from twilight.scene.medium import climate_medium
 from twilight.scene.scene import Scene
@@ -29,7 +29,7 @@ from twilight.transport.clear_air.shells import ABSORPTION, EXTINCTION, HIGH, Ai
 
 ROWS_DEG = first_rows(0.0, [], 45)
 """Elevations at which the page computes light [deg]; in between it reads it as a `SkyTable`."""
-COLUMNS_DEG = first_columns(29)
+COLUMNS_DEG = shared_columns(31)
 """Azimuths from the sun at which it does [deg]."""
 COLOUR_NM = VISIBLE_NM[::10]
 """Wavelengths at which the page has spectra to take their colours [nm]."""
