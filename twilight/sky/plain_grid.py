@@ -7,7 +7,7 @@ import numpy as np
 
 from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky.disc import SOLAR_RADIUS_DEG
-from twilight.sky.table import BESIDE_BREAK_DEG, BREAK_OF_SAMPLES_DEG, SkyTable
+from twilight.sky.table import BESIDE_BREAK_DEG, SkyTable
 
 PLAIN_ERROR = 0.003
 """Relative error, at 95 % of a row or a column, of light between two neighbours of `plain_grid` on a straight line."""
@@ -29,6 +29,9 @@ PLAIN_TO_BREAK = 0.3
 
 CLOSEST_TO_BREAK_DEG = 1e-3
 """Least distance of the other rows of `plain_grid` from a break [deg]."""
+
+AT_BREAK_DEG = 2.0 * CLOSEST_TO_BREAK_DEG
+"""Rows closer than this, which are at breaks alone, are not compared with the table between them [deg]."""
 
 BESIDE_DISC_DEG = 0.3
 """Distance from the sun's disc within which samples are not compared with the table [deg]."""
@@ -100,7 +103,7 @@ def grid_error(table: SkyTable, rows_deg: np.ndarray, columns_deg: np.ndarray) -
 
     # half of a mirrored sky is all of it
     most = 180.0 if table.mirrored else 360.0
-    e, a = between(rows_deg, BREAK_OF_SAMPLES_DEG), between(columns_deg[columns_deg <= most])
+    e, a = between(rows_deg, AT_BREAK_DEG), between(columns_deg[columns_deg <= most])
     light = table.on_grid(e, a)
     samples = SkyTable.of_samples(rows_deg, columns_deg, table.on_grid(rows_deg, columns_deg))
     error = np.abs(samples.on_grid(e, a) - light) / np.maximum(light, FAINT * light.max(axis=(0, 1)))
