@@ -6,7 +6,6 @@ guards the content of the file.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -20,7 +19,7 @@ from twilight import solvers
 from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
 from twilight.base import cache
-from twilight.base.digest import add_content, code_digest
+from twilight.base.digest import code_digest, content_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.engine.carried import MODEL, CarriedField
@@ -370,9 +369,6 @@ def field_key(
 
     solver: name of its module; suns_deg: all that will be asked for, None: any; altitude_km: the observer's.
     """
-    digest = hashlib.sha256(code_digest(solver).encode())
     about = [solver, asdict(settings), None if suns_deg is None else sorted(suns_deg), altitude_km]
-    digest.update(json.dumps(about, sort_keys=True, default=str).encode())
-    for value in (medium, medium.at_grid_wavelengths):
-        add_content(digest, value)
-    return digest.hexdigest()
+    told = json.dumps(about, sort_keys=True, default=str)
+    return content_digest(code_digest(solver), told, medium, medium.at_grid_wavelengths)

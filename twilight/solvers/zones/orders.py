@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twilight.base.conventions import DARK
 from twilight.base.progress import Progress
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
@@ -343,7 +344,7 @@ def solve_orders(
         orders += 1
         decay = _decay(mean, before)
         # written so that nothing overflows where there was no light before
-        ratio = np.clip(mean, 0.0, 0.97 * np.maximum(before, 0.0)) / np.maximum(before, scattering.TINY)
+        ratio = np.clip(mean, 0.0, 0.97 * np.maximum(before, 0.0)) / np.maximum(before, DARK)
         # what is left behaves like a geometric series at every node; two such guesses in a row show how well
         guess = total[:, :, 0] + mean * (ratio / (1.0 - ratio))
         if previous is not None:
