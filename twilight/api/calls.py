@@ -26,6 +26,7 @@ from twilight.engine import solve as solve_scene
 from twilight.scene import resolve
 from twilight.scene.lights import check_stars
 from twilight.scene.medium import climate_medium
+from twilight.scene.usual import with_usual_ozone
 from twilight.solvers.base import ModelError, Solver
 
 if TYPE_CHECKING:
@@ -288,7 +289,7 @@ def medium(
             raise TwilightError("medium: settings go with the name or the file of a climate")
     else:
         climate = load_climate(str(climate), settings)
-    return climate_medium(climate, np.array(arguments.numbers(wavelength_nm, "wavelength_nm")))
+    return climate_medium(with_usual_ozone(climate)[0], np.array(arguments.numbers(wavelength_nm, "wavelength_nm")))
 
 
 def solver(name: str) -> Solver:

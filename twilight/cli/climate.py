@@ -22,9 +22,6 @@ def from_files(
     base: Annotated[
         str, option("CLIMATE", "Gives what the files do not.", complete=options.climate_names)
     ] = "continental-average",
-    ozone: Annotated[
-        str | None, option("climatology", "The usual ozone column of the place and date, where no file has one.")
-    ] = None,
     name: Annotated[str | None, option("NAME", "Of the climate; without it, the base's with the date.")] = None,
     settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key of the base; may be repeated.", "--set")] = None,
 ) -> None:
@@ -34,14 +31,12 @@ def from_files(
     from twilight.config import load_climate
     from twilight.config.measured import assemble, read
 
-    if not files and ozone is None:
-        raise TwilightError("climate from: needs a file, or --ozone climatology")
-    if ozone not in (None, "climatology"):
-        raise TwilightError(f"--ozone: must be climatology, got {ozone}")
+    if not files:
+        raise TwilightError("climate from: needs a file")
     wanted = _wanted(moment)
     climate = load_climate(base, *options.settings_of(settings))
-    readings = [read(str(path), wanted) for path in files or ()]
-    data = assemble(climate, readings, wanted, usual_ozone=ozone is not None)
+    readings = [read(str(path), wanted) for path in files]
+    data = assemble(climate, readings, wanted)
     date = f"-{wanted.time:%Y-%m-%d}" if wanted.time is not None else ""
     data["name"] = name or f"{climate.name}{date}"
     where = "" if wanted.latitude_deg is None else f" at {wanted.latitude_deg:g} N {wanted.longitude_deg:g} E"

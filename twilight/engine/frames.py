@@ -37,6 +37,7 @@ from twilight.scene.lights import SceneLights, check_stars, warn_of_the_moon
 from twilight.scene.plan import Omission
 from twilight.scene.scene import Scene, resolved_configuration
 from twilight.scene.suns import SceneSun
+from twilight.scene.usual import described, usual_horizon
 from twilight.sky.lights import TIMES_BRIGHTER, Luminary, outshone
 from twilight.sky.moon import MoonDisc, MoonSeen
 from twilight.sky.night.glows import Glow, glow_table
@@ -307,8 +308,11 @@ class _Result:
             "set_up_time_s": set_up_s,
             "solver": solver,
             "quality": quality,
-            "left_out": [item.part for item in left_out],
+            "left_out": [f"{item.part}: {item.effect}" for item in left_out],
+            "horizon": described(usual_horizon(scene.configuration)),
         }
+        if "ozone_source" in scene.medium.notes:
+            record["ozone"] = "{ozone_column_du:.0f} DU, {ozone_source}".format(**scene.medium.notes)
         if self.from_disk:
             record["field_from_disk"] = True  # its run time leaves out solving it
         if self.convergence:

@@ -17,6 +17,7 @@ from twilight import solvers
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.climate import Spectrum, climate_files
+from twilight.config.measured import place_and_time_of
 from twilight.config.scene import Config, Observer
 from twilight.config.solver import complete_solver
 from twilight.config.sun import SunAt, SunElevation, SunElevations
@@ -198,7 +199,8 @@ def resolve(
     if solver is None:
         name, _, settings = config.chosen_solver
         solver = solvers.load(name), settings
-    climate, ozone_source = with_usual_ozone(_with_mean_of_map(config))
+    config = _with_mean_of_map(config)
+    climate, ozone_source = with_usual_ozone(config.climate, place_and_time_of(config))
     horizon = usual_horizon(config, solver[0])
     config = config.model_copy(update={"climate": climate, "horizon": horizon})
     plan = make_plan(config, wavelength_nm)
