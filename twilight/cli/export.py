@@ -111,7 +111,7 @@ def shader(
     output: Annotated[Path | None, option("DIR", "New folder; without it, out/CLIMATE-shader.")] = None,
 ) -> None:
     """Write the sky of a climate for one observer and every sun as GLSL and WGSL with two textures, and a page."""
-    from twilight.cli.options import announce_compiling
+    from twilight.cli.compiling import announce_compiling
     from twilight.engine import solve
     from twilight.scene import resolve
     from twilight.show.shader import shader_sky

@@ -1,4 +1,4 @@
-"""Options that several commands have, and the notice that the first run of a solver compiles."""
+"""Options that several commands have, and the objects that options of one command are together."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import datetime as dt
 import functools
 import inspect
 import re
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
@@ -160,13 +159,13 @@ class Settings:
     settings: Annotated[list[str] | None, SETTINGS] = None
 
     def chosen(self, more: Given | None = None) -> tuple[dict[str, Any], dict[str, str]]:
-        """The values by dotted key, and what to call each in errors; more: further options."""
+        """The values by dotted key, and what to call each in errors; more: whole sections first."""
         given: dict[str, tuple[Any, str]] = {}
         for name, annotation in get_type_hints(type(self), include_extras=True).items():
             value = getattr(self, name)
             keys = next((one for one in annotation.__metadata__ if isinstance(one, Sets)), ())
             given |= {key: (None if value is False else value, _name_of(name, annotation)) for key in keys}
-        return settings_of(self.settings, given | dict(more or {}))
+        return settings_of(self.settings, {**(more or {}), **given})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -330,35 +329,3 @@ def parse_date(text: str, option: str, example: str = "2026-06-21") -> dt.date:
         return dt.date.fromisoformat(text.strip())
     except ValueError:
         raise TwilightError(f"{option}: {text} is not a date such as {example}") from None
-
-
-SENTENCE = "the first run compiles its kernels, about half a minute of processor time; their machine code is kept"
-
-
-def must_compile(package: str) -> bool:
-    """Whether numba keeps no machine code yet of any kernel of a package that is imported (and has kernels to keep)."""
-    from twilight.jit.kernels import Kernel
-
-    kernels = []
-    for name, module in list(sys.modules.items()):
-        if name == package or name.startswith(f"{package}."):
-            loaded = [value for value in vars(module).values() if isinstance(value, Kernel)]
-            kernels += [one for one in loaded if one.py_func.__module__ == name and one.stats.cache_path]
-    for kernel in kernels:
-        if any(Path(str(kernel.stats.cache_path)).glob(f"*.{kernel.py_func.__name__}-*.nbi")):
-            return False
-    return bool(kernels)
-
-
-def announce_compiling(solver: str) -> None:
-    """One sentence on stderr where a solver has to be compiled, which begins then."""
-    from twilight import solvers
-    from twilight.cli import terminal
-
-    solvers.load(solver)
-    if must_compile(solvers.SOLVERS[solver]):
-        terminal.compiling = True
-        print(f"twilight: {SENTENCE}", file=sys.stderr, flush=True)
-        from twilight.jit.ahead import compile_ahead  # start-up
-
-        compile_ahead(solver)

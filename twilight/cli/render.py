@@ -134,7 +134,7 @@ def render(
         _print_plans(cases)
         return
     from twilight.cli.climate import source_summary
-    from twilight.cli.options import announce_compiling
+    from twilight.cli.compiling import announce_compiling
     from twilight.cli.preview import say_if_long, show_preview
     from twilight.cli.render_files import SUFFIX, check_cases, check_one_file, render_files, render_one_file
     from twilight.config.sun import SunElevation

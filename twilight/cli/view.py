@@ -118,7 +118,7 @@ def _render_words(scene: str, keys: options.SolverSettings) -> str:
 
 def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[Any, Any]:
     """The scene resolved, and its configuration where it has one."""
-    from twilight.cli.options import announce_compiling
+    from twilight.cli.compiling import announce_compiling
     from twilight.scene import Scene, resolve
 
     if not scene.lower().endswith((".h5", ".hdf5")):

@@ -71,34 +71,12 @@ def sum_terms(answer: Answer, bands: GasBands) -> Answer:
 
 
 class Block:
-    """A block of wavelengths, solved.
+    """A block of wavelengths, solved; index: which of the problem's parts.
 
-    Parameters
-    ----------
-    problem
-        What the block is a part of.
-    index
-        Which of its parts: it is solved for the observer of the scene.
-    progress
-        Called with how far a field is, then and when it has to be solved for another observer.
-
-    Attributes
-    ----------
-    wavelengths
-        Range of indices into the wavelengths of the problem's scene.
-    medium
-        The medium at these wavelengths.
-    bands
-        Exponential sums of these wavelengths, whose terms are solved in place of the wavelengths; None: no gas bands.
-    carrier
-        What carries light of the terms from nodes; None: they are solved.
-    field
-        The solver's own field (of the terms), of the observer who was asked for last.
-    from_disk
-        Whether the field was read from the cache.
-    term_medium
-        The medium with a column for each term in place of each wavelength; without bands the medium itself.
-    """
+    wavelengths: range of indices into those of the problem's scene; medium: at these; bands: exponential sums of them,
+        whose terms are solved in place of the wavelengths, None: no gas bands; term_medium: with a column for each term
+    carrier: what carries light of the terms from nodes; None: they are solved
+    field: the solver's own (of the terms), of the observer who was asked for last; from_disk: read from the cache"""
 
     def __init__(self, problem: Problem, index: int, progress: Progress = silent):
         self.problem, self.scene = problem, problem.scene

@@ -205,20 +205,7 @@ def write_h5(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
 def read_sky(path: str | Path) -> Sky:
     """Read what `write_sky` wrote; every array comes back bit for bit.
 
-    Parameters
-    ----------
-    path
-        The file.
-
-    Returns
-    -------
-    Sky
-
-    Raises
-    ------
-    TwilightError
-        Where the file is missing, not complete, or not a sky.
-    """
+    Errors: TwilightError where the file is missing, not complete, or not a sky."""
     path = Path(path)
     with reading(path, "a complete HDF5 file"):
         variables, about = _load(path)

@@ -49,38 +49,17 @@ def view_fields(
     nodes: page.PageNodes | None = None,
     progress: Progress | None = None,
 ) -> Page:
-    """The page of one field, or of two side by side.
+    """The page of one field, or of two side by side, solved for all suns.
 
-    Parameters
-    ----------
-    fields
-        One or two fields, solved for all suns.
-    names
-        What the page calls them; None: the names of their media.
-    scenes
-        What `twilight render` is given to compute them, for a shell; None: the page has no command to copy.
-    altitudes_km
-        Altitudes of the observer above sea level [km], increasing; None: the one of the field.  Between several the
-        page interpolates; one above the air, the last, lets it go up to there, with tables of the top of the air.
-        `ground_to_orbit` has a usual choice.
-    solar_spectrum
-        Name of the solar spectrum that radiances are multiplied with.
-    start
-        The page's first settings, by the names of `web/state.js`.
-    nodes
-        Rows and columns of the tables; None: the usual ones.
-    progress
-        Called as progress(doing, fraction) now and then.
-
-    Returns
-    -------
-    Page
-
-    Raises
-    ------
-    TwilightError
-        For a field that cannot show every sun and direction, and an altitude that it does not serve.
-    """
+    names: what the page calls them; None: the names of their media
+    scenes: what `twilight render` is given to compute them, for a shell; None: the page has no command to copy
+    altitudes_km: of the observer above sea level [km], increasing; None: the one of the field.  Between several the
+        page interpolates; one above the air, the last, lets it go up to there, with tables of the top of the air
+        (`ground_to_orbit`: a usual choice)
+    solar_spectrum: name of the one that radiances are multiplied with; start: the page's first settings, by the names
+        of `web/state.js`; nodes: rows and columns of the tables, None: the usual ones
+    Errors: TwilightError for a field that cannot show every sun and direction, and an altitude that it does not
+        serve."""
     if not 1 <= len(fields) <= MOST_FIELDS:
         raise TwilightError(f"view: shows 1 or {MOST_FIELDS} fields, not {len(fields)}")
     tell, nodes = progress or silent, nodes or page.PageNodes()

@@ -50,11 +50,7 @@ def sunlit_air(field: Any, medium: Medium) -> tuple[TerrainAir, np.ndarray]:
 class AerialPerspective:
     """Distances are counted in the length of the line, which ends on the medium's ground or at the farthest terrain.
 
-    Parameters
-    ----------
-    lit : SunlitAir
-    elevation_deg, azimuth_deg, far_km : (D,) of all lines that will be asked for; inf where there is no ground
-    """
+    elevation_deg, azimuth_deg, far_km (D,): of all lines that will be asked for; inf where there is no ground"""
 
     def __init__(
         self, lit: Any, air: TerrainAir, forward_fraction: np.ndarray,
