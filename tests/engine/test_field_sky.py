@@ -55,7 +55,7 @@ def test_a_field_and_a_page_say_what_they_are_in_five_lines(field):
     """`repr` would flood a console."""
     lines = repr(field).splitlines()
     assert len(lines) == 5 and max(map(len, lines)) <= 110
-    assert "closed air, by " in lines[0] and "8 wavelengths 380 to 720 nm" in lines[1] and "any sun" in lines[3]
+    assert "closed air, by " in lines[0] and "8 wavelengths 380 to 756 nm" in lines[1] and "any sun" in lines[3]
     sky = field.sky(-2.0)
     assert isinstance(sky, twilight.Sky)
     page = repr(sky.view())

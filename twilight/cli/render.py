@@ -251,8 +251,8 @@ def _print_plans(cases: list[Any]) -> None:
         sizes.append([name, *_sizes(scene)])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
     for case in cases:
-        beyond = described(usual_horizon(case.config))
-        print(f"beyond the horizon of {case.name or case.config.title}: {beyond}")
+        if (horizon := usual_horizon(case.config)).screen is not None:
+            print(f"beyond the horizon of {case.name or case.config.title}: {described(horizon)}")
     print_choices([(case.name or case.config.title, resolve(case.config, for_plan=True)) for case in cases])
     columns = ["scene", "suns", "wavelengths", "in blocks", "interpolated from", "sky [GB]", "picture of the view [GB]"]
     columns += ["field of a block [GB]", "memory in all [GB]", "processor time, about"]

@@ -34,7 +34,8 @@ def _with_ozone(config: Config) -> tuple[Climate, str | None]:
 
 def said(config: Config) -> list[str]:
     """What the configuration leaves unset, in words for people."""
-    words = [] if config.horizon is not None else [f"beyond the horizon, {described(usual_horizon(config))}"]
+    horizon = usual_horizon(config)
+    words = [] if config.horizon is not None or horizon == CLEAN else [f"beyond the horizon, {described(horizon)}"]
     climate, source = _with_ozone(config)
     return words + ([] if source is None else [f"ozone {climate.gases.ozone.column_du:.0f} DU, {source}"])
 
