@@ -17,8 +17,8 @@ import twilight
 from twilight import clear_air, solvers
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.base.errors import TwilightError
-from twilight.clear_air import Skies, skies
-from twilight.clear_air.diffuse import LEAST_PART, _positive
+from twilight.clear_air import Skies, lanes, skies
+from twilight.clear_air.diffuse import LEAST_PART, _positive, diffuse_light
 from twilight.clear_air.entry import SHIPPED, load_model
 from twilight.clear_air.model import AZIMUTH_DEG, ELEVATION_DEG, splines
 from twilight.clear_air.of_medium import air_of, side_by_side, slope
@@ -34,7 +34,7 @@ from twilight.clear_air.rays import (
     segments,
     turned,
 )
-from twilight.clear_air.shells import ALTITUDE_KM, Shells, sublayers
+from twilight.clear_air.shells import ALTITUDE_KM, DARK, Shells, sublayers
 from twilight.clear_air.sky import azimuth_splines
 from twilight.config import load
 from twilight.config.load import load_climate
@@ -54,6 +54,7 @@ A = np.array([0.0, 35.0, 120.0, 180.0])
 
 def scene(solver="compact", climate="urban", **settings):
     document = {"version": 1, "climate": climate, "wavelengths": {"list_nm": WAVELENGTH_NM}, "solver": {"name": solver}}
+    document["horizon"] = "clean"
     return load(document, {key.replace("__", "."): value for key, value in settings.items()})
 
 
@@ -278,6 +279,20 @@ def test_airs_side_by_side_are_each_as_alone(urban):
     for n, air in enumerate(alone):
         some = slice(4 * n, 4 * n + 4)
         assert both[..., some] == pytest.approx(Skies(model, air).sky(-4.0).light(E, A, 3), rel=1e-4, abs=1e-9)
+
+
+def test_kernels_give_the_diffuse_light_of_numpy(urban):
+    """Of more than eight wavelengths light would be another one: all moments, of two airs and of no aerosol, and where
+    the number of wavelengths fills no whole block."""
+    bare = solve(resolve(scene(climate="pure-air", wavelengths__list_nm=[*np.linspace(330.0, 990.0, 11)])))
+    first = air_of(urban.medium)
+    hazy = side_by_side([first, first._replace(depth=3.0 * first.depth, aerosol_depth=3.0 * first.aerosol_depth)])
+    for air, some in ((air_of(bare.medium), slice(None)), (hazy, slice(2, 7))):
+        shells = Skies(None, air).shells
+        light, expected = lanes.diffuse_light(air, shells), diffuse_light(air, shells)
+        assert light.shape == expected.shape
+        scale = np.abs(expected).max(axis=2, keepdims=True) + DARK
+        np.testing.assert_allclose((light / scale)[:, some], (expected / scale)[:, some], rtol=0.0, atol=1e-5)
 
 
 def test_derivatives_are_those_of_differences():

@@ -81,8 +81,8 @@ def _read(file: Path) -> tuple[tuple[str, ...], frozenset[str]]:
         inside = [f"{module}.{name}" for name in re.findall(r"(?:^|,)\s*(\w+)", re.sub(r"#.*|[()]", "", names))]
         modules = [name for name in inside if _file(name) is not None]
         found += modules if len(modules) == len(inside) else [*modules, module]
-    strings = re.findall(r"[\"']([^\"'\n]*)[\"']", text)
-    return tuple(found), frozenset(part for string in strings for part in re.split(r"[./]", string))
+    strings = "/".join(set(re.findall(r"[\"']([^\"'\n]*)[\"']", text)))
+    return tuple(found), frozenset(strings.replace(".", "/").split("/"))
 
 
 def _name(file: Path) -> str:

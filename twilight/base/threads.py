@@ -4,6 +4,7 @@ Small matrix products on one thread.
 """
 
 import functools
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -41,13 +42,15 @@ def in_slices(work: Callable[[int, int], None], n: int) -> None:
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Keep numpy's matrix products on one thread: many small ones on several threads wait for each other, on a busy
-    machine twenty times as long as one thread takes, and sums may depend on their number.  Also a decorator."""
-    with _controller().limit(limits=1, user_api="blas"):
+    machine twenty times as long as one thread takes, and sums may depend on their number.  Also a decorator: of what
+    people call (`base.arguments.in_units`, `resolve`, `solve`, the command), so that nothing below needs it."""
+    with _controller(len(sys.modules)).limit(limits=1, user_api="blas"):
         yield
 
 
-@functools.cache
-def _controller() -> Any:
+@functools.lru_cache(maxsize=1)
+def _controller(modules: int) -> Any:
+    """Of the libraries that are loaded: scipy brings one of its own with some of its modules; modules: how many are."""
     from threadpoolctl import ThreadpoolController  # start-up
 
     return ThreadpoolController()

@@ -14,11 +14,13 @@ from twilight.atmosphere.medium import Medium, observer_at
 from twilight.base.errors import TwilightError
 from twilight.base.reading import reading
 from twilight.base.threads import in_slices, one_blas_thread
+from twilight.clear_air.diffuse import diffuse_light
 from twilight.clear_air.model import SUN_DEG, Model
 from twilight.clear_air.of_medium import LIMITED, air_of, limited, side_by_side
-from twilight.clear_air.shells import STEP, Air
+from twilight.clear_air.shells import STEP, Air, Shells
 from twilight.clear_air.skies import Skies
 from twilight.clear_air.sky import Sky
+from twilight.jit.kernels import COMPILED
 
 SHIPPED = Path(__file__).resolve().parents[1] / "data" / "compact" / "clear-air.npz"
 """The file of the model."""
@@ -43,6 +45,10 @@ RADIUS_KM = (6345.0, 6396.0)
 
 MOST_DEPOLARISATION = 0.1
 """Largest depolarisation factor of air, 0.03 in the fitted ones; with 0.1 light is 0.8 % off, with 0.5 3.6 %."""
+
+MOST_BY_NUMPY = 8
+"""Most wavelengths of an air whose diffuse light numpy computes: some 20 processor ms each, where kernels take 7 and
+numba starts in 300."""
 
 CACHED_SKIES = 8
 """Observers whose skies are cached, before a screen and behind it."""
@@ -99,7 +105,6 @@ class ClearAir:
         self._last = skies, sun, sky
         return sky
 
-    @one_blas_thread()
     def slopes(
         self, directions: Sequence[Air], sun_elevation_deg: float, elevation_deg, azimuth_deg, altitude_km: float
     ) -> np.ndarray:
@@ -119,11 +124,10 @@ class ClearAir:
         light = light.reshape(*elevation.shape, 3, len(directions), -1) * self.filtered
         return np.moveaxis(light, -2, 0)
 
-    @one_blas_thread()
     def _seen_from(self, above: float, screened: bool = False) -> Skies:
         """The skies of an observer above the ground [km], computed when one is asked for first."""
         if (above, screened) not in self._skies:
-            made = Skies(self.model, self.air, above) if not screened else self._seen_from(above)
+            made = Skies(self.model, self.air, above, diffuse_of) if not screened else self._seen_from(above)
             if screened and self.screen is not None:
                 made = made.behind(self.screen, self.screen.powers(self.medium.wavelength_nm))
             if len(self._skies) == CACHED_SKIES:
@@ -170,6 +174,16 @@ def skies(
 
     in_slices(work, len(each))
     return SkyArrays(light, error)
+
+
+def diffuse_of(air: Air, shells: Shells) -> np.ndarray:
+    """`diffuse_light`; compiled, and the same but for rounding, of more wavelengths than a process should load numba
+    for."""
+    if not COMPILED or air.degree.size <= MOST_BY_NUMPY:
+        return diffuse_light(air, shells)
+    from twilight.clear_air import lanes  # start-up
+
+    return lanes.diffuse_light(air, shells)
 
 
 def check_air(air: Air, wavelength_nm: np.ndarray, model: Model) -> None:

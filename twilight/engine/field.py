@@ -18,6 +18,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
+from twilight.base.threads import one_blas_thread
 from twilight.config import Config
 from twilight.engine.block import Answer, Block, check_question, join
 from twilight.engine.one_sun import SunLight, warn_of_black, warn_of_error
@@ -431,6 +432,7 @@ def _solved_again(config: Config, sun_elevations_deg: tuple[float, ...] | None, 
     return solve(resolve(config), sun_elevations_deg, cached=cached)
 
 
+@one_blas_thread()
 def solve(
     scene: Scene,
     sun_elevations_deg: Sequence[float] | None = None,

@@ -16,6 +16,7 @@ import numpy as np
 from twilight import solvers
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.threads import one_blas_thread
 from twilight.config.climate import Spectrum, climate_files
 from twilight.config.measured import place_and_time_of
 from twilight.config.scene import Config, Observer
@@ -170,6 +171,7 @@ class Scene:
         return lights_of(self.configuration, self.medium, self.altitude_km, sun)
 
 
+@one_blas_thread()
 def resolve(
     config: Config,
     *,
