@@ -95,15 +95,9 @@ WEAK = 1e-3
 class GasBands:
     """Terms of the exponential sums of a medium with L levels and W wavelengths, N in all, ordered by wavelength.
 
-    Parameters
-    ----------
-    wavelength_index : (N,)
-        Which of the medium's wavelengths a term belongs to; every wavelength has one term at least.
-    weight : (N,)
-        w_i of the terms, not negative, of sum 1 at each wavelength.
-    absorption_per_km : (L, N)
-        Of the term, in addition to the medium's own absorption [km^-1].
-    """
+    wavelength_index (N,): which of the medium's wavelengths a term belongs to; every one has one term at least
+    weight (N,): w_i of the terms, not negative, of sum 1 at each wavelength
+    absorption_per_km (L, N): of the term, in addition to the medium's own absorption [km^-1]"""
 
     wavelength_index: np.ndarray
     weight: np.ndarray

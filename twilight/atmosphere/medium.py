@@ -225,16 +225,9 @@ class Medium:
         """The same medium with levels inserted, so that kernels may interpolate linearly between them.
 
         Of a coefficient that falls by q = ln(a/b) over a layer, linear interpolation is off by q^2/8 at most.
-
-        Parameters
-        ----------
-        max_thickness_km
-            Largest distance of two levels [km] near the ground; higher up 2 % of the height above it.
-        tolerance
-            Largest relative error of a coefficient between two levels.
-        like
-            The same levels at other wavelengths, whose coefficients say how many are inserted; None: this medium's.
-        """
+        max_thickness_km: largest distance of two levels [km] near the ground; higher up 2 % of the height above it.
+        tolerance: largest relative error of a coefficient between two levels.  like: the same levels at other
+        wavelengths, whose coefficients say how many are inserted; None: this medium's."""
         z = self.altitude_km
         whose = like or self
         new = [z[:1]]

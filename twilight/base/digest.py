@@ -102,8 +102,17 @@ def _file(module: str) -> Path | None:
     return next((file for file in (base.with_suffix(".py"), base / "__init__.py") if file.is_file()), None)
 
 
+def content_digest(*values: object) -> str:
+    """SHA-256 over all in values: `add_content`."""
+    digest = hashlib.sha256()
+    add_content(digest, values)
+    return digest.hexdigest()
+
+
 def add_content(digest: hashlib._Hash, value: object) -> None:
     """Everything in arrays, tuples and dataclasses; of a medium all but notes and the air at other wavelengths."""
+    if isinstance(value, np.generic):
+        value = value.item()
     if isinstance(value, np.ndarray):
         digest.update(f"{value.dtype.str}{value.shape}".encode() + np.ascontiguousarray(value).tobytes())
     elif isinstance(value, tuple):

@@ -12,15 +12,7 @@ class Registry(MutableMapping[str, str]):
     """Where each thing is found, by its name: `module`, or `module:object`.
 
     The entry points of other packages are read when a name is asked for that the program does not have itself, or all
-    names are.
-
-    Parameters
-    ----------
-    group
-        The group of entry points, e.g. twilight.solvers.
-    own
-        What comes with the program.
-    """
+    names are.  group: of entry points, e.g. twilight.solvers; own: what comes with the program."""
 
     def __init__(self, group: str, own: Mapping[str, str]):
         self.group, self.own = group, dict(own)

@@ -72,17 +72,9 @@ VIEW_NODES = 4000
 class Problem:
     """How a scene is solved.
 
-    Parameters
-    ----------
-    scene
-        What is solved.
-    sun_elevations_deg
-        All the suns that will be asked for [deg], which some solvers take to save time; None: any.
-    cached
-        Whether solved fields are taken from the user's cache and left there; else every field is solved here.
-    numpy_only_sun
-        The sun's own light on the ground is found by quadrature, where one sun is not worth tables.
-    """
+    sun_elevations_deg: all the suns that will be asked for [deg], which some solvers take to save time; None: any
+    cached: whether solved fields are taken from the user's cache and left there; else every field is solved here
+    numpy_only_sun: the sun's own light on the ground is found by quadrature, where one sun is not worth tables"""
 
     scene: Scene
     sun_elevations_deg: tuple[float, ...] | None = None

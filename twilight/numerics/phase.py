@@ -263,13 +263,7 @@ class PhaseArrays(NamedTuple):
 
 
 def phase_arrays(phase_functions: Sequence[PhaseFunction], n_wavelengths: int) -> PhaseArrays:
-    """The phase functions of one medium as arrays.
-
-    Raises
-    ------
-    ValueError
-        Where tables of different length are mixed.
-    """
+    """The phase functions of one medium as arrays.  Errors: ValueError where tables of different length are mixed."""
     count = len(phase_functions)
     width = max((p.log_table.shape[1] for p in phase_functions), default=1)
     tables = np.zeros((count, n_wavelengths, width))

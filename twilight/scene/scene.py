@@ -111,28 +111,15 @@ def resolved_configuration(config: Config, section: SunElevation | SunAt) -> dic
 class Scene:
     """The air and the ground, how light in them is solved, the suns and the observer.
 
-    Parameters
-    ----------
-    medium
-        Optical coefficients at all wavelengths, over their ground.
-    bands
-        Exponential sums of the gases' bands, solved in place of the medium's wavelengths; None: there are none.
-    solver
-        A module as `twilight.solvers.load` gives it.
-    settings
-        One of the solver's `QUALITIES`, perhaps with options replaced.
-    suns
-        The suns of the configuration; a field that is asked for other suns takes no notice of them.
-    observer
-        Altitude above sea level [km] (unset: on the ground), and the view of a camera.
-    title
-        What errors call the scene.
-    omissions
-        What the plan of the scene left out of the medium.
-    config
-        The configuration that was resolved, from which skies take their directions, night, terrain and record; None
-        for a scene that was put together by hand, which has a field but no frames.
-    """
+    medium: at all wavelengths, over its ground; bands: exponential sums of the gases' bands, solved in place of the
+        medium's wavelengths, None: there are none
+    solver: a module as `twilight.solvers.load` gives it; settings: one of its `QUALITIES`, perhaps with options
+        replaced
+    suns: of the configuration; a field that is asked for other suns takes no notice of them
+    observer: altitude above sea level [km] (unset: on the ground), and the view of a camera
+    title: what errors call the scene; omissions: what the plan of the scene left out of the medium
+    config: the configuration that was resolved, from which skies take their directions, night, terrain and record; None
+        for a scene that was put together by hand, which has a field but no frames"""
 
     medium: Medium
     bands: GasBands | None

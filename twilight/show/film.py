@@ -1,6 +1,5 @@
 """From a configuration to a film: one field, its tables, exposures of all pictures, the pictures, the encoder."""
 
-import hashlib
 import shutil
 import time
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from twilight import solvers
-from twilight.base.digest import add_content, code_digest
+from twilight.base.digest import code_digest, content_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.base.reading import stored_arrays
@@ -210,12 +209,10 @@ class Animation:
     def _scene(self) -> str:
         """A hash of all that the tables depend on."""
         name, _, settings = self.config.chosen_solver
-        content = hashlib.sha256()
-        add_content(content, self.scene.medium)
         return configuration_hash(
             {
                 "code": code_digest("twilight.show.film", solvers.SOLVERS[name]),
-                "medium": content.hexdigest(),
+                "medium": content_digest(self.scene.medium),
                 "settings": repr(settings),
                 "altitude_km": self.scene.altitude_km,
                 "suns_deg": self.suns_deg.tolist(),
