@@ -132,37 +132,37 @@ def measured_sets() -> str:
     moonlit = [
         10.0 ** (-0.4 * float(row["difference_mag"]))
         for row in _rows("moonlight.csv")
-        if float(row["phase_deg"]) <= 90.0 and float(row["moon_altitude_deg"]) < 45.0
+        if float(row["phase_deg"]) <= 90.0 and float(row["moon_altitude_deg"]) < 45.0 and int(row["readings"]) >= 50
     ]
     evenings = [
         row for row in _rows("red_twilight_fits.csv") if row["horizon"] == "typical" and row["session"] != "all"
     ]
-    red, blue = (" / ".join(row[f"{c}_over_recorded_median"] for row in evenings) for c in ("red", "blue"))
+    red, blue = ("/".join(row[f"{c}_over_recorded_median"] for row in evenings) for c in ("red", "blue"))
     deep = next(row for row in _rows("deep_twilight.csv") if row["case"] == "typical, the site's ozone")
     told = {row["case"]: row for row in _rows("deep_contrast.csv")}
-    contrast = " / ".join(
+    contrast = "/".join(
         f"{float(told['mountain'][f'{nm}_nm']) / float(told['measured'][f'{nm}_nm']):.2f}" for nm in (450, 540, 600)
     )
 
     def boss(*nm: int) -> str:
-        return " / ".join(f"{float(deep[f'{w}_nm']):.2f}" for w in nm)
+        return "/".join(f"{float(deep[f'{w}_nm']):.2f}" for w in nm)
 
     illuminance = _range(row["factor"] for row in levels if row["quantity"] == "illuminance")
     rows = (
         ("*levels*", "", "", ""),
-        ("illuminance of level ground", "+60 to -18", "many sites, a formula (Janiczek and DeYoung 1987)", illuminance),
-        ("luminance of the zenith", "0 to -15", "Maryland, 30 m (Koomen et al. 1952)", _zenith("Maryland")),
-        ("", "", "Sacramento Peak, 2.8 km (the same)", _zenith("Sacramento Peak")),
+        ("illuminance of level ground", "+60 to -18", "many sites", illuminance),
+        ("luminance of the zenith", "0 to -15", "Maryland, 30 m", _zenith("Maryland")),
+        ("", "", "Sacramento Peak, 2.8 km", _zenith("Sacramento Peak")),
         ("zenith, meter's band", "-4 to -12", "Cosmic Campground, 1.6 km; zero to 10 %", _range(meter)),
         ("the same by moonlight", "moon below 45", "the same, clear quarter of the nights", _range(moonlit)),
         ("*colours, shapes*", "", "", ""),
-        ("level ground, 650/550 nm", "0 to -6", "three rural evenings, clouds unknown (Spitschan et al. 2016)", red),
+        ("level ground, 650/550 nm", "0 to -6", "three rural evenings, clouds unknown", red),
         ("450/550 nm", "", "", blue),
-        ("zenith, 420 / 450 / 530 over 500 nm", "-14 less -16", "Apache Point, 2.8 km, BOSS", boss(420, 450, 530)),
-        ("600 / 650", "", "", boss(600, 650)),
-        ("700 / 800 / 850", "", "", boss(700, 800, 850)),
+        ("zenith, 420/450/530 over 500 nm", "-14 less -16", "Apache Point, 2.8 km, BOSS", boss(420, 450, 530)),
+        ("600/650", "", "", boss(600, 650)),
+        ("700/800/850", "", "", boss(700, 800, 850)),
         (
-            "towards over away from the sun, blue / green / red",
+            "towards over away from the sun, blue/green/red",
             "-14",
             "Chile, 2.7 km, all-sky camera; `mountain`",
             contrast,
