@@ -75,7 +75,9 @@ def test_light_under_a_screen_is_that_of_its_parts():
     """T(h) of any shape is a sum of rises: fails if the light were not linear in it, or the parts were cut wrongly."""
     coarse = {"altitude_density": 0.5, "zenith_density": 0.6, "polar_directions": 6, "beam_density": 0.5}
     solver = {"quality": "draft", "max_orders": 1, "polarisation": False, "expert": coarse}
-    config = load({"version": 1, "climate": "pure-air", "sun": {"elevation_deg": -4}, "solver": solver})
+    config = load(
+        {"version": 1, "climate": "pure-air", "horizon": "clean", "sun": {"elevation_deg": -4}, "solver": solver}
+    )
     suns = np.array([0.0, -4.0])
     (basis,) = spectra.bases(config, Recorded(suns, np.array([450.0, 550.0]), np.ones((2, 2))), (150.0,))
     scene = resolve(config, wavelength_nm=np.array([450.0, 550.0]))
