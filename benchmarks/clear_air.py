@@ -27,6 +27,8 @@ from typing import Any, get_args
 
 import numpy as np
 import results
+
+sys.path.insert(0, str(Path(__file__).with_name("builders")))
 from clear_air_airs import APART, SIDE_BY_SIDE, UNSOLVED, airs_of
 from clear_air_airs import drawn as drawn_air
 from clear_air_fit import COVERED, HELD_OUT, JUDGED_SUNS, LEAST_LEFT, SINGLE_ERROR, off, read
@@ -38,15 +40,16 @@ from zones_error import errors as zones_errors
 import twilight
 from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file
+from twilight.clear_air import Model, Skies
+from twilight.clear_air.entry import SHIPPED, ClearAir, load_model
+from twilight.clear_air.model import NODES, SUN_DEG
+from twilight.clear_air.of_medium import air_of
+from twilight.clear_air.skies import LEAST_SHARE
 from twilight.config.aerosol import AerosolType
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.sky import colour
-from twilight.solvers.compact.air import air_of
-from twilight.solvers.compact.field import SHIPPED, ClearAirField, load_model
-from twilight.transport.clear_air import Model, Skies
-from twilight.transport.clear_air.model import NODES, SUN_DEG
-from twilight.transport.clear_air.skies import LEAST_SHARE
+from twilight.solvers.compact import Field
 
 REFERENCE_COVERED = 0.97
 """Fraction of the reference skies that `calibrate` covers, so that COVERED hold in others: errors of light
@@ -187,7 +190,7 @@ def climates(model: Model) -> None:
         table = results.read_numbers(results.FOLDER / "reference" / f"{table_name}.csv")
         medium = climate_medium(load_climate(name), np.unique(table["wavelength_nm"]))
         try:
-            field = ClearAirField(medium, model, medium.bottom_km, polarisation=True)
+            field = Field(ClearAir(medium, model), medium.bottom_km, polarisation=True)
         except TwilightError as refused:
             print(name, refused)
             continue

@@ -28,7 +28,8 @@ from twilight.engine.problem import n_nodes
 from twilight.scene import Scene, resolve
 
 CLIMATES = ("continental-average", "continental-clean", "continental-polluted", "urban", "desert", "maritime-clean")
-CLIMATES += ("maritime-polluted", "maritime-tropical", "arctic", "antarctic", "pure-air")
+CLIMATES += ("maritime-polluted", "maritime-tropical", "arctic", "antarctic", "pure-air", "volcanic-stratosphere")
+CLIMATES += ("volcanic-extreme",)
 CASES = {
     "8, the default": PLACED_NM,
     "8 of 400 to 700": tuple(np.linspace(400.0, 700.0, 8)),

@@ -23,6 +23,7 @@ HANDS_UP = {
     "sky": ("Light", "SkyTable", "Sky"),
     "solvers": ("Solver",),
     "transport": ("Beam", "RayPath"),
+    "clear_air": ("Air", "Skies"),
     "atmosphere": ("Medium",),
     "numerics": ("PhaseFunction", "Projection"),
     "base": ("TwilightError",),
@@ -34,7 +35,7 @@ STOREYS = (
     ("show", "studies"),
     ("engine", "scene", "terrain", "config"),
     ("io", "sky", "solvers"),
-    ("transport", "atmosphere"),
+    ("transport", "clear_air", "atmosphere"),
     ("numerics", "jit", "base"),
 )
 """Rooms of the six storeys, from the top."""

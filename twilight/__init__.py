@@ -33,7 +33,7 @@ _WHERE = {
     "open_dataset": "twilight.api.representation",
     "read_sky": "twilight.api.photographs",
     "render": "twilight.api.calls",
-    "skies": "twilight.api.skies",
+    "skies": "twilight.api.calls",
     "solve": "twilight.api.calls",
     "solver": "twilight.api.calls",
 }

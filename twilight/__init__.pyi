@@ -1,10 +1,9 @@
 """Types of the public names, which `__init__.py` loads when they are used."""
 
-from twilight.api.calls import medium, render, solve, solver
+from twilight.api.calls import medium, render, skies, solve, solver
 from twilight.api.light import light
 from twilight.api.photographs import estimate, read_sky
 from twilight.api.representation import Sky, SkySeries, open_dataset
-from twilight.api.skies import skies
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import Climate, Config, load, load_climate

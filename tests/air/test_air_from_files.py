@@ -62,8 +62,7 @@ def test_the_section_air_reads_beside_its_file_and_its_record_needs_no_files(tmp
     air_files.wyoming(tmp_path / "w.txt")
     air_files.aeronet(tmp_path / "a.lev15")
     (tmp_path / "munich.yaml").write_text(
-        "version: 1\nname: munich\naerosol: {type: continental_average}\n"
-        "air: {sounding: w.txt, aeronet: [a.lev15], ozone: climatology}\n"
+        "version: 1\nname: munich\naerosol: {type: continental_average}\nair: {sounding: w.txt, aeronet: [a.lev15]}\n"
     )
     sun = {"at": "2026-06-21T20:30", "latitude_deg": 48.25, "longitude_deg": 11.55, "time_zone": "Europe/Berlin"}
     config = load(tmp_path / "munich.yaml", {"sun": sun})
@@ -96,7 +95,7 @@ def test_the_sky_of_an_atmosphere_written_as_files_is_that_of_the_atmosphere(coa
     air_files.era5(tmp_path / "e.nc")
     common = {
         "wavelengths": {"list_nm": [450.0, 550.0, 600.0]}, "solver.quality": "draft", "solver.polarisation": False,
-        "omit_negligible": False, "gases.water_vapour.column_mm": 0.0,
+        "omit_negligible": False, "gases.water_vapour.column_mm": 0.0, "gases.ozone.climatology": False,
     }  # fmt: skip
     air = {"sounding": str(tmp_path / "w.txt"), "reanalysis": str(tmp_path / "e.nc"), **PLACE}
     elevation, azimuth = np.array([3.0, 10.0, 30.0, 90.0, 10.0]), np.array([0.0, 0.0, 90.0, 0.0, 180.0])

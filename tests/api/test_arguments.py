@@ -12,18 +12,47 @@ from astropy import units as u
 from astropy.time import Time
 from astropy.utils.masked import Masked
 from closed_sky import closed
+from threadpoolctl import threadpool_info, threadpool_limits
 from toy_sky import glow_sky
 
 import twilight
 import twilight.api.accessor
+from twilight import solvers
 from twilight.api.arguments import places_of, times_of
 from twilight.base.arguments import unit_in
 from twilight.base.errors import TwilightError
+from twilight.engine.block import Block
+from twilight.sky.sky import Sky
 
 FAST = {"solver": "preetham", "settings": {"texture.resolution_deg": 15, "wavelengths.list_nm": [450, 550, 650]}}
 ASTROPY = {"deg": u.deg, "km": u.km, "nm": u.nm}
 OTHER = {"deg": u.rad, "km": u.m, "nm": u.um}
 WORDS = {"deg": "rad", "km": "m", "nm": "um"}
+
+
+def test_products_of_matrices_take_one_thread_in_all_that_people_call(monkeypatch):
+    """On a busy machine each of the products below would wait twenty times as long for a second thread."""
+    counts = {}
+    deep = {
+        "resolve": (solvers, "load"),
+        "solve": (Block, "_prepare"),
+        "ask": (Block, "answer"),
+        "read": (Sky, "_sample"),
+    }
+
+    def watched(name, function):
+        def called(*arguments, **more):
+            counts[name] = max(one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas")
+            return function(*arguments, **more)
+
+        return called
+
+    for name, (where, attribute) in deep.items():
+        monkeypatch.setattr(where, attribute, watched(name, getattr(where, attribute)))
+    with threadpool_limits(2, user_api="blas"):
+        twilight.solve("pure-air", sun_elevation_deg=20.0, **FAST).radiance(20.0, 30.0, 10.0)
+        twilight.render("pure-air", sun_elevation_deg=20.0, **FAST).sample(30.0, 10.0)
+    assert counts == dict.fromkeys(deep, 1)
 
 
 def same(value, unit):

@@ -3,7 +3,7 @@
 import sys
 
 from twilight import solvers
-from twilight.cli.options import SENTENCE, announce_compiling, must_compile
+from twilight.cli.compiling import SENTENCE, announce_compiling, must_compile
 
 KERNEL = """
 from twilight.jit.kernels import njit

@@ -5,6 +5,9 @@ import datetime as dt
 import inspect
 import re
 import textwrap
+from dataclasses import is_dataclass
+from pathlib import Path
+from typing import get_type_hints
 
 import numpy as np
 import pytest
@@ -15,6 +18,7 @@ from twilight.atmosphere.csv_columns import read_columns
 from twilight.base.conventions import YEARS
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
+from twilight.cli.options import Sets
 from twilight.config import load
 from twilight.scene.suns import suns_of
 from twilight.sky.ephemeris import Sites, sun_position
@@ -24,6 +28,7 @@ from twilight.studies.camera.response import read_response
 from twilight.studies.compare.reference_solution import read_references
 from twilight.studies.validate.measured.spectra import read_spectra
 
+CLI = Path(inspect.getfile(Sets)).parent
 PLACE = (48.1, 11.5)
 COMMANDS = typer.main.get_command(app)
 
@@ -43,6 +48,10 @@ def test_every_option_is_used(command):
     (tree,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
     read = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
     assert not set(inspect.signature(function).parameters) - read
+    text = "".join(path.read_text(encoding="utf-8") for path in CLI.glob("*.py"))
+    for kind in filter(is_dataclass, get_type_hints(function, include_extras=True).values()):
+        for name, hint in get_type_hints(kind, include_extras=True).items():
+            assert re.search(rf"\.{name}\b", text) or any(isinstance(one, Sets) for one in hint.__metadata__), name
 
 
 def test_the_horizon_dips():

@@ -16,6 +16,7 @@ from twilight.scene.medium import aerosol_spec, climate_medium, ground_albedo, w
 from twilight.scene.plan import GAS_TOLERANCE, facts, horizontal_refraction_arcmin, make_plan, scale_height_km
 from twilight.scene.scene import resolved_configuration
 from twilight.scene.suns import count_suns, suns_of
+from twilight.scene.usual import completed
 
 SMALL = {
     "solver": {"name": "zones", "quality": "draft", "max_orders": 1},
@@ -99,7 +100,7 @@ def test_the_record_of_a_frame_is_a_configuration_of_the_same_frame(name):
     assert resolved_configuration(again, same.section) == record
     assert same.elevation_deg == pytest.approx(sun.elevation_deg, abs=1e-9)
     if config.climate.medium is None:
-        assert again.climate == config.climate
+        assert again.climate == completed(config).climate and again.horizon == completed(config).horizon
     else:  # the record knows what is in the table
         assert again.climate.medium.sha256 and again.climate.medium.table == config.climate.medium.table
     assert np.array_equal(wavelengths_of(again), wavelengths_of(config))
@@ -221,11 +222,12 @@ def test_described_ozone_says_where_and_when_it_is_from():
     """`show` would state another ozone than the air has, or impossible refraction and scale height."""
 
     def ozone(**settings):
-        medium = climate_medium(load("pure-air", settings).climate, np.array([550.0]))
-        return dict(facts(medium))["ozone column"]
+        return dict(facts(resolve(load("pure-air", settings)).medium))["ozone column"]
 
-    assert ozone() == "334 DU (AFGL 1986, 45 N, July)"
-    assert ozone(**{"atmosphere.profile": "subarctic_winter"}) == "375 DU (AFGL 1986, 60 N, January)"
+    assert ozone() == "323 DU (zonal mean (McPeters et al. 2007), 45 N, day 197, as midlatitude_summer)"
+    assert ozone(**{"gases.ozone.climatology": False}) == "334 DU (AFGL 1986, 45 N, July)"
+    placed = {"sun": {"at": "2026-10-05T12:00Z", "latitude_deg": -85.0, "longitude_deg": 0.0}}
+    assert ozone(**placed) == "164 DU (zonal mean (McPeters et al. 2007), 85 S, day 278)"
     assert ozone(**{"gases.ozone.column_du": 300}) == "300 DU (as asked for)"
     assert ozone(**{"gases.ozone.day_of_year": 95}) == "370 DU (day 95 of the year, northern midlatitudes)"
     assert ozone(**{"gases.ozone.treatment": "none"}) == "0 DU"

@@ -102,6 +102,13 @@ def test_few_wavelengths_and_what_the_model_lacks_are_solved():
     assert not any(carriers(dark.medium, dark.bands, 0.0))
 
 
+def test_views_of_the_sky_alone_are_carried():
+    """A panorama would take as long as all its wavelengths, or ground be made up."""
+    for kind, carried in (("panorama", True), ("perspective", False)):
+        scene = scene_of("pure-air", VISIBLE_NM, observer={"view": {"kind": kind, "width": 64}})
+        assert any(plan(scene).carriers) == carried
+
+
 def test_below_the_horizon_and_low_suns_are_solved_when_they_are_asked_for():
     """The fitted model has no ground and no sun below -18 deg; both would be refused or made up."""
     field = solve(scene_of("pure-air", VISIBLE_NM[::2]), cached=False)

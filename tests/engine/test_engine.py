@@ -51,7 +51,7 @@ def toy_solver(**capabilities):
 
 
 def toy_scene(solver, wavelength_nm=(400.0, 500.0, 600.0)):
-    config = load({**AIR, "wavelengths": {"list_nm": list(wavelength_nm)}})
+    config = load({**AIR, "horizon": "clean", "wavelengths": {"list_nm": list(wavelength_nm)}})
     return replace(resolve(config), solver=solver, settings=ToySettings())
 
 

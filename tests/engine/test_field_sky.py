@@ -8,6 +8,7 @@ from closed_sky import closed
 
 import twilight
 from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.engine.sun_tables import SunTables
 
 
 @pytest.fixture
@@ -44,6 +45,26 @@ def test_the_sky_of_another_sun_asks_the_solver_for_nothing(field, monkeypatch):
     assert np.array_equal(first.direct_irradiance, field.direct(-4.0).irradiance)
 
 
+@pytest.mark.parametrize(
+    ("air", "suns", "most"),
+    [("pure-air", (-2.9, -1.02), 0.04), ("desert", (0.9, 1.44), 0.02)],
+    ids=["the edge of the Earth's shadow", "beside a low sun"],
+)
+def test_suns_between_those_of_a_table_have_the_light_of_the_field(air, suns, most):
+    """Films and pages were off by a factor of 2 opposite to the sun in pure air, and by 10 % beside a low one."""
+    field = twilight.solve(air, solver="compact", wavelength_nm=[700.0])
+    tables, random = SunTables(field), np.random.default_rng(3)
+    for sun in suns:
+        table = tables.under(sun)
+        if air == "desert":
+            away, about = random.uniform(0.57, 2.5, 300), random.uniform(0.0, np.pi, 300)
+            e, a = table.apparent_sun_deg[0] + away * np.sin(about), away * np.cos(about)
+        else:
+            e, a = random.uniform(0.5, 4.5, 300), random.normal(180.0, 25.0, 300)
+        error = np.abs(table.light(e, a) / field.radiance(sun, e, a) - 1.0)
+        assert error.max() < most, (sun, error.max())
+
+
 def test_another_observer_is_asked_for(field, monkeypatch):
     """Another observer would get the first one's table."""
     suns = asked(field, monkeypatch)
@@ -55,7 +76,7 @@ def test_a_field_and_a_page_say_what_they_are_in_five_lines(field):
     """`repr` would flood a console."""
     lines = repr(field).splitlines()
     assert len(lines) == 5 and max(map(len, lines)) <= 110
-    assert "closed air, by " in lines[0] and "8 wavelengths 380 to 720 nm" in lines[1] and "any sun" in lines[3]
+    assert "closed air, by " in lines[0] and "8 wavelengths 380 to 756 nm" in lines[1] and "any sun" in lines[3]
     sky = field.sky(-2.0)
     assert isinstance(sky, twilight.Sky)
     page = repr(sky.view())

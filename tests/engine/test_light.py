@@ -121,7 +121,7 @@ def test_the_disc_of_the_sun_is_that_of_its_strips(light):
         elevation, beams = light.tables.strips(Sun(np.array([sun])))
         level = np.maximum(np.sin(np.radians(elevation[0])), 0.0) @ beams[0]
         exact = light.solved.disc_irradiance(sun)
-        rel = 0.01 if sun > -0.5 else 0.02  # the disc is all but gone
+        rel = 0.01 if sun > -0.5 else 0.07  # the disc, behind its screen, is all but gone
         assert level == pytest.approx(exact, rel=rel, abs=1e-3 * exact.max() + 1e-9), sun
     assert not light.tables.strips(Sun(np.array([-3.0])))[1].any()
 
@@ -135,7 +135,7 @@ def test_zenith_and_directions_are_those_of_the_field(light):
         found = light.tables.sky(suns, elevation, azimuth)
         for n, sun in enumerate(suns):
             exact = light.solved.radiance(float(sun), elevation[n], azimuth[n])
-            assert found[n] == pytest.approx(exact, rel=1e-2), sun
+            assert found[n] == pytest.approx(exact, rel=1.5e-2), sun
         light.tables.fill(suns)
         light.tables.light(suns, elevation[:, 1], azimuth[:, 1])
         assert light.tables.missing(suns) == 0 and light.tables.missing(suns, lines=True) == 0

@@ -38,7 +38,7 @@ ELSEWHERE = {
     "cli/__init__.py": "/dev/null",
     "jit/ahead.py": "/dev/null",
     "jit/machine_code.py": "empty files, to be locked",
-    "io/provenance.py": "its journal grows line by line: a line that was cut is not read",
+    "io/journal.py": "its journal grows line by line: a line that was cut is not read",
     "io/folder.py": "empties that journal",
     "studies/compare/worker.py": "a pipe, and /proc",
     "io/stored_image.py": "copies in a temporary folder",

@@ -71,7 +71,7 @@ def test_writes_the_camera_and_the_picture(folder, tmp_path):
 @pytest.mark.parametrize(
     ("more", "expected"),
     [
-        ([*WHERE, "--latitude", "98"], "--latitude: latitude_deg must be a number from -90 to 90 (deg), got 98.0"),
+        ([*WHERE, "--latitude", "98"], "--latitude: 98 is not allowed; it must be from -90 to 90"),
         ([*WHERE[:4], "--at", "2021-08-11T01:30"], "needs time_zone"),
         ([*WHERE[:4], "--at", "noon", "--time-zone", "UTC"], "twilight: --at: 'noon' is not a time such as"),
         ([*WHERE, "--time-zone", "Europe/Wien"], "--time-zone: time_zone must be a time zone"),

@@ -10,7 +10,8 @@ START_ALL = """
 import contextlib, io, pathlib, runpy, sys
 here = pathlib.Path(sys.argv[1])
 sys.path.insert(0, str(here))
-for path in sorted(here.glob("*.py")):
+for path in sorted(here.rglob("*.py")):
+    sys.path.insert(1, str(path.parent))
     sys.argv, said = [str(path), "--help"], io.StringIO()
     try:
         with contextlib.redirect_stdout(said):
@@ -22,7 +23,7 @@ for path in sorted(here.glob("*.py")):
             print(path.name, "ends with", end.code, "and says", repr(said.getvalue()))
     except ModuleNotFoundError as error:  # a package that no extra for tests has
         name = error.name.partition(".")[0]
-        if name == "twilight" or (here / (name + ".py")).exists():
+        if name == "twilight" or [*here.rglob(name + ".py")]:
             print(path.name, error)
     except Exception as error:
         print(path.name, repr(error))

@@ -19,6 +19,7 @@ BUDGET = {
     "api": 2_000,
     "atmosphere": 4_390,
     "base": 1_650,
+    "clear_air": 1_970,
     "cli": 3_740,
     "config": 2_770,
     "engine": 3_780,

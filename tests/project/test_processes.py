@@ -17,8 +17,8 @@ import twilight
 from twilight.base import cache
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.io.folder import JOURNAL, RequestedSky, open_folder
+from twilight.io.journal import locked
 from twilight.io.netcdf import write_sky
-from twilight.io.provenance import locked
 from twilight.studies.compare.bench import WORKER
 
 FAST = {"solver": "preetham", "settings": {"texture.resolution_deg": 15, "wavelengths.list_nm": [450, 550, 650]}}

@@ -9,15 +9,15 @@ from browser import light_of, open_page, until
 from closed_sky import ALL_SKY, ELEVEN_SUNS_DEG
 from typer.testing import CliRunner
 
+from twilight.clear_air import Skies
+from twilight.clear_air.entry import SHIPPED, shipped_model
+from twilight.clear_air.of_medium import air_of
 from twilight.cli.app import app
 from twilight.config import load
 from twilight.numerics.projections import view_directions
 from twilight.scene import resolve
 from twilight.show.sliders import model_text, view_air
 from twilight.show.tones import Channels
-from twilight.solvers.compact.air import air_of
-from twilight.solvers.compact.field import SHIPPED, shipped_model
-from twilight.transport.clear_air import Skies
 
 SAME = 1e-5
 """Relative difference of light between the port and Python, whose single precision ends at 1e-7."""

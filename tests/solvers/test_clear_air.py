@@ -14,23 +14,15 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import twilight
-from twilight import solvers
+from twilight import clear_air, solvers
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.base.errors import TwilightError
-from twilight.config import load
-from twilight.config.load import load_climate
-from twilight.engine import solve
-from twilight.scene import resolve
-from twilight.scene.medium import climate_medium
-from twilight.solvers.compact.air import air_of, side_by_side, slope
-from twilight.solvers.compact.field import SHIPPED, load_model
-from twilight.solvers.zones.air_needs import degree_needed
-from twilight.solvers.zones.settings import QUALITIES
-from twilight.transport import clear_air
-from twilight.transport.clear_air import Skies, skies
-from twilight.transport.clear_air.diffuse import LEAST_PART, _positive
-from twilight.transport.clear_air.model import AZIMUTH_DEG, ELEVATION_DEG, splines
-from twilight.transport.clear_air.rays import (
+from twilight.clear_air import Skies, lanes, skies
+from twilight.clear_air.diffuse import LEAST_PART, _positive, diffuse_light
+from twilight.clear_air.entry import SHIPPED, load_model
+from twilight.clear_air.model import AZIMUTH_DEG, ELEVATION_DEG, splines
+from twilight.clear_air.of_medium import air_of, side_by_side, slope
+from twilight.clear_air.rays import (
     BELOW,
     DIFFUSE,
     LAYERS,
@@ -42,8 +34,15 @@ from twilight.transport.clear_air.rays import (
     segments,
     turned,
 )
-from twilight.transport.clear_air.shells import ALTITUDE_KM, Shells, sublayers
-from twilight.transport.clear_air.sky import azimuth_splines
+from twilight.clear_air.shells import ALTITUDE_KM, DARK, Shells, sublayers
+from twilight.clear_air.sky import azimuth_splines
+from twilight.config import load
+from twilight.config.load import load_climate
+from twilight.engine import solve
+from twilight.scene import resolve
+from twilight.scene.medium import climate_medium
+from twilight.solvers.zones.air_needs import degree_needed
+from twilight.solvers.zones.settings import QUALITIES
 
 WAVELENGTH_NM = [380.0, 450.0, 550.0, 650.0]
 SUNS_DEG = (50.0, 10.0, 0.0, -4.0, -8.0, -14.0)
@@ -55,6 +54,7 @@ A = np.array([0.0, 35.0, 120.0, 180.0])
 
 def scene(solver="compact", climate="urban", **settings):
     document = {"version": 1, "climate": climate, "wavelengths": {"list_nm": WAVELENGTH_NM}, "solver": {"name": solver}}
+    document["horizon"] = "clean"
     return load(document, {key.replace("__", "."): value for key, value in settings.items()})
 
 
@@ -122,7 +122,7 @@ def test_the_refracted_beam_carries_the_flux_of_its_sphere(k):
 
 def test_the_sun_is_lifted_as_by_the_sunbeam_of_other_solvers(urban):
     """The aureole would stand beside the sun."""
-    seen = urban.blocks[0].field._seen_from(0.0)
+    seen = urban.blocks[0].field.air._seen_from(0.0)
     for sun in (0.0, 2.0, 20.0):
         assert seen.shells.apparent_elevation_deg(sun) - sun == pytest.approx(urban.direct(sun).bending_deg, abs=0.02)
 
@@ -189,7 +189,7 @@ def test_light_scattered_once_under_a_thick_layer_aloft_beside_zones():
 def test_all_but_the_network_is_already_near_zones(climate):
     """The network would have to mend what closed forms and few rays get wrong, or peaks would count twice."""
     field, exact = (solve(resolve(scene(solver, climate))).blocks[0].field for solver in ("compact", "zones"))
-    seen = field._seen_from(0.0)
+    seen = field.air._seen_from(0.0)
     rows, columns = np.meshgrid(ELEVATION_DEG, AZIMUTH_DEG, indexing="ij")
     for sun in (30.0, -4.0):
         light = seen.base(np.array([sun]))[0] + seen.single_scattering(sun)[:, :, 0]
@@ -257,7 +257,7 @@ def test_light_between_elevations_and_azimuths_is_that_of_closer_ones(monkeypatc
     for name in ("FINER_ELEVATION_DEG", "FINER_AZIMUTH_DEG"):
         closer = {key: skies._halved(nodes, 180.0) for key, nodes in getattr(skies, name).items()}
         monkeypatch.setattr(skies, name, closer)
-    field._skies.clear()
+    field.air._skies.clear()
     off = np.abs(near / field.radiance(sun, e, a) - 1.0)
     assert np.percentile(off, 95) < 0.005 and off.max() < 0.03
 
@@ -281,6 +281,20 @@ def test_airs_side_by_side_are_each_as_alone(urban):
         assert both[..., some] == pytest.approx(Skies(model, air).sky(-4.0).light(E, A, 3), rel=1e-4, abs=1e-9)
 
 
+def test_kernels_give_the_diffuse_light_of_numpy(urban):
+    """Of more than eight wavelengths light would be another one: all moments, of two airs and of no aerosol, and where
+    the number of wavelengths fills no whole block."""
+    bare = solve(resolve(scene(climate="pure-air", wavelengths__list_nm=[*np.linspace(330.0, 990.0, 11)])))
+    first = air_of(urban.medium)
+    hazy = side_by_side([first, first._replace(depth=3.0 * first.depth, aerosol_depth=3.0 * first.aerosol_depth)])
+    for air, some in ((air_of(bare.medium), slice(None)), (hazy, slice(2, 7))):
+        shells = Skies(None, air).shells
+        light, expected = lanes.diffuse_light(air, shells), diffuse_light(air, shells)
+        assert light.shape == expected.shape
+        scale = np.abs(expected).max(axis=2, keepdims=True) + DARK
+        np.testing.assert_allclose((light / scale)[:, some], (expected / scale)[:, some], rtol=0.0, atol=1e-5)
+
+
 def test_derivatives_are_those_of_differences():
     """A fit would walk the wrong way: by optical depth, ozone and ground, in twilight."""
     keys = {
@@ -297,7 +311,7 @@ def test_derivatives_are_those_of_differences():
     either = [[solved(**{key: value + sign * step}) for sign in (-1, 1)] for key, (value, step) in keys.items()]
     steps = [2.0 * step for _, step in keys.values()]
     directions = [slope(low.medium, high.medium, step) for (low, high), step in zip(either, steps, strict=True)]
-    found = field.slopes(directions, -4.0, e, a)[:, :, 0]
+    found = field.air.slopes(directions, -4.0, e, a, field.medium.bottom_km)[:, :, 0]
     light = field.radiance(-4.0, e, a)
     for (low, high), step, one in zip(either, steps, found, strict=True):
         difference = high.radiance(-4.0, e, a) - low.radiance(-4.0, e, a)

@@ -20,8 +20,9 @@ from twilight.config import load
 from twilight.studies.compare import bench as bench_module
 from twilight.studies.compare.ablations import ABLATIONS, Ablation, ablate, chosen_ablations
 from twilight.studies.compare.bench import Bench
-from twilight.studies.compare.comparison import SolverPreset, compare, solver_presets, with_preset
+from twilight.studies.compare.comparison import compare
 from twilight.studies.compare.job import Job, SampleDirections, stratified_directions
+from twilight.studies.compare.presets import SolverPreset, solver_presets, with_preset
 from twilight.studies.compare.reference_solution import (
     ReferenceSolution,
     ReferenceSolver,

@@ -30,7 +30,7 @@ def air():
         quality="draft",
         settings={
             "atmosphere.profile": "us_standard", "aerosol.optical_depth_550nm": AEROSOL_DEPTH,
-            "aerosol.stratosphere": "none", "refraction.model": "none", "ground.albedo": 0.5,
+            "aerosol.stratosphere": "none", "refraction.model": "none", "ground.albedo": 0.5, "horizon": "clean",
         },
     )  # fmt: skip
 

@@ -76,7 +76,7 @@ def test_light_under_a_screen_is_that_of_its_parts():
     coarse = {"altitude_density": 0.5, "zenith_density": 0.6, "polar_directions": 6, "beam_density": 0.5}
     solver = {"quality": "draft", "max_orders": 1, "polarisation": False, "expert": coarse}
     config = load(
-        {"version": 1, "climate": "pure-air", "horizon": "clean", "sun": {"elevation_deg": -4}, "solver": solver}
+        {"version": 1, "climate": "pure-air", "sun": {"elevation_deg": -4}, "solver": solver, "horizon": "clean"}
     )
     suns = np.array([0.0, -4.0])
     (basis,) = spectra.bases(config, Recorded(suns, np.array([450.0, 550.0]), np.ones((2, 2))), (150.0,))

@@ -11,6 +11,7 @@ ds.sky.interp(elevation=20, azimuth=358.5)         # between the last azimuth an
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
@@ -21,8 +22,8 @@ from twilight.api.arguments import PlotOptions
 from twilight.base.arguments import in_units, plain
 from twilight.base.errors import TwilightError
 from twilight.io.labels import attributes
-from twilight.io.provenance import fields_from, provenance_from_fields
-from twilight.numerics.spectrum import solar_irradiance
+from twilight.io.netcdf import sky_of
+from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM, solar_irradiance
 from twilight.sky.quantities.measure import quantity, unit_of
 from twilight.sky.quantities.responses import ResponseLike, response
 from twilight.sky.quantities.sky_light import luminance
@@ -39,7 +40,6 @@ _Q = (f"{_RADIANCE}_q", "standard_error_q")
 _U = (f"{_RADIANCE}_u", "standard_error_u")
 """Stokes parameters Q and U over F0, and their standard errors."""
 _DERIVED = ("degree_of_linear_polarisation", "angle_of_linear_polarisation")
-_DEFAULT_SPECTRUM = "astm_g173_etr"
 
 
 @xarray.register_dataset_accessor("sky")
@@ -81,6 +81,8 @@ class SkyAccessor:
         def grid(name: str) -> np.ndarray | None:
             if name not in chosen or np.isnan(chosen[name]).all():
                 return None
+            if chosen[name].dims == ("wavelength",):
+                return chosen[name].values.astype(float)
             return where.whole(chosen[name].transpose(*_GRID).values)
 
         def one(*names: str) -> float | None:
@@ -94,31 +96,15 @@ class SkyAccessor:
             sign = 1.0 if "error" in u else np.where(where.mirrored, -1.0, 1.0)[:, None]
             return np.stack([both[0], both[1] * sign], axis=2).astype(float)
 
-        radiance = grid(_RADIANCE)
-        if radiance is None:
+        if grid(_RADIANCE) is None:
             raise TwilightError(".sky.scene: this scene holds no radiance")
-        facts, bending = fields_from(one), one("solar_bending")
-        if bending is not None:
-            facts["apparent_sun_elevation_deg"] = facts["sun_elevation_deg"] + bending
-        provenance = provenance_from_fields(chosen.attrs)
+        sky = sky_of((chosen.wavelength.values, where.elevation, where.azimuth), grid, stokes, one, dict(chosen.attrs))
+        made: dict[str, Any] = {"sun_normalised_radiance": sky.sun_normalised_radiance.astype(float)}
+        if (bending := one("solar_bending")) is not None:
+            made["apparent_sun_elevation_deg"] = sky.sun_elevation_deg + bending
         if "sweep_hash" in chosen.attrs:
-            provenance["sweep_hash"] = chosen.attrs["sweep_hash"]
-        direct = "direct_irradiance_factor"
-        return Sky(
-            wavelength_nm=chosen.wavelength.values,
-            elevation_deg=where.elevation,
-            azimuth_deg=where.azimuth,
-            sun_normalised_radiance=radiance.astype(float),
-            ground_albedo=chosen["surface_albedo"].values if "surface_albedo" in chosen else None,
-            standard_error=grid("standard_error"),
-            polarisation=stokes(_Q[0], _U[0]),
-            polarisation_error=stokes(_Q[1], _U[1]),
-            direct_irradiance=chosen[direct].values.astype(float) if direct in chosen else None,
-            solar_spectrum=str(chosen.attrs.get("solar_spectrum", _DEFAULT_SPECTRUM)),
-            night_radiance=grid("night_radiance"),
-            provenance=provenance,
-            **facts,
-        )
+            made["provenance"] = sky.provenance | {"sweep_hash": chosen.attrs["sweep_hash"]}
+        return replace(sky, **made)
 
     def interp(
         self,
@@ -205,7 +191,7 @@ class SkyAccessor:
         """A figure of every sky, or of every sample of it along dims."""
         data = self._dataset
         where = None if dims else _Grid.of(data)
-        spectrum = str(data.attrs.get("solar_spectrum", _DEFAULT_SPECTRUM))
+        spectrum = str(data.attrs.get("solar_spectrum", DEFAULT_SOLAR_SPECTRUM))
         night = [data["night_radiance"]] if "night_radiance" in data else []
 
         def one(radiance: np.ndarray, distance_au: float, sun_elevation_deg: float, *night: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What `import twilight` offers to call: a sky or a series of them, a field for any sun, the air, a solver."""
+"""What `import twilight` offers to call: a sky, a series, skies of many airs, a field for any sun, air, a solver."""
 
 import itertools
 import warnings
@@ -8,7 +8,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any, Unpack, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from twilight import solvers
 from twilight.api import arguments
@@ -17,6 +17,8 @@ from twilight.atmosphere.medium import Medium
 from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.sections import unknown
+from twilight.base.threads import in_slices, one_blas_thread
+from twilight.clear_air.entry import SkyArrays, checked_directions, checked_observer
 from twilight.config import Climate, load_climate
 from twilight.config.sun import SunAt, SunElevation
 from twilight.engine import Field, check_size, frames
@@ -24,7 +26,8 @@ from twilight.engine import solve as solve_scene
 from twilight.scene import resolve
 from twilight.scene.lights import check_stars
 from twilight.scene.medium import climate_medium
-from twilight.solvers.base import Solver
+from twilight.scene.usual import with_usual_ozone
+from twilight.solvers.base import ModelError, Solver
 
 if TYPE_CHECKING:
     from twilight.show.page import Page
@@ -138,11 +141,11 @@ def render(
     check_size(config)
     check_stars(config)
     resolved = resolve(config)
-    skies = (frame.sky for frame in frames(resolved))
+    made = (frame.sky for frame in frames(resolved))
     if isinstance(config.sun, SunElevation | SunAt):
-        return next(skies)
+        return next(made)
     times = [sun.time for sun in resolved.suns if sun.time is not None]
-    return SkySeries(skies, resolved.sun_elevations_deg, times or None)
+    return SkySeries(made, resolved.sun_elevations_deg, times or None)
 
 
 @in_units
@@ -185,6 +188,81 @@ def solve(
 
 
 @in_units
+def skies(
+    scenes: Sequence[arguments.SceneLike],
+    sun_elevation_deg: Sequence[float] | NDArray[np.float64],
+    elevation_deg: ArrayLike,
+    azimuth_deg: ArrayLike,
+    *,
+    altitude_km: Sequence[float] | NDArray[np.float64] | None = None,
+    wavelength_nm: Sequence[float] | NDArray[np.float64] | None = None,
+    settings: Mapping[str, object] | None = None,
+) -> SkyArrays:
+    """The skies of many airs under many suns by the solver `compact`, on as many threads as there are processors.
+
+    At eight wavelengths a new air takes 0.17 processor seconds, each sky of it 0.008, under suns below 2 deg 0.009.
+
+    Parameters
+    ----------
+    scenes
+        Of one climate or configuration each: as of `twilight.render`.
+    sun_elevation_deg
+        Suns (S,), -18 to 90 [deg].
+    elevation_deg, azimuth_deg
+        Directions of one shape, 0 to 90 deg above the horizon, azimuth from the sun [deg].
+    altitude_km
+        Observers (O,), above sea level [km]; None: each scene's own.
+    wavelength_nm, settings
+        As of `twilight.render`.
+
+    Returns
+    -------
+    SkyArrays
+        `radiance` (N, O, S, ..., W), sun-normalised [sr^-1]; `relative_error` (N, O, S).
+
+    Raises
+    ------
+    TwilightError
+        For an air, a sun, an observer or a direction that the model does not have, before any sky is computed.
+
+    Examples
+    --------
+    >>> airs = [twilight.load("urban", {"climate.aerosol.optical_depth_550nm": depth}) for depth in (0.1, 0.2, 0.4)]
+    >>> light, error = twilight.skies(airs, [-6, -4, -2], elevation_deg=[5, 30, 90], azimuth_deg=0)
+    """
+    suns = arguments.numbers(sun_elevation_deg, "sun_elevation_deg")
+    observers = None if altitude_km is None else arguments.numbers(altitude_km, "altitude_km")
+    for sun in suns:
+        elevation, azimuth = checked_directions(sun, elevation_deg, azimuth_deg)
+    fields: dict[int, Field] = {}
+    for n, scene in enumerate(scenes):
+        config = arguments.config_of(scene, None, None, wavelength_nm, "compact", None, settings)
+        fields[n] = solve_scene(resolve(config))
+        for altitude in observers or ():
+            checked_observer(fields[n].medium, altitude)
+    if not fields:
+        raise TwilightError("skies: scenes is empty; it takes one or more")
+    nm = [field.medium.wavelength_nm for field in fields.values()]
+    if any(one.size != nm[0].size or (one != nm[0]).any() for one in nm):
+        raise TwilightError("skies: scenes have other wavelengths than each other; give wavelength_nm")
+    shape = (len(fields), 1 if observers is None else len(observers), len(suns))
+    radiance, error = np.empty((*shape, *elevation.shape, nm[0].size)), np.empty(shape)
+
+    def work(first: int, end: int) -> None:
+        for n in range(first, end):
+            field = fields.pop(n)  # what an air needs is dropped when its skies are there
+            for o, altitude in enumerate(observers or [field.scene.altitude_km]):
+                for s, sun in enumerate(suns):
+                    radiance[n, o, s] = field.radiance(sun, elevation, azimuth, altitude)
+                    said = (block.field.convergence for block in field.blocks)
+                    error[n, o, s] = max(one.error for one in said if isinstance(one, ModelError))
+
+    with one_blas_thread():
+        in_slices(work, len(fields))
+    return SkyArrays(radiance, error)
+
+
+@in_units
 def medium(
     climate: str | PathLike[str] | Climate,
     wavelength_nm: Sequence[float] | NDArray[np.float64],
@@ -211,7 +289,7 @@ def medium(
             raise TwilightError("medium: settings go with the name or the file of a climate")
     else:
         climate = load_climate(str(climate), settings)
-    return climate_medium(climate, np.array(arguments.numbers(wavelength_nm, "wavelength_nm")))
+    return climate_medium(with_usual_ozone(climate)[0], np.array(arguments.numbers(wavelength_nm, "wavelength_nm")))
 
 
 def solver(name: str) -> Solver:

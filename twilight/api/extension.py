@@ -1,5 +1,6 @@
 """What packages that add solvers and file formats may rely on (`docs/examples/extension`)."""
 
+from twilight.atmosphere.medium import observer_at
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
 from twilight.base.sections import option, settings
@@ -15,7 +16,6 @@ from twilight.solvers.base import (
     SegmentField,
     Solver,
     StochasticField,
-    observer_at,
 )
 
 __all__ = [

@@ -84,6 +84,9 @@ FITTED_MASSES = np.geomspace(0.02, 40.0, 90)
 WELL_FITTED_MASSES = (0.5, 12.0)
 """Range of m in which the error is FIT_ERROR relative to T; 12 is a sun 4 deg above the horizon."""
 
+MOST_LOG_DEPTH = 100.0
+"""ln of a term's optical depth beyond which a fit looks no further: no light passes long before."""
+
 WEAK = 1e-3
 """A gas that absorbs less than this fraction over the largest of FITTED_MASSES has no terms."""
 
@@ -92,15 +95,9 @@ WEAK = 1e-3
 class GasBands:
     """Terms of the exponential sums of a medium with L levels and W wavelengths, N in all, ordered by wavelength.
 
-    Parameters
-    ----------
-    wavelength_index : (N,)
-        Which of the medium's wavelengths a term belongs to; every wavelength has one term at least.
-    weight : (N,)
-        w_i of the terms, not negative, of sum 1 at each wavelength.
-    absorption_per_km : (L, N)
-        Of the term, in addition to the medium's own absorption [km^-1].
-    """
+    wavelength_index (N,): which of the medium's wavelengths a term belongs to; every one has one term at least
+    weight (N,): w_i of the terms, not negative, of sum 1 at each wavelength
+    absorption_per_km (L, N): of the term, in addition to the medium's own absorption [km^-1]"""
 
     wavelength_index: np.ndarray
     weight: np.ndarray
@@ -194,16 +191,23 @@ def terms(gas: str, amount: float) -> tuple[tuple[float, ...], tuple[float, ...]
     def parts(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         logarithm, rates = np.split(parameters, 2)
         weight = np.exp(logarithm - logarithm.max())
-        return weight / weight.sum(), np.exp(rates)
+        return weight / weight.sum(), np.exp(np.minimum(rates, MOST_LOG_DEPTH))
 
     def error(parameters: np.ndarray) -> np.ndarray:
         weight, rate = parts(parameters)
         return np.exp(-np.outer(FITTED_MASSES, rate)) @ weight - true
 
+    def derivatives(parameters: np.ndarray) -> np.ndarray:
+        weight, rate = parts(parameters)
+        depths = np.outer(FITTED_MASSES, rate)
+        passed = np.exp(-depths)
+        return np.concatenate([passed - (passed @ weight)[:, None], -depths * passed], axis=1) * np.tile(weight, 2)
+
     for n in range(1, MOST_TERMS + 1):
         first = np.geomspace(0.1 * depth, 30.0 * depth, n) if n > 1 else np.array([depth])
         start = np.concatenate([np.zeros(n), np.log(first)])
-        best = least_squares(lambda p: error(p) * scale, start, max_nfev=300).x
+        jacobian = {"jac": lambda p: derivatives(p) * scale[:, None]}
+        best = least_squares(lambda p: error(p) * scale, start, max_nfev=300, **jacobian).x
         left = np.abs(error(best))
         if left.max() < FIT_ERROR and (left / true)[well].max() < FIT_ERROR:
             break

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -28,29 +29,9 @@ REFRACTION_MODELS = ("ciddor", "haber", "none")
 """Ciddor 1996, Haber's closed form, n = 1."""
 
 
-def build_medium(
-    wavelength_nm,
-    *,
-    profile: str | AirProfile = "midlatitude_summer",
-    top_km: float = 100.0,
-    ground_altitude_km: float = 0.0,
-    layers: EqualAirMass | Boundaries | None = None,
-    ozone_column_du: float | None = None,
-    ozone_day_of_year: float | None = None,
-    ozone_treatment: str = "layer",
-    no2: bool = True,
-    o4: bool = True,
-    own_gas: tuple[str, float] | None = None,
-    aerosol: AerosolSpec | None = None,
-    stratosphere: StratosphereSpec | None = None,
-    clouds: tuple[CloudLayer, ...] = (),
-    refraction: str = "ciddor",
-    co2_ppm: float = 420.0,
-    haber_humidity: float = 0.0,
-    ground_albedo=0.0,
-    name: str = "",
-) -> Medium:
-    """The optical medium of an atmosphere at W wavelengths (280 to 1000 nm, increasing).
+@dataclass(frozen=True)
+class AirParts:
+    """What an atmosphere is made of.
 
     profile: one of ``profiles.PROFILES``, or the air itself.
     top_km: 10 to 120; what is above is left out.
@@ -67,35 +48,63 @@ def build_medium(
     refraction: `ciddor` (with the profile's temperature, pressure and humidity), `haber` (his closed form with
         haber_humidity, 0 to 1, everywhere), `none`.
     ground_albedo: Lambertian, one number or one per wavelength.
+    """
+
+    profile: str | AirProfile = "midlatitude_summer"
+    top_km: float = 100.0
+    ground_altitude_km: float = 0.0
+    layers: EqualAirMass | Boundaries | None = None
+    ozone_column_du: float | None = None
+    ozone_day_of_year: float | None = None
+    ozone_treatment: str = "layer"
+    no2: bool = True
+    o4: bool = True
+    own_gas: tuple[str, float] | None = None
+    aerosol: AerosolSpec | None = None
+    stratosphere: StratosphereSpec | None = None
+    clouds: tuple[CloudLayer, ...] = ()
+    refraction: str = "ciddor"
+    co2_ppm: float = 420.0
+    haber_humidity: float = 0.0
+    ground_albedo: Any = 0.0
+    name: str = ""
+
+
+def build_medium(wavelength_nm: Any, **parts: Any) -> Medium:
+    """The optical medium of an atmosphere at W wavelengths (280 to 1000 nm, increasing); parts: of `AirParts`.
 
     Medium.notes holds `optical_depth` by part (each a list over wavelengths), `ozone_column_du`, `ozone_source` (in
     words), `profile`, `regions` (name, bottom, top) and `aerosol_factor`.  Raises TwilightError on anything that is not
     possible.
     """
+    made = AirParts(**parts)
+    top_km, co2_ppm = made.top_km, made.co2_ppm
     wavelength = gases.check_wavelengths(wavelength_nm)
     if not (math.isfinite(top_km) and MIN_TOP_KM <= top_km <= PROFILE_TOP_KM):
         raise TwilightError(f"top_km: {top_km} is not possible, allowed is {MIN_TOP_KM:g} to {PROFILE_TOP_KM:g} km")
     if not (math.isfinite(co2_ppm) and 0.0 <= co2_ppm <= 1e5):
         raise TwilightError(f"co2_ppm: {co2_ppm} is not possible, allowed is 0 to 100000 ppm")
-    albedo = check_ground_albedo(ground_albedo, wavelength.size)
-    if not (math.isfinite(ground_altitude_km) and LOWEST_GROUND_KM <= ground_altitude_km <= MAX_GROUND_KM):
+    albedo = check_ground_albedo(made.ground_albedo, wavelength.size)
+    if not (math.isfinite(made.ground_altitude_km) and LOWEST_GROUND_KM <= made.ground_altitude_km <= MAX_GROUND_KM):
         raise TwilightError(
-            f"ground.altitude_km: {ground_altitude_km} is not possible, allowed is {LOWEST_GROUND_KM:g} to "
+            f"ground.altitude_km: {made.ground_altitude_km} is not possible, allowed is {LOWEST_GROUND_KM:g} to "
             f"{MAX_GROUND_KM:g} km"
         )
-    ground_km = float(ground_altitude_km)
-    full = (load_profile(profile) if isinstance(profile, str) else profile).above(ground_km)
-    ozone_factor = gases.ozone_factor(full, _ozone_column(ozone_column_du, ozone_day_of_year))
-    check_layers(clouds, ground_km, top_km)
-    regions, aerosol_factor = _aerosol_regions(aerosol, stratosphere, wavelength, (ground_km, top_km), full, co2_ppm)
-    regions += [layer.region(wavelength) for layer in clouds]
+    ground_km = float(made.ground_altitude_km)
+    full = (load_profile(made.profile) if isinstance(made.profile, str) else made.profile).above(ground_km)
+    ozone_factor = gases.ozone_factor(full, _ozone_column(made.ozone_column_du, made.ozone_day_of_year))
+    check_layers(made.clouds, ground_km, top_km)
+    regions, aerosol_factor = _aerosol_regions(
+        made.aerosol, made.stratosphere, wavelength, (ground_km, top_km), full, co2_ppm
+    )
+    regions += [layer.region(wavelength) for layer in made.clouds]
 
     altitude, upper_side = _levels(full.altitude_km, regions, top_km)
     state = full.at(altitude)
     air = state.air_per_cm3[:, None] * gases.cross_section_cm2(wavelength, co2_ppm) * 1e5
-    parts, overhead = _gas_absorption(full, state, wavelength, ozone_treatment, ozone_factor, no2, o4)
-    if own_gas is not None:
-        parts["own"] = gases.own_absorption_per_km(*own_gas, full, state, wavelength)
+    parts, overhead = _gas_absorption(full, state, wavelength, made.ozone_treatment, ozone_factor, made.no2, made.o4)
+    if made.own_gas is not None:
+        parts["own"] = gases.own_absorption_per_km(*made.own_gas, full, state, wavelength)
     extinction, scattering, phase_fraction, phases = _aerosol_levels(regions, altitude, upper_side, wavelength.size)
     medium = Medium(
         wavelength_nm=wavelength,
@@ -108,11 +117,11 @@ def build_medium(
         ),
         aerosol_phase_fraction=phase_fraction,
         phase_functions=phases,
-        refractivity=_refractivity(refraction, state, wavelength, co2_ppm, haber_humidity),
+        refractivity=_refractivity(made.refraction, state, wavelength, co2_ppm, made.haber_humidity),
         depolarisation=gases.depolarisation(wavelength, co2_ppm),
         ground_albedo=albedo,
         overhead_absorption_optical_depth=overhead,
-        name=name,
+        name=made.name,
     )
     depths = {"air": medium.optical_depth("air")}
     depths |= {gas: vertical_integral(a, altitude) for gas, a in parts.items()}
@@ -122,14 +131,14 @@ def build_medium(
         depths["ozone overhead"] = overhead
     notes = {
         "profile": full.name,
-        "ozone_source": _ozone_source(full.source, ozone_column_du, ozone_day_of_year),
-        "ozone_column_du": 0.0 if ozone_treatment == "none" else full.ozone_column_du * ozone_factor,
+        "ozone_source": _ozone_source(full.source, made.ozone_column_du, made.ozone_day_of_year),
+        "ozone_column_du": 0.0 if made.ozone_treatment == "none" else full.ozone_column_du * ozone_factor,
         "optical_depth": {key: value.tolist() for key, value in depths.items()},
         "regions": [(region.name, region.bottom_km, min(region.top_km, top_km)) for region in regions],
         "aerosol_factor": aerosol_factor,
     }
-    if layers is not None:
-        medium = layered(medium, layers.boundaries_km(top_km, ground_km), layers.coefficients)
+    if made.layers is not None:
+        medium = layered(medium, made.layers.boundaries_km(top_km, ground_km), made.layers.coefficients)
     return replace(medium, notes=notes)
 
 

@@ -141,7 +141,8 @@ def climatological_column_du(latitude_deg: float, day_of_year: float) -> float:
 
 def climatology_source(latitude_deg: float, day_of_year: float) -> str:
     """The climatology, its latitude and its day, in words."""
-    return f"zonal mean (McPeters, Labow and Logan 2007), {latitude_deg:.4g} N, day {day_of_year:g}"
+    where = f"{abs(latitude_deg):.4g} {'S' if latitude_deg < 0.0 else 'N'}"
+    return f"zonal mean (McPeters et al. 2007), {where}, day {day_of_year:g}"
 
 
 YEAR: tuple[float, ...] = tuple(MIDDLE_OF_MONTH)
@@ -162,7 +163,7 @@ def profile_column_du(profile: str) -> tuple[float, str]:
     latitude, days = OF_PROFILES[profile]
     column = float(np.mean([climatological_column_du(latitude, day) for day in days]))
     season = f"day {days[0]:g}" if len(days) == 1 else "the year"
-    return column, f"zonal mean (McPeters, Labow and Logan 2007), {latitude:g} N, {season}, where {profile} stands"
+    return column, f"zonal mean (McPeters et al. 2007), {latitude:g} N, {season}, as {profile}"
 
 
 @dataclass(frozen=True)

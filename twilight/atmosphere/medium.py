@@ -225,16 +225,9 @@ class Medium:
         """The same medium with levels inserted, so that kernels may interpolate linearly between them.
 
         Of a coefficient that falls by q = ln(a/b) over a layer, linear interpolation is off by q^2/8 at most.
-
-        Parameters
-        ----------
-        max_thickness_km
-            Largest distance of two levels [km] near the ground; higher up 2 % of the height above it.
-        tolerance
-            Largest relative error of a coefficient between two levels.
-        like
-            The same levels at other wavelengths, whose coefficients say how many are inserted; None: this medium's.
-        """
+        max_thickness_km: largest distance of two levels [km] near the ground; higher up 2 % of the height above it.
+        tolerance: largest relative error of a coefficient between two levels.  like: the same levels at other
+        wavelengths, whose coefficients say how many are inserted; None: this medium's."""
         z = self.altitude_km
         whose = like or self
         new = [z[:1]]
@@ -353,3 +346,13 @@ def with_joined_refractivity(medium: Medium) -> Medium:
     x, y = np.concatenate([z[:1], middle, z[-1:]]), np.concatenate([[lowest], value, [top]])
     smooth = [np.exp(monotone_cubic(levels, x, column)) * (column.max() > np.log(1e-200)) for column in y.T]
     return replace(medium, refractivity=np.stack(smooth, axis=1)[place])
+
+
+def observer_at(medium: Medium, altitude_km: float | None, otherwise: float = 0.0) -> float:
+    """An observer's altitude [km], `otherwise` where it is None; TwilightError for one below the ground."""
+    altitude = otherwise if altitude_km is None else float(altitude_km)
+    if not medium.bottom_km <= altitude < np.inf:
+        raise TwilightError(
+            f"observer.altitude_km is {altitude:g}; allowed is {medium.bottom_km:g} (the ground) and more"
+        )
+    return altitude

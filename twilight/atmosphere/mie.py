@@ -17,7 +17,6 @@ import numpy as np
 
 from twilight.atmosphere import shipped_optics
 from twilight.base import cache
-from twilight.base.threads import one_blas_thread
 from twilight.numerics.phase import TABLE, PhaseFunction, table_angles_rad
 
 METHOD_VERSION = 3
@@ -272,7 +271,6 @@ def coefficients(m: complex, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return a_and_b[0], a_and_b[1]
 
 
-@one_blas_thread()
 def compute_optics(size: SizeDistribution, index: complex, wavelength_nm: float) -> np.ndarray:
     """Extinction, scattering [km^-1 per cm^-3], asymmetry, and at the table's angles ln P11, P12/P11, P33/P11, P34/P11.
 

@@ -52,20 +52,9 @@ STEP_KM = 0.25
 class Screen:
     """T by the least altitude of the beam between two distances from the point where it arrives.
 
-    Parameters
-    ----------
-    altitude_km, transmission : tuples of N
-        Increasing altitudes above sea level [km], and T there, 0 to 1, at 550 nm.
-    from_km, to_km
-        The part of the way that counts [km], as distances from the point.
-    angstrom_exponent
-        alpha of the optical depth -ln T, -1 to 5.
-
-    Raises
-    ------
-    TwilightError
-        For a table or distances that mean nothing.
-    """
+    altitude_km, transmission: increasing altitudes above sea level [km], and T there, 0 to 1, at 550 nm; from_km,
+    to_km: the part of the way that counts [km], as distances from the point; angstrom_exponent: alpha of the optical
+    depth -ln T, -1 to 5.  Errors: TwilightError for a table or distances that mean nothing."""
 
     altitude_km: tuple[float, ...]
     transmission: tuple[float, ...]

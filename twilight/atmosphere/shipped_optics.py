@@ -2,7 +2,7 @@
 
 They save the first picture half a second.  They are a filled cache and nothing else: an entry is found by the hash of
 everything that entered it, the file is checked against its own hash, and a test computes a sample anew.
-``python benchmarks/ship_optics.py`` writes the file.
+``python benchmarks/builders/ship_optics.py`` writes the file.
 """
 
 import hashlib

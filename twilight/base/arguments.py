@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from twilight.base.errors import TwilightError
+from twilight.base.threads import one_blas_thread
 
 UNITS = {"deg": "deg", "km": "km", "nm": "nm", "au": "AU", "cd_per_m2": "cd m-2"}
 """The last word of a parameter's name that is its unit, and how astropy writes that."""
@@ -62,7 +63,7 @@ def unit_in(name: str) -> str | None:
 
 def in_units(function: F) -> F:
     """The same function with `plain` numbers for all parameters whose names end in a unit, one number where it takes a
-    `float`; of a class, all its public methods."""
+    `float`, and products of matrices on one thread; of a class, all its public methods."""
     if isinstance(function, type):
         for name, method in list(vars(function).items()):
             if inspect.isfunction(method) and (name == "__init__" or not name.startswith("_")):
@@ -83,7 +84,8 @@ def in_units(function: F) -> F:
             if name in single and np.ndim(given[name]):
                 raise TwilightError(f"{name}: must be one number, got {_shown(value)}")
         first = [given.get(n, v) if n else v for n, v in zip(names, args, strict=False)]
-        return function(*first, *args[len(names) :], **{n: given.get(n, v) for n, v in kwargs.items()})
+        with one_blas_thread():
+            return function(*first, *args[len(names) :], **{n: given.get(n, v) for n, v in kwargs.items()})
 
     return called  # type: ignore[return-value]
 

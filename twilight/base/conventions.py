@@ -34,6 +34,9 @@ Emde et al. 2015, IPRT, J. Quant. Spectrosc. Radiat. Transfer 164, 8; Hovenier a
 ``[level, wavelength]``.
 """
 
+DARK = 1e-30
+"""Radiance over F0 [sr^-1], or transmittance, that counts as none where a logarithm or a ratio is taken."""
+
 EARTH_RADIUS_KM = 6371.0
 """Mean radius of the Earth (Haber 2005 sec. 4.1.3; IUGG mean radius 6371.0088 km)."""
 

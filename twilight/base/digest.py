@@ -81,8 +81,8 @@ def _read(file: Path) -> tuple[tuple[str, ...], frozenset[str]]:
         inside = [f"{module}.{name}" for name in re.findall(r"(?:^|,)\s*(\w+)", re.sub(r"#.*|[()]", "", names))]
         modules = [name for name in inside if _file(name) is not None]
         found += modules if len(modules) == len(inside) else [*modules, module]
-    strings = re.findall(r"[\"']([^\"'\n]*)[\"']", text)
-    return tuple(found), frozenset(part for string in strings for part in re.split(r"[./]", string))
+    strings = "/".join(set(re.findall(r"[\"']([^\"'\n]*)[\"']", text)))
+    return tuple(found), frozenset(strings.replace(".", "/").split("/"))
 
 
 def _name(file: Path) -> str:
@@ -102,8 +102,17 @@ def _file(module: str) -> Path | None:
     return next((file for file in (base.with_suffix(".py"), base / "__init__.py") if file.is_file()), None)
 
 
+def content_digest(*values: object) -> str:
+    """SHA-256 over all in values: `add_content`."""
+    digest = hashlib.sha256()
+    add_content(digest, values)
+    return digest.hexdigest()
+
+
 def add_content(digest: hashlib._Hash, value: object) -> None:
     """Everything in arrays, tuples and dataclasses; of a medium all but notes and the air at other wavelengths."""
+    if isinstance(value, np.generic):
+        value = value.item()
     if isinstance(value, np.ndarray):
         digest.update(f"{value.dtype.str}{value.shape}".encode() + np.ascontiguousarray(value).tobytes())
     elif isinstance(value, tuple):

@@ -4,8 +4,9 @@ Small matrix products on one thread.
 """
 
 import functools
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 SLICES_PER_THREAD = 8
@@ -14,13 +15,13 @@ SLICES_PER_THREAD = 8
 
 def in_slices(work: Callable[[int, int], None], n: int) -> None:
     """Call `work(first, end)` for slices that cover range(n), on as many threads as numba is set to use."""
-    try:
-        import numba  # start-up
+    threads = 1
+    if n > 1:
+        with suppress(ImportError):  # kernels are Python, one at a time
+            import numba  # start-up
 
-        threads = numba.get_num_threads()
-    except ImportError:  # kernels are Python, one at a time
-        threads = 1
-    if threads == 1 or n < 2:
+            threads = numba.get_num_threads()
+    if threads == 1:
         work(0, n)
         return
     from concurrent.futures import ThreadPoolExecutor  # start-up
@@ -41,13 +42,15 @@ def in_slices(work: Callable[[int, int], None], n: int) -> None:
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Keep numpy's matrix products on one thread: many small ones on several threads wait for each other, on a busy
-    machine twenty times as long as one thread takes, and sums may depend on their number.  Also a decorator."""
-    with _controller().limit(limits=1, user_api="blas"):
+    machine twenty times as long as one thread takes, and sums may depend on their number.  Also a decorator: of what
+    people call (`base.arguments.in_units`, `resolve`, `solve`, the command), so that nothing below needs it."""
+    with _controller(len(sys.modules)).limit(limits=1, user_api="blas"):
         yield
 
 
-@functools.cache
-def _controller() -> Any:
+@functools.lru_cache(maxsize=1)
+def _controller(modules: int) -> Any:
+    """Of the libraries that are loaded: scipy brings one of its own with some of its modules; modules: how many are."""
     from threadpoolctl import ThreadpoolController  # start-up
 
     return ThreadpoolController()

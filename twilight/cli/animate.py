@@ -1,13 +1,54 @@
 """`twilight animate`: a film of the sky."""
 
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from twilight.base.errors import TwilightError
 from twilight.cli import options
-from twilight.cli.options import flag, option
+from twilight.cli.options import Sets, SolverSettings, Within, flag, option
 from twilight.cli.terminal import progress_bar
+
+
+@dataclass(frozen=True)
+class PaceOptions:
+    """Which suns a film shows, and how fast."""
+
+    from_deg: Annotated[
+        float | None,
+        option("DEG", "Elevation of the sun at the beginning, in place of the scene's.", "--from"),
+        Within(-90.0, 90.0),
+    ] = None
+    to_deg: Annotated[
+        float | None,
+        option("DEG", "Elevation of the sun at the end, in place of the scene's.", "--to"),
+        Within(-90.0, 90.0),
+    ] = None
+    speed: Annotated[
+        float | None,
+        option("X", "Seconds of the sky in a second of the film; 1: real time. Without it 300."),
+        Within(0.001, 1e6),
+    ] = None
+    frames: Annotated[int | None, option("N", "Number of pictures, in place of --speed."), Within(2, 100_000)] = None
+    frames_per_second: Annotated[float, option("N", "Pictures in a second of the film."), Within(0.1, 240.0)] = 25.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilmSettings(SolverSettings):
+    """How the pictures of a film look, and any key."""
+
+    tone: Annotated[
+        str | None,
+        option("NAME", "How light becomes a picture: photographic, filmic, gamma, eye or camera."),
+        Sets(["output.tone_mapping"]),
+    ] = None
+    projection: Annotated[
+        str | None, option("NAME", "Projection, as observer.view.kind."), Sets(["observer.view.kind"])
+    ] = None
+    width: Annotated[int | None, option("PIXELS", "Width of the pictures."), Sets(["observer.view.width"])] = None
+    height: Annotated[int | None, option("PIXELS", "Height of the pictures."), Sets(["observer.view.height"])] = None
+    disc: Annotated[bool, flag("--disc", "Draw the sun's disc, as sun.disc."), Sets(["sun.disc"])] = False
 
 
 def animate(
@@ -15,48 +56,16 @@ def animate(
     output: Annotated[
         Path, option("FILE", "Ends in .mp4, .webp or .gif; without a suffix a folder of numbered EXR.", "--output")
     ],
-    from_deg: Annotated[
-        float | None, option("DEG", "Elevation of the sun at the beginning, in place of the scene's.", "--from")
-    ] = None,
-    to_deg: Annotated[
-        float | None, option("DEG", "Elevation of the sun at the end, in place of the scene's.", "--to")
-    ] = None,
-    speed: Annotated[
-        float | None, option("X", "Seconds of the sky in a second of the film; 1: real time. Without it 300.")
-    ] = None,
-    frames: Annotated[int | None, option("N", "Number of pictures, in place of --speed.")] = None,
-    frames_per_second: Annotated[float, option("N", "Pictures in a second of the film.")] = 25.0,
+    pace: PaceOptions,
+    keys: FilmSettings,
     exposure: Annotated[
         str | None, option("constant|metered|EV", "One for all, a meter smoothed over 1 s of film, or a number.")
     ] = None,
-    tone: Annotated[
-        str | None, option("NAME", "How light becomes a picture: photographic, filmic, gamma, eye or camera.")
-    ] = None,
-    projection: Annotated[str | None, option("NAME", "Projection, as observer.view.kind.")] = None,
-    width: Annotated[int | None, option("PIXELS", "Width of the pictures.")] = None,
-    height: Annotated[int | None, option("PIXELS", "Height of the pictures.")] = None,
-    disc: Annotated[bool, flag("--disc", "Draw the sun's disc, as sun.disc.")] = False,
-    quality: Annotated[str | None, options.QUALITY] = None,
-    settings: Annotated[list[str] | None, options.SETTINGS] = None,
 ) -> None:
     """Make a film of the sky under a moving sun, all from one field; an interrupted one continues."""
-    options.check_range(speed, "--speed", 0.001, 1e6)
-    options.check_range(frames, "--frames", 2, 100_000)
-    if speed is not None and frames is not None:
+    if pace.speed is not None and pace.frames is not None:
         raise TwilightError("--frames: is not allowed with --speed, which says how many pictures there are")
-    options.check_range(frames_per_second, "--frames-per-second", 0.1, 240.0)
-    options.check_range(from_deg, "--from", -90.0, 90.0)
-    options.check_range(to_deg, "--to", -90.0, 90.0)
-    chosen, names = options.settings_of(settings)
-    given: options.Given = {
-        "observer.view.kind": (projection, "--projection"),
-        "observer.view.width": (width, "--width"),
-        "observer.view.height": (height, "--height"),
-        "solver.quality": (quality, "--quality"),
-        "sun.disc": (disc or None, "--disc"),
-        "output.tone_mapping": (tone, "--tone"),
-    }
-    options.put_options(chosen, names, given)
+    chosen, names = keys.chosen()
     how = exposure if exposure in (None, "constant", "metered") else _exposure_value(exposure)
     chosen |= _usual_view(scene, chosen)
     config = options.load_one_scene(scene, chosen, names, "animate")
@@ -64,12 +73,13 @@ def animate(
     from twilight.show.film import Animation
     from twilight.show.timeline import Pace
 
-    pace = Pace(Pace.speed if speed is None else speed, frames_per_second, from_deg, to_deg, frames)
-    film = Animation(config, output, pace, exposure=how)
+    speed = Pace.speed if pace.speed is None else pace.speed
+    frames = Pace(speed, pace.frames_per_second, pace.from_deg, pace.to_deg, pace.frames)
+    film = Animation(config, output, frames, exposure=how)
     rows, columns = film.view.shape
     n = len(film.line)
     print(
-        f"{n} pictures of {columns} x {rows}, {n / frames_per_second:.1f} s of film, sun "
+        f"{n} pictures of {columns} x {rows}, {n / pace.frames_per_second:.1f} s of film, sun "
         f"{film.line.elevation_deg[0]:+.1f} to {film.line.elevation_deg[-1]:+.1f} deg",
         flush=True,
     )

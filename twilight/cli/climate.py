@@ -15,21 +15,13 @@ app = typer.Typer(name="climate", help="Make climates.", no_args_is_help=True, r
 
 
 def from_files(
+    moment: options.PlaceAndTime,
     files: Annotated[
         list[Path] | None, argument("FILE...", "Soundings, reanalyses, AERONET: known by what they hold.")
     ] = None,
-    at: Annotated[
-        str | None, option("TIME", "Date and time, e.g. 2026-06-21T21:45 or '2026-06-21 civil dusk'; needs a place.")
-    ] = None,
-    latitude: Annotated[float | None, options.LATITUDE] = None,
-    longitude: Annotated[float | None, options.LONGITUDE] = None,
-    time_zone: Annotated[str | None, options.TIME_ZONE_OF_TIME] = None,
     base: Annotated[
         str, option("CLIMATE", "Gives what the files do not.", complete=options.climate_names)
     ] = "continental-average",
-    ozone: Annotated[
-        str | None, option("climatology", "The usual ozone column of the place and date, where no file has one.")
-    ] = None,
     name: Annotated[str | None, option("NAME", "Of the climate; without it, the base's with the date.")] = None,
     settings: Annotated[list[str] | None, option("KEY=VALUE", "Any key of the base; may be repeated.", "--set")] = None,
 ) -> None:
@@ -39,14 +31,12 @@ def from_files(
     from twilight.config import load_climate
     from twilight.config.measured import assemble, read
 
-    if not files and ozone is None:
-        raise TwilightError("climate from: needs a file, or --ozone climatology")
-    if ozone not in (None, "climatology"):
-        raise TwilightError(f"--ozone: must be climatology, got {ozone}")
-    wanted = _wanted(at, latitude, longitude, time_zone)
+    if not files:
+        raise TwilightError("climate from: needs a file")
+    wanted = _wanted(moment)
     climate = load_climate(base, *options.settings_of(settings))
-    readings = [read(str(path), wanted) for path in files or ()]
-    data = assemble(climate, readings, wanted, usual_ozone=ozone is not None)
+    readings = [read(str(path), wanted) for path in files]
+    data = assemble(climate, readings, wanted)
     date = f"-{wanted.time:%Y-%m-%d}" if wanted.time is not None else ""
     data["name"] = name or f"{climate.name}{date}"
     where = "" if wanted.latitude_deg is None else f" at {wanted.latitude_deg:g} N {wanted.longitude_deg:g} E"
@@ -76,20 +66,17 @@ def source_summary(sources: dict[str, str]) -> str:
     return f"air from files: {', '.join(of[False]) or 'nothing'}; the climate's own: {', '.join(of[True]) or 'nothing'}"
 
 
-def _wanted(at: str | None, latitude: float | None, longitude: float | None, zone: str | None) -> Any:
+def _wanted(moment: options.PlaceAndTime) -> Any:
     """The place and time of the options."""
     from twilight.io.air import PlaceAndTime
 
-    if (latitude is None) != (longitude is None):
-        raise TwilightError("--latitude and --longitude: give both, or neither")
-    options.check_range(latitude, "--latitude", -90.0, 90.0)
-    options.check_range(longitude, "--longitude", -360.0, 360.0)
-    if at is None:
-        return PlaceAndTime(None, latitude, longitude)
-    if latitude is None:
-        raise TwilightError("--at: a time needs a place: give --latitude and --longitude")
-    sun = options.sun_at(at, latitude, longitude, zone)
-    return PlaceAndTime(sun.aware(sun.at), latitude, longitude)
+    if moment.at is None:
+        if (moment.latitude is None) != (moment.longitude is None):
+            raise TwilightError("--latitude and --longitude: give both, or neither")
+        return PlaceAndTime(None, moment.latitude, moment.longitude)
+    sun = moment.sun()
+    assert sun is not None
+    return PlaceAndTime(sun.aware(sun.at), moment.latitude, moment.longitude)
 
 
 app.command("from")(with_errors_as_sentences(from_files))

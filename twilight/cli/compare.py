@@ -2,18 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from twilight.base.errors import TwilightError
 from twilight.base.extras import require
 from twilight.cli import options
-from twilight.cli.options import argument, option
+from twilight.cli.options import Within, argument, option
 from twilight.cli.terminal import print_table, progress_bar
+
+
+@dataclass(frozen=True)
+class ComparisonOptions:
+    """How near, where and how long solvers are compared."""
+
+    reference_stderr: Annotated[
+        float, option("FRACTION", "Relative standard error of the radiances that montecarlo makes."), Within(1e-4, 0.1)
+    ] = 0.003
+    directions: Annotated[
+        int, option("N", "Directions of the texture in which montecarlo makes them."), Within(4, 100_000)
+    ] = 48
+    time_limit: Annotated[
+        float,
+        option("SECONDS", "For one solver at one quality, all suns together, and for one sun of montecarlo's."),
+        Within(1.0, 1e7),
+    ] = 900.0
+    repeats: Annotated[int, option("N", "Most timed runs of each, of which the median is given."), Within(1, 100)] = 3
 
 
 def compare(
     scene: Annotated[str, argument("CLIMATE_OR_CONFIG", "Name or file of a climate, or file of a configuration.")],
+    limits: ComparisonOptions,
     solvers: Annotated[
         str | None, option("NAMES", "Comma-separated, e.g. cells,montecarlo:draft; without it, all qualities of all.")
     ] = None,
@@ -23,14 +43,6 @@ def compare(
     reference: Annotated[
         Path | None, option("FILE.csv", "Stored radiances that are taken for right; without it, montecarlo makes them.")
     ] = None,
-    reference_stderr: Annotated[
-        float, option("FRACTION", "Relative standard error of the radiances that montecarlo makes.")
-    ] = 0.003,
-    directions: Annotated[int, option("N", "Directions of the texture in which montecarlo makes them.")] = 48,
-    time_limit: Annotated[
-        float, option("SECONDS", "For one solver at one quality, all suns together, and for one sun of montecarlo's.")
-    ] = 900.0,
-    repeats: Annotated[int, option("N", "Most timed runs of each, of which the median is given.")] = 3,
     ablations: Annotated[
         str | None,
         option(
@@ -45,10 +57,6 @@ def compare(
     require("compare", "colour", "matplotlib")
     chosen, names = options.settings_of(settings)
     suns = None if sun_elevation is None else options.parse_numbers(sun_elevation, "--sun-elevation", -90.0, 90.0)
-    options.check_range(reference_stderr, "--reference-stderr", 1e-4, 0.1)
-    options.check_range(directions, "--directions", 4, 100_000)
-    options.check_range(time_limit, "--time-limit", 1.0, 1e7)
-    options.check_range(repeats, "--repeats", 1, 100)
     config = options.load_one_scene(scene, chosen, names, "compare")
     from twilight.scene.usual import CLEAN
 
@@ -59,18 +67,18 @@ def compare(
 
     from twilight.base.progress import part_of
     from twilight.engine import check_size
-    from twilight.studies.compare import comparison, reference_solution, report
+    from twilight.studies.compare import comparison, presets, reference_solution, report
     from twilight.studies.compare.bench import Bench
     from twilight.studies.compare.job import stratified_directions, sun_elevations
 
-    bench = Bench(folder / "rows", time_limit)
+    bench = Bench(folder / "rows", limits.time_limit)
     if ablations is not None:
         if solvers is not None or reference is not None:
             raise TwilightError("--ablations: compares runs of one solver; it takes no --solvers and no --reference")
-        _ablate(scene, chosen, ablations, suns or sun_elevations(config), bench, repeats, folder)
+        _ablate(scene, chosen, ablations, suns or sun_elevations(config), bench, limits.repeats, folder)
         return
     wanted = None if solvers is None else [name for name in solvers.split(",") if name.strip()]
-    presets = comparison.solver_presets(wanted)
+    wanted_presets = presets.solver_presets(wanted)
     check_size(config)
     stored = None if reference is None else reference_solution.read_references(reference)
     if suns is None and (stored is None or "sun" in config.model_fields_set):
@@ -82,13 +90,17 @@ def compare(
     with progress_bar() as progress:
         if references is None:
             done = 0.3
-            solver = reference_solution.ReferenceSolver(config, folder / "rows", reference_stderr, time_limit)
+            solver = reference_solution.ReferenceSolver(
+                config, folder / "rows", limits.reference_stderr, limits.time_limit
+            )
             part = part_of(progress, 0.0, done)
-            grid = stratified_directions(config.texture.shape, directions)
+            grid = stratified_directions(config.texture.shape, limits.directions)
             references = solver.references(suns or [], grid, part)
             reference_solution.write_references(folder / "reference.csv", references)
         part = part_of(progress, done, 1.0 - done)
-        for results in comparison.compare(config, presets, references, bench, repeats=repeats, progress=part):
+        for results in comparison.compare(
+            config, wanted_presets, references, bench, repeats=limits.repeats, progress=part
+        ):
             rows += results
             report.write_tables(rows, folder)
     drawn = report.draw(report.points(rows), folder / "error-against-time.png", title=config.title)

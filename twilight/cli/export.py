@@ -4,6 +4,7 @@
 """
 
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,11 +12,29 @@ import typer
 
 from twilight.base.errors import TwilightError
 from twilight.cli import options
-from twilight.cli.options import argument, flag, option
+from twilight.cli.options import EndsIn, Within, argument, flag, option
 from twilight.cli.terminal import progress_bar, with_errors_as_sentences
 
 FULL_M = (0.0, 500.0, 1000.0, 2000.0, 4000.0, 7000.0, 10_000.0, 15_000.0)
 """Altitudes of viewpoints above the ground in the layout full."""
+
+
+@dataclass(frozen=True)
+class ChannelOptions:
+    """The channels of a file of the Prague Sky Model."""
+
+    channels: Annotated[int, option("N", "Channels."), Within(1, 60)] = 11
+    start_nm: Annotated[float, option("NM", "Where the first channel begins.")] = 320.0
+    width_nm: Annotated[float, option("NM", "Width of a channel."), Within(1.0, 200.0)] = 40.0
+    nodes: Annotated[int, option("N", "Wavelengths of each channel at which light is computed."), Within(1, 8)] = 2
+
+    def __post_init__(self) -> None:
+        end_nm = self.start_nm + self.channels * self.width_nm
+        if not (self.start_nm >= 280.0 and end_nm <= 1000.0):
+            raise TwilightError(
+                f"--channels {self.channels} of --width-nm {self.width_nm:g} from --start-nm {self.start_nm:g} reach "
+                f"from {self.start_nm:g} to {end_nm:g} nm; allowed is 280 to 1000 nm"
+            )
 
 
 def prague(
@@ -27,7 +46,8 @@ def prague(
             options.climate_names,
         ),
     ],
-    output: Annotated[Path, option("FILE.dat", "The file.")],
+    output: Annotated[Path, option("FILE.dat", "The file."), EndsIn([".dat"])],
+    spectrum: ChannelOptions,
     layout: Annotated[
         Literal["ground", "full"], option("NAME", "ground: seen from it; full: from eight altitudes to 15 km.")
     ] = "ground",
@@ -35,29 +55,11 @@ def prague(
         str | None, option("KM,...", "Visibilities; without it, 20,32,51,82,131.8 of one climate.")
     ] = None,
     albedo: Annotated[str, option("A,...", "Albedos of the ground.")] = "0,1",
-    channels: Annotated[int, option("N", "Channels.")] = 11,
-    start_nm: Annotated[float, option("NM", "Where the first channel begins.")] = 320.0,
-    width_nm: Annotated[float, option("NM", "Width of a channel.")] = 40.0,
-    nodes: Annotated[int, option("N", "Wavelengths of each channel at which light is computed.")] = 2,
-    rank: Annotated[int, option("N", "Products in each sky.")] = 9,
+    rank: Annotated[int, option("N", "Products in each sky."), Within(1, 20)] = 9,
     polarisation: Annotated[bool, flag("--polarisation", "The degree of polarisation too.")] = False,
     quality: Annotated[str, option("NAME", "Preset of zones.")] = "draft",
 ) -> None:
     """Write the sky of a climate, for every sun down to -18 deg, as a file of the Prague Sky Model."""
-    for name, value, low, high in (
-        ("--channels", channels, 1, 60),
-        ("--nodes", nodes, 1, 8),
-        ("--rank", rank, 1, 20),
-        ("--width-nm", width_nm, 1.0, 200.0),
-    ):
-        options.check_range(value, name, low, high)
-    end_nm = start_nm + channels * width_nm
-    if not (start_nm >= 280.0 and end_nm <= 1000.0):
-        raise TwilightError(
-            f"--channels {channels} of --width-nm {width_nm:g} from --start-nm {start_nm:g} reach from {start_nm:g} to "
-            f"{end_nm:g} nm; allowed is 280 to 1000 nm"
-        )
-    options.check_suffix(output, "--output", ".dat")
     visibilities = None if visibility is None else tuple(options.parse_numbers(visibility, "--visibility", 1.0, 400.0))
     albedos = sorted(options.parse_numbers(albedo, "--albedo", 0.0, 1.0))
 
@@ -81,11 +83,11 @@ def prague(
         np.array(albedos),
         SAFETY_M + np.array(FULL_M if layout == "full" else (0.0,)),
         np.array(SUN_DEG),
-        channels,
-        start_nm,
-        width_nm,
+        spectrum.channels,
+        spectrum.start_nm,
+        spectrum.width_nm,
     )
-    asked = channel_nodes(channels, start_nm, width_nm, nodes)
+    asked = channel_nodes(spectrum.channels, spectrum.start_nm, spectrum.width_nm, spectrum.nodes)
 
     def field_of(v: int, b: int, progress: Any) -> Any:
         scene = resolve(airs[v].config(float(axes.albedo[b]), quality), wavelength_nm=asked.wavelength_nm)
@@ -105,20 +107,18 @@ def prague(
 
 def shader(
     climate: Annotated[str, argument("CLIMATE", "Name or file of a climate or configuration.")],
+    keys: options.SolverSettings,
     output: Annotated[Path | None, option("DIR", "New folder; without it, out/CLIMATE-shader.")] = None,
-    quality: Annotated[str | None, options.QUALITY] = None,
-    settings: Annotated[list[str] | None, options.SETTINGS] = None,
 ) -> None:
     """Write the sky of a climate for one observer and every sun as GLSL and WGSL with two textures, and a page."""
-    from twilight.cli.options import announce_compiling
+    from twilight.cli.compiling import announce_compiling
     from twilight.engine import solve
     from twilight.scene import resolve
     from twilight.show.shader import shader_sky
     from twilight.show.skies import check_altitudes
     from twilight.studies.export.prague import check_new, write_folder
 
-    chosen, names = options.settings_of(settings)
-    options.put_options(chosen, names, {"solver.quality": (quality, "--quality")})
+    chosen, names = keys.chosen()
     config = options.load_one_scene(climate, chosen, names, "export shader")
     scene = resolve(config)
     name = scene.medium.name or config.title

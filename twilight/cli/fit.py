@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -33,7 +34,15 @@ PER_SKY_COLUMNS = ("sky", "quantity", "A", "B", "C", "D", "E", "zenith", "median
 """Of the table of several skies; zenith: cd m^-2, or x and y of it; errors of |model / sky - 1| by solid angle."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class FitSettings(options.SolverSettings):
+    """The solver too."""
+
+    solver: options.Solver = None
+
+
 def perez(
+    keys: FitSettings,
     scene: Annotated[
         str, argument("CLIMATE_OR_CONFIG", "Climate or configuration; with --per-sky also a sky.h5 or a sweep's Zarr.")
     ] = "continental-average",
@@ -42,9 +51,6 @@ def perez(
     haze: Annotated[
         str | None, option("NAME", "Aerosol of the skies: climate (default), scaled, or preetham1999, the paper's.")
     ] = None,
-    solver: Annotated[str | None, options.SOLVER] = None,
-    quality: Annotated[str | None, options.QUALITY] = None,
-    settings: Annotated[list[str] | None, options.SETTINGS] = None,
     output: Annotated[Path | None, option("FILE.yaml", "Coefficients; without it, out/perez_NAME.yaml.")] = None,
 ) -> None:
     """Fit Perez's sky, as Preetham did: 5 turbidities, 12 suns, 343 directions; or five parameters to one sky."""
@@ -54,12 +60,7 @@ def perez(
     if not per_sky and sun_elevation is not None:
         raise TwilightError("--sun-elevation: is for --per-sky; the fit over turbidities has its own suns")
     sun = None if sun_elevation is None else {"elevation_deg": sun_elevation}
-    given = {
-        "sun": (sun, "--sun-elevation"),
-        "solver.name": (solver, "--solver"),
-        "solver.quality": (quality, "--quality"),
-    }
-    chosen, names = options.settings_of(settings, given)
+    chosen, names = keys.chosen({"sun": (sun, "--sun-elevation")})
     if per_sky:
         _each_sky(scene, chosen, names, output)
     else:

@@ -11,8 +11,8 @@ from twilight.cli.terminal import print_table, progress_bar
 def light(
     climate: Annotated[str, options.CLIMATE],
     at: Annotated[list[str], option("TIME", "E.g. 2026-06-21T22:15, or '2026-06-21 civil dusk'; may be repeated.")],
-    latitude: Annotated[float, options.LATITUDE],
-    longitude: Annotated[float, options.LONGITUDE],
+    place: options.Place,
+    keys: options.ObserverSettings,
     quantity: Annotated[
         list[str] | None,
         option(
@@ -33,10 +33,6 @@ def light(
         list[str] | None,
         option("NAME", "sun, sky, moon, airglow, stars, zodiacal_light, light_pollution, ground; without it, all."),
     ] = None,
-    time_zone: Annotated[str | None, options.TIME_ZONE_OF_TIME] = None,
-    altitude_km: Annotated[float | None, options.ALTITUDE_KM] = None,
-    quality: Annotated[str | None, options.QUALITY_LISTED] = None,
-    settings: Annotated[list[str] | None, options.SETTINGS] = None,
 ) -> None:
     """Print the light of directions or surfaces at a place and times: sun, sky, moon, stars, airglow, ground.
 
@@ -47,8 +43,6 @@ def light(
     from twilight.sky.surfaces import Surface
     from twilight.sky.surfaces import towards as read
 
-    options.check_range(latitude, "--latitude", -90.0, 90.0)
-    options.check_range(longitude, "--longitude", -180.0, 360.0)
     where = towards or ["zenith"]
     surfaces = [item for item in where if isinstance(read(item), Surface)]
     directions = [item for item in where if item not in surfaces]
@@ -65,8 +59,8 @@ def light(
                 continue
         with progress_bar() as progress:
             values = light_of(
-                (latitude, longitude), list(at), some, wanted, climate, sources=source, time_zone=time_zone,
-                altitude_km=altitude_km, quality=quality, settings=options.settings_of(settings)[0], progress=progress,
+                (place.latitude, place.longitude), list(at), some, wanted, climate, sources=source,
+                time_zone=place.time_zone, settings=keys.chosen()[0], progress=progress,
             )  # fmt: skip
         if " " in values.attrs["solver"]:
             said[values.attrs["solver"]] = None

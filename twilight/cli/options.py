@@ -1,13 +1,15 @@
-"""Options that several commands have, and the notice that the first run of a solver compiles."""
+"""Options that several commands have, and the objects that options of one command are together."""
 
 from __future__ import annotations
 
 import datetime as dt
+import functools
+import inspect
 import re
-import sys
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 
 import typer
 
@@ -34,6 +36,62 @@ def option(metavar: str, help: str, *names: str, complete: Callable[[str], list[
 def flag(name: str, help: str) -> Any:
     """An option without a value."""
     return typer.Option(name, help=help)
+
+
+class Within(NamedTuple):
+    """Limits of the value of an option, where it is given."""
+
+    low: float
+    high: float
+
+
+class EndsIn(tuple[str, ...]):
+    """Ends of the names of files that an option takes; the first is named in errors."""
+
+
+class Sets(tuple[str, ...]):
+    """Dotted keys of a configuration that an option sets, where it is given (`Settings`)."""
+
+
+def spread(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with options of its own for the fields of each parameter that is a dataclass; `Within` and `EndsIn`
+    among an option's annotations are seen to before it runs.
+
+    Errors, when it runs: TwilightError for a value beyond them.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+    options: list[inspect.Parameter] = []
+    for parameter in inspect.signature(command).parameters.values():
+        if parameter.name not in groups:
+            options.append(parameter.replace(kind=parameter.KEYWORD_ONLY, annotation=hints[parameter.name]))
+            continue
+        kind = groups[parameter.name]
+        own = get_type_hints(kind, include_extras=True)
+        of_group = inspect.signature(kind).parameters.values()
+        options += [p.replace(kind=p.KEYWORD_ONLY, annotation=own[p.name]) for p in of_group]
+
+    @functools.wraps(command)
+    def called(**given: Any) -> None:
+        for one in options:
+            for limit in getattr(one.annotation, "__metadata__", ()):
+                if isinstance(limit, Within):
+                    check_range(given[one.name], _name_of(one.name, one.annotation), *limit)
+                elif isinstance(limit, EndsIn):
+                    check_suffix(given[one.name], _name_of(one.name, one.annotation), *limit)
+        for name, kind in groups.items():
+            given[name] = kind(**{f.name: given.pop(f.name) for f in fields(kind)})
+        command(**given)
+
+    called.__signature__ = inspect.Signature(options)  # type: ignore[attr-defined]
+    called.__annotations__ = {one.name: one.annotation for one in options}
+    return called
+
+
+def _name_of(name: str, annotation: Any) -> str:
+    """What an option is called, by the name of its parameter and its annotation."""
+    called = getattr(annotation.__metadata__[0], "default", ...)
+    return called if isinstance(called, str) else f"--{name.replace('_', '-')}"
 
 
 def climate_names(incomplete: str) -> list[str]:
@@ -77,18 +135,103 @@ SCENE = argument("CLIMATE_OR_CONFIG", "Name or file of a climate or configuratio
 CLIMATE = argument("CLIMATE", "Name or file of a climate or configuration.", scene_names)
 SETTINGS = option("KEY=VALUE", "Any key; may be repeated.", "--set")
 SOLVER = option("NAME", "See `twilight show solvers`.", complete=solver_names)
-QUALITY = option("NAME", "Preset of the solver.")
-QUALITY_LISTED = option("NAME", "Preset of the solver: draft, standard, reference.")
-LATITUDE = option("DEG", "North positive, or 52.5N.")
-LONGITUDE = option("DEG", "East positive, or 13.4E.")
+QUALITY = option("NAME", "Preset of the solver: draft, standard, reference ...")
 ALTITUDE_KM = option("KM", "Altitude of the observer above sea level.")
-TIME_ZONE = option("ZONE", "Of what is printed, e.g. Europe/Berlin; without it, UTC.")
-TIME_ZONE_OF_TIME = option("ZONE", "For a TIME without offset, e.g. Europe/Berlin.")
-THREADS = option("N", "Of each worker; without it, cores are shared evenly.")
-WORKERS = option("N", "Processes on this machine (default: its cores), or jobs.")
 ONLY_PLAN = flag("--plan", "Only say what would be computed.")
+LATITUDE = option("DEG", "North positive, or 52.5N.")
+LATITUDES = Within(-90.0, 90.0)
+LONGITUDE = option("DEG", "East positive, or 13.4E.")
+LONGITUDES = Within(-720.0, 720.0)
+TimeZone = Annotated[
+    str | None, option("ZONE", "Of times without offset and of what is printed, e.g. Europe/Berlin; without it, UTC.")
+]
+AltitudeKm = Annotated[float | None, ALTITUDE_KM, Sets(["observer.altitude_km"])]
+Quality = Annotated[str | None, QUALITY, Sets(["solver.quality"])]
+Solver = Annotated[str | None, SOLVER, Sets(["solver.name"])]
 Given = Mapping[str, tuple[Any, str]]
 """Options by the dotted key that each sets: the value, None where the option was not given, and its name for errors."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Keys of a configuration: `--set`, which overrides the options of a command for single keys (`Sets`)."""
+
+    settings: Annotated[list[str] | None, SETTINGS] = None
+
+    def chosen(self, more: Given | None = None) -> tuple[dict[str, Any], dict[str, str]]:
+        """The values by dotted key, and what to call each in errors; more: whole sections first."""
+        given: dict[str, tuple[Any, str]] = {}
+        for name, annotation in get_type_hints(type(self), include_extras=True).items():
+            value = getattr(self, name)
+            keys = next((one for one in annotation.__metadata__ if isinstance(one, Sets)), ())
+            given |= {key: (None if value is False else value, _name_of(name, annotation)) for key in keys}
+        return settings_of(self.settings, {**(more or {}), **given})
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolverSettings(Settings):
+    """The quality of the solver, and any key."""
+
+    quality: Quality = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObserverSettings(SolverSettings):
+    """The observer's altitude too."""
+
+    altitude_km: AltitudeKm = None
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place, and the time zone of what is said of it."""
+
+    latitude: Annotated[float, LATITUDE, LATITUDES]
+    longitude: Annotated[float, LONGITUDE, LONGITUDES]
+    time_zone: TimeZone = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "longitude", turned(self.longitude))
+
+
+@dataclass(frozen=True)
+class PlaceAndTime:
+    """A place and a time, where they are given."""
+
+    at: Annotated[
+        str | None,
+        option(
+            "TIME",
+            "Date and time, e.g. 2003-12-08T16:30, or '2026-06-21 civil dusk', 'sunset', 'dusk -4'.  Needs a place; "
+            "see `twilight times`.",
+        ),
+    ] = None
+    latitude: Annotated[float | None, LATITUDE, LATITUDES] = None
+    longitude: Annotated[float | None, LONGITUDE, LONGITUDES] = None
+    time_zone: TimeZone = None
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """Keys of the section `sun`; none where nothing is given.  Errors: TwilightError for half of it."""
+        keys = {"at": self.at, "latitude_deg": self.latitude, "longitude_deg": self.longitude}
+        given = {key: value for key, value in {**keys, "time_zone": self.time_zone}.items() if value is not None}
+        if given and None in keys.values():
+            raise TwilightError("--at: a time needs a place and a place a time: give --at, --latitude and --longitude")
+        return given
+
+    def sun(self) -> SunAt | None:
+        """The section `sun` of the place and time; None where neither is given.  Errors name the options."""
+        from twilight.base.sections import Origins, validate
+        from twilight.config.sun import SunAt
+
+        names = {"latitude_deg": "--latitude", "longitude_deg": "--longitude", "at": "--at", "time_zone": "--time-zone"}
+        origins = Origins({(): "--at", **{(key,): name for key, name in names.items()}})
+        return validate(SunAt, self.given, origins) if self.given else None
+
+
+def turned(longitude_deg: float) -> float:
+    """A longitude of up to two turns as the same one from -180 to 360 deg."""
+    return longitude_deg if -180.0 <= longitude_deg <= 360.0 else (longitude_deg + 180.0) % 360.0 - 180.0
 
 
 def settings_of(texts: Iterable[str] | None, given: Given | None = None) -> tuple[dict[str, Any], dict[str, str]]:
@@ -133,7 +276,7 @@ def output_folder(output: Path | None, prefix: str, name: str, otherwise: str = 
 def check_polarised(config: Any) -> None:
     """Raise TwilightError, before anything is computed, where what is to be written needs polarised light."""
     from twilight import solvers
-    from twilight.base.registry import WHERE_POLARISED
+    from twilight.base.formats import WHERE_POLARISED
 
     wanted = [f"output.files: {name}" for name in config.output.files or () if name in WHERE_POLARISED]
     if config.output.polariser_deg is not None:
@@ -168,16 +311,6 @@ def load_one_scene(scene: str, chosen: dict[str, Any], names: dict[str, str], co
     return cases[0].config
 
 
-def sun_at(at: str | None, latitude: float | None, longitude: float | None, time_zone: str | None) -> SunAt:
-    """The section `sun` of a place and time; errors name the options."""
-    from twilight.base.sections import Origins, validate
-    from twilight.config.sun import SunAt
-
-    section = {"at": at, "latitude_deg": latitude, "longitude_deg": longitude, "time_zone": time_zone}
-    names = {"latitude_deg": "--latitude", "longitude_deg": "--longitude", "at": "--at", "time_zone": "--time-zone"}
-    return validate(SunAt, section, Origins({(): "--at", **{(key,): name for key, name in names.items()}}))
-
-
 def check_range(value: float | None, option: str, low: float, high: float) -> None:
     """TwilightError for a value of an option that is given and not from `low` to `high`."""
     if value is not None and not low <= value <= high:
@@ -196,35 +329,3 @@ def parse_date(text: str, option: str, example: str = "2026-06-21") -> dt.date:
         return dt.date.fromisoformat(text.strip())
     except ValueError:
         raise TwilightError(f"{option}: {text} is not a date such as {example}") from None
-
-
-SENTENCE = "the first run compiles its kernels, about half a minute of processor time; their machine code is kept"
-
-
-def must_compile(package: str) -> bool:
-    """Whether numba keeps no machine code yet of any kernel of a package that is imported (and has kernels to keep)."""
-    from twilight.jit.kernels import Kernel
-
-    kernels = []
-    for name, module in list(sys.modules.items()):
-        if name == package or name.startswith(f"{package}."):
-            loaded = [value for value in vars(module).values() if isinstance(value, Kernel)]
-            kernels += [one for one in loaded if one.py_func.__module__ == name and one.stats.cache_path]
-    for kernel in kernels:
-        if any(Path(str(kernel.stats.cache_path)).glob(f"*.{kernel.py_func.__name__}-*.nbi")):
-            return False
-    return bool(kernels)
-
-
-def announce_compiling(solver: str) -> None:
-    """One sentence on stderr where a solver has to be compiled, which begins then."""
-    from twilight import solvers
-    from twilight.cli import terminal
-
-    solvers.load(solver)
-    if must_compile(solvers.SOLVERS[solver]):
-        terminal.compiling = True
-        print(f"twilight: {SENTENCE}", file=sys.stderr, flush=True)
-        from twilight.jit.ahead import compile_ahead  # start-up
-
-        compile_ahead(solver)

@@ -2,72 +2,95 @@
 
 import re
 import sys
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 from twilight.base.errors import TwilightError
 from twilight.cli import options
-from twilight.cli.options import flag, option
+from twilight.cli.options import Sets, flag, option
 from twilight.cli.terminal import print_table, time_of
 from twilight.cli.words import perhaps_a_decimal_comma
 from twilight.numerics.projections import PERSPECTIVE_UP_DEG, PROJECTIONS, usual_width
 
 
-def render(
-    scene: Annotated[str, options.SCENE],
+@dataclass(frozen=True)
+class SunOptions(options.PlaceAndTime):
+    """Where the sun stands."""
+
     sun_elevation: Annotated[
-        str | None, option("DEG,...", "True elevation of the sun; several with commas between them: -4,-5.")
-    ] = None,
-    at: Annotated[
         str | None,
-        option(
-            "TIME",
-            "Date and time, e.g. 2003-12-08T16:30, or '2026-06-21 civil dusk', 'sunset', 'dusk -4'; or a date beside "
-            "--sun-elevation.  Needs a place; see `twilight times`.",
-        ),
-    ] = None,
-    latitude: Annotated[float | None, options.LATITUDE] = None,
-    longitude: Annotated[float | None, options.LONGITUDE] = None,
-    time_zone: Annotated[str | None, options.TIME_ZONE_OF_TIME] = None,
-    altitude_km: Annotated[float | None, options.ALTITUDE_KM] = None,
-    solver: Annotated[str | None, options.SOLVER] = None,
-    quality: Annotated[str | None, options.QUALITY] = None,
+        option("DEG,...", "True elevation of the sun; several with commas between: -4,-5; one on the date of --at."),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderSettings(options.ObserverSettings):
+    """What sets a key of the configuration, and any key."""
+
+    solver: options.Solver = None
     target_stderr: Annotated[
         float | None, option("FRACTION", "Relative standard error of every pixel, e.g. 0.01, where a solver estimates.")
-    ] = None,
+    ] = None
     target_error: Annotated[
         float | None,
         option("FRACTION", "Error of 95 % of directions that a solver chooses its settings for, e.g. 0.01."),
-    ] = None,
-    settings: Annotated[list[str] | None, options.SETTINGS] = None,
+    ] = None
     renderer: Annotated[
-        str | None, option("NAME", "Whose axes sky.rgb.exr has: openexr, mitsuba, blender, pbrt or radiance.")
-    ] = None,
+        str | None,
+        option("NAME", "Whose axes sky.rgb.exr has: openexr, mitsuba, blender, pbrt or radiance."),
+        Sets(["output.renderer"]),
+    ] = None
     width: Annotated[
-        int | None, option("PIXELS", "Of sky.rgb.exr, a multiple of 4 up to 16384; without it, 1024.")
-    ] = None,
-    primaries: Annotated[str | None, option("NAME", "Colours of sky.rgb.exr: rec709, acescg or rec2020.")] = None,
+        int | None,
+        option("PIXELS", "Of sky.rgb.exr, a multiple of 4 up to 16384; without it, 1024."),
+        Sets(["output.width"]),
+    ] = None
+    primaries: Annotated[
+        str | None,
+        option("NAME", "Colours of sky.rgb.exr: rec709, acescg or rec2020."),
+        Sets(["output.primaries"]),
+    ] = None
+    tone: Annotated[
+        str | None,
+        option("NAME", "Of the pictures: photographic, filmic, gamma, eye, camera (output.camera)."),
+        Sets(["output.tone_mapping"]),
+    ] = None
+    polariser: Annotated[
+        float | None,
+        option("DEG", "Axis of a polariser before the pictures, from the vertical, clockwise."),
+        Sets(["output.polariser_deg"]),
+    ] = None
+    disc: Annotated[
+        bool,
+        flag("--disc", "The sun's disc too: in the pictures, the environment maps and sun.png."),
+        Sets(["sun.disc", "output.disc"]),
+    ] = False
+
+
+@dataclass(frozen=True)
+class PictureOptions:
+    """Which files are written, and the picture with the ground in it."""
+
     exposure: Annotated[
         str | None,
         option("EV100|series", "Of the pictures: a value, or one for all of a series; without it, by each sky."),
-    ] = None,
-    tone: Annotated[
-        str | None, option("NAME", "Of the pictures: photographic, filmic, gamma, eye, camera (output.camera).")
-    ] = None,
-    only: Annotated[str | None, option("NAMES", "Which files, e.g. png,h5; see `output.files`.")] = None,
+    ] = None
+    only: Annotated[str | None, option("NAMES", "Which files, e.g. png,h5; see `output.files`.")] = None
     projection: Annotated[
         str | None, option("KIND", f"A picture with the ground in it, sky.view.png: {', '.join(PROJECTIONS)}.")
-    ] = None,
+    ] = None
     size: Annotated[
         str | None,
         option("WIDTHxHEIGHT|WIDTH", "Of that picture in pixels, up to 16384; without it, 1600 wide or less."),
-    ] = None,
-    polariser: Annotated[
-        float | None, option("DEG", "Axis of a polariser before the pictures, from the vertical, clockwise.")
-    ] = None,
-    disc: Annotated[
-        bool, flag("--disc", "The sun's disc too: in the pictures, the environment maps and sun.png.")
-    ] = False,
+    ] = None
+
+
+def render(
+    scene: Annotated[str, options.SCENE],
+    suns: SunOptions,
+    keys: RenderSettings,
+    picture: PictureOptions,
     output: Annotated[
         Path | None, option("DIR|FILE.nc", "Folder for the files; or one NetCDF file with the radiances of all suns.")
     ] = None,
@@ -82,35 +105,26 @@ def render(
     """Compute a sky, or a series of them, and write PNG, EXR and HDF5. Goes on where it was interrupted."""
     from twilight.config import load_series
 
-    sun, sun_option = _sun(sun_elevation, at, latitude, longitude, time_zone)
-    exposure_key, exposure_value = _exposure(exposure)
+    size, projection, only = picture.size, picture.projection, picture.only
+    sun, sun_option = _sun(suns)
+    exposure_key, exposure_value = _exposure(picture.exposure)
     files = None if only is None else [name.strip() for name in only.split(",")]
     if projection is not None and files is not None and "view" not in files:
         raise TwilightError(f"--projection: its picture is the file `view`, which --only {only} leaves out")
     view = None if projection is None else _view(projection, size)
     given: options.Given = {
         "sun": (sun, sun_option),
-        "observer.altitude_km": (altitude_km, "--altitude-km"),
-        "solver.name": (solver, "--solver"),
-        "solver.quality": (quality, "--quality"),
-        "output.renderer": (renderer, "--renderer"),
-        "output.width": (width, "--width"),
-        "output.primaries": (primaries, "--primaries"),
         exposure_key: (exposure_value, "--exposure"),
         "output.files": (files, "--only"),
         "observer.view": (view, "--projection" if size is None else "--projection, --size"),
-        "output.polariser_deg": (polariser, "--polariser"),
-        "output.tone_mapping": (tone, "--tone"),
-        "sun.disc": (disc or None, "--disc"),
-        "output.disc": (disc or None, "--disc"),
     }
-    chosen, names = options.settings_of(settings, given)
+    chosen, names = keys.chosen(given)
     if size is not None and projection is None:
         if any(case.config.observer.view is None for case in load_series(scene, chosen, names)):
             raise TwilightError("--size: is the size of the picture of --projection; give both")
         for key, value in zip(("width", "height"), _size(size), strict=True):
             chosen[f"observer.view.{key}"], names[f"observer.view.{key}"] = value, "--size"
-    for target_key, fraction in (("target_error", target_error), ("target_stderr", target_stderr)):
+    for target_key, fraction in (("target_error", keys.target_error), ("target_stderr", keys.target_stderr)):
         if fraction is not None:
             target_option = f"--{target_key.replace('_', '-')}"
             _check_target(load_series(scene, chosen, names), target_option, target_key)
@@ -120,7 +134,7 @@ def render(
         _print_plans(cases)
         return
     from twilight.cli.climate import source_summary
-    from twilight.cli.options import announce_compiling
+    from twilight.cli.compiling import announce_compiling
     from twilight.cli.preview import say_if_long, show_preview
     from twilight.cli.render_files import SUFFIX, check_cases, check_one_file, render_files, render_one_file
     from twilight.config.sun import SunElevation
@@ -199,31 +213,25 @@ _DATE = re.compile(r"\d{4}-\d{2}-\d{2}(\s+(dawn|dusk))?")
 """A date, on which `--sun-elevation` names a moment of the evening or of the morning."""
 
 
-def _sun(
-    elevation: str | None, at: str | None, latitude: float | None, longitude: float | None, zone: str | None
-) -> tuple[dict[str, Any] | None, str]:
+def _sun(suns: SunOptions) -> tuple[dict[str, Any] | None, str]:
     """The `sun` section that the options describe, None where there are none, and the option to name in errors."""
-    place = {"latitude_deg": latitude, "longitude_deg": longitude, "time_zone": zone}
-    given = {key: value for key, value in place.items() if value is not None}
+    elevation, at = suns.sun_elevation, suns.at
     if elevation is not None:
-        suns = options.parse_numbers(elevation, "--sun-elevation", -90.0, 90.0)
+        elevations = options.parse_numbers(elevation, "--sun-elevation", -90.0, 90.0)
         if perhaps_a_decimal_comma(elevation):
-            both = " and ".join(f"{sun:g}" for sun in suns)
+            both = " and ".join(f"{sun:g}" for sun in elevations)
             print(f"twilight: --sun-elevation {elevation}: suns at {both} deg; decimals have a point", file=sys.stderr)
-        if at is not None and _DATE.fullmatch(at.strip()) and len(suns) == 1:
+        if at is not None and _DATE.fullmatch(at.strip()) and len(elevations) == 1:
             side = "" if at.strip()[-1].isalpha() else " dusk"
-            return _sun(None, f"{at.strip()}{side} {suns[0]:.10g}", latitude, longitude, zone)
-        if at is not None or given:
+            return _sun(replace(suns, sun_elevation=None, at=f"{at.strip()}{side} {elevations[0]:.10g}"))
+        if any(value is not None for value in (at, suns.latitude, suns.longitude, suns.time_zone)):
             raise TwilightError(
                 "--sun-elevation: takes the place of --at, --latitude, --longitude and --time-zone, but for one "
                 "elevation on a date: --at 2026-06-21, or '2026-06-21 dawn'"
             )
-        return ({"elevation_deg": suns[0]} if len(suns) == 1 else {"elevations_deg": suns}), "--sun-elevation"
-    if at is None and not given:
-        return None, ""
-    if at is None or latitude is None or longitude is None:
-        raise TwilightError("--at: a time needs a place and a place a time: give --at, --latitude and --longitude")
-    return {"at": at, **given}, "--at"
+        key = ("elevation_deg", elevations[0]) if len(elevations) == 1 else ("elevations_deg", elevations)
+        return dict([key]), "--sun-elevation"
+    return suns.given or None, "--at"
 
 
 def _print_plans(cases: list[Any]) -> None:
@@ -243,8 +251,8 @@ def _print_plans(cases: list[Any]) -> None:
         sizes.append([name, *_sizes(scene)])
     print_table(["scene", "left out", "why", "effect on the radiance"], rows)
     for case in cases:
-        beyond = described(usual_horizon(case.config))
-        print(f"beyond the horizon of {case.name or case.config.title}: {beyond}")
+        if (horizon := usual_horizon(case.config)).screen is not None:
+            print(f"beyond the horizon of {case.name or case.config.title}: {described(horizon)}")
     print_choices([(case.name or case.config.title, resolve(case.config, for_plan=True)) for case in cases])
     columns = ["scene", "suns", "wavelengths", "in blocks", "interpolated from", "sky [GB]", "picture of the view [GB]"]
     columns += ["field of a block [GB]", "memory in all [GB]", "processor time, about"]

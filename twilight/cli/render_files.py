@@ -63,6 +63,7 @@ def render_files(
     """
     from twilight.base.whole_files import check_folder
     from twilight.io.folder import JOURNAL, open_folder
+    from twilight.scene.usual import said
 
     skies, wanted = _requested_skies(cases)
     root = output or _default_folder(cases, scene, settings, skies)
@@ -87,7 +88,7 @@ def render_files(
     errors = [row["estimated_error"] for row in rows.values() if row.get("estimated_error")]
     if errors:
         print(f"by its own estimate, 95 % of the directions are within {100 * max(errors):.2g} %")
-    for note in notes:
+    for note in [*dict.fromkeys(words for case in cases for words in said(case.config)), *notes]:
         print(note)
     names = folder.file_names()
     what = ", ".join(sorted({name for one in skies for name in names[one.folder]}))

@@ -1,6 +1,7 @@
 """`twilight show`: climates, configurations, solvers, the layout of documents, the air of one climate."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -157,15 +158,19 @@ def _describe(target: str, settings: list[str] | None, output: Path | None) -> N
     """Optical depths, scale heights and refraction of a climate, or of a configuration's; its profile as a picture."""
     from twilight.api.representation import profile_figure
     from twilight.base.whole_files import check_file
-    from twilight.config import load_climate
+    from twilight.config import Config, load_climate
     from twilight.scene.medium import climate_medium
     from twilight.scene.plan import facts, optical_depths
+    from twilight.scene.usual import described, usual_horizon, with_usual_ozone
 
     model = load_climate(target, *options.settings_of(settings))
     path = output or Path("out") / f"{model.name}_profile.png"
     options.check_suffix(path, "--output", ".png")
     check_file(path)
-    medium = climate_medium(model, None if model.medium is not None else _wavelengths(*DESCRIBED_NM))
+    shown, ozone_source = with_usual_ozone(model)
+    medium = climate_medium(shown, None if model.medium is not None else _wavelengths(*DESCRIBED_NM))
+    if ozone_source is not None:
+        medium = replace(medium, notes={**medium.notes, "ozone_source": ozone_source})
     wavelength_nm = medium.wavelength_nm
     if model.description:
         print(f"{model.name}: {model.description}")
@@ -174,7 +179,9 @@ def _describe(target: str, settings: list[str] | None, output: Path | None) -> N
     print_table(columns, rows, right=tuple(range(1, len(columns))))
     sources = {} if model.air is None else model.air.sources
     named = [[name if name == "not used" else f"source of {name}", text] for name, text in sources.items()]
-    print_table(["property", "value"], [*(list(row) for row in facts(medium)), *named])
+    beyond = described(usual_horizon(Config(version=1, climate=model)))
+    known = [*facts(medium), ("beyond the horizon, unless a scene says", beyond)]
+    print_table(["property", "value"], [*(list(row) for row in known), *named])
     reference = int(abs(wavelength_nm - 550.0).argmin())
     parts = {
         "air": medium.air_scattering_per_km,

@@ -11,7 +11,7 @@ import typer
 from twilight.base.errors import TwilightError
 from twilight.base.extras import require
 from twilight.cli import options
-from twilight.cli.options import argument, option
+from twilight.cli.options import MAX_WORKERS, EndsIn, Within, argument, option
 from twilight.cli.terminal import print_table, progress_bar, time_of
 
 LISTED_SCENES = 5
@@ -26,10 +26,16 @@ def sweep(
     batch_system: Annotated[
         str | None, option("NAME", "Jobs of slurm, pbs, sge, lsf, htcondor, oar or moab, as jobqueue.yaml says.")
     ] = None,
-    workers: Annotated[int | None, options.WORKERS] = None,
-    threads: Annotated[int | None, options.THREADS] = None,
+    workers: Annotated[
+        int | None, option("N", "Processes on this machine (default: its cores), or jobs."), Within(1, MAX_WORKERS)
+    ] = None,
+    threads: Annotated[
+        int | None, option("N", "Of each worker; without it, cores are shared evenly."), Within(1, MAX_WORKERS)
+    ] = None,
     settings: Annotated[list[str] | None, options.SETTINGS] = None,
-    output: Annotated[Path | None, option("DIR.zarr", "The dataset; continued where it is there.")] = None,
+    output: Annotated[
+        Path | None, option("DIR.zarr", "The dataset; continued where it is there."), EndsIn([".zarr"])
+    ] = None,
     plan: Annotated[bool, options.ONLY_PLAN] = False,
 ) -> None:
     """Compute the skies of a configuration's `vary` section into one dataset for xarray. A rerun continues."""
@@ -39,7 +45,7 @@ def sweep(
     from twilight.studies.sweep.sweep import Sweep
 
     require("sweep", "dask", "distributed", "xarray", "zarr")
-    resources = resources_of(scheduler, batch_system, workers, threads, output)
+    resources = resources_of(scheduler, batch_system, workers, threads)
     chosen, names = options.settings_of(settings)
     series = load_axes(scene, chosen, names, ("configs",))
     if not series.axes and count_suns(series.config({})) == 1:
@@ -62,20 +68,15 @@ def sweep(
     run_sweep_into(job, path, resources)
 
 
-def resources_of(
-    scheduler: str | None, batch_system: str | None, workers: int | None, threads: int | None, output: Path | None
-) -> Any:
-    """Where to compute, as `Resources`.  Errors: TwilightError for options that do not go together, or no .zarr."""
+def resources_of(scheduler: str | None, batch_system: str | None, workers: int | None, threads: int | None) -> Any:
+    """Where to compute, as `Resources`.  Errors: TwilightError for options that do not go together."""
     from twilight.base.sections import unknown
     from twilight.studies.sweep.run import BATCH_SYSTEMS, Resources, check_installed
 
-    options.check_range(workers, "--workers", 1, options.MAX_WORKERS)
-    options.check_range(threads, "--threads", 1, options.MAX_WORKERS)
     if batch_system is not None and batch_system not in BATCH_SYSTEMS:
         raise TwilightError(f"--batch-system: {batch_system} {unknown(batch_system, BATCH_SYSTEMS, 'batch system')}")
     if scheduler is not None and (batch_system is not None or workers is not None):
         raise TwilightError("--scheduler: a running scheduler has its own workers; no --workers, no --batch-system")
-    options.check_suffix(output, "--output", ".zarr")
     resources = Resources(scheduler, batch_system, workers, threads)
     check_installed(resources)
     return resources

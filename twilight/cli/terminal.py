@@ -26,13 +26,17 @@ from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.extras import REQUIREMENTS, missing
 from twilight.base.progress import Progress
 from twilight.base.whole_files import refusal, remove_unfinished
+from twilight.cli.options import spread
 
 PROGRESS_LINE_S = 15.0
 """Seconds between lines of progress where the output is no terminal."""
 
 
 def with_errors_as_sentences(command: Callable[..., None]) -> Callable[..., None]:
-    """The command, with a TwilightError printed as one sentence (exit code 2) and signals as exit codes 130 and 143."""
+    """The command (`options.spread`), with a TwilightError printed as one sentence (exit code 2) and signals as exit
+    codes 130 and 143."""
+
+    command = spread(command)
 
     @functools.wraps(command)
     def guarded(*args: Any, **kwargs: Any) -> None:

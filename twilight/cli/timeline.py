@@ -15,8 +15,8 @@ from twilight.cli.terminal import print_table, progress_bar
 
 def timeline(
     climate: Annotated[str, options.CLIMATE],
-    latitude: Annotated[float, options.LATITUDE],
-    longitude: Annotated[float, options.LONGITUDE],
+    place: options.Place,
+    keys: options.ObserverSettings,
     at: Annotated[
         str | None, option("DATE", "The night from noon to noon, e.g. 2026-06-21; without it, of today.")
     ] = None,
@@ -36,10 +36,6 @@ def timeline(
     step: Annotated[str, option("DURATION", "Between rows, e.g. 30s, 1min, 1h.")] = "5min",
     start: Annotated[str | None, option("TIME", "First row, e.g. 2026-06-21T20:00 or '2026-06-21 sunset'.")] = None,
     stop: Annotated[str | None, option("TIME", "Last row.")] = None,
-    time_zone: Annotated[str | None, options.TIME_ZONE] = None,
-    altitude_km: Annotated[float | None, options.ALTITUDE_KM] = None,
-    quality: Annotated[str | None, options.QUALITY_LISTED] = None,
-    settings: Annotated[list[str] | None, options.SETTINGS] = None,
     output: Annotated[
         Path | None,
         option("FILE", "X.csv, X.nc or X.png: that file; X: all three; without it, out/NAME_timeline."),
@@ -61,10 +57,9 @@ def timeline(
     from twilight.studies.timeline import PRESETS, column
     from twilight.studies.timeline_files import NEEDED, WRITERS
 
-    options.check_range(latitude, "--latitude", -90.0, 90.0)
-    options.check_range(longitude, "--longitude", -180.0, 360.0)
     if purpose is not None and purpose not in PRESETS:
         raise TwilightError(f"--for: {purpose} {unknown(purpose, PRESETS, 'purpose')}")
+    latitude, longitude, time_zone = place.latitude, place.longitude, place.time_zone
     day = today_at(longitude, time_zone) if at is None else options.parse_date(at, "--at")
     texts, conditions = list(quantity or ()), list(when or ())
     preset = PRESETS.get(purpose or "")
@@ -73,17 +68,14 @@ def timeline(
     columns = [column(text) for text in dict.fromkeys(texts or ["V@zenith", "illuminance"])]
     wanted = list({one.text: one for one in map(work.condition, conditions)}.values())
 
-    keys, names = options.settings_of(settings)
-    given = {"solver.quality": (quality, "--quality"), "observer.altitude_km": (altitude_km, "--altitude-km")}
-    options.put_options(keys, names, given)
-    config = load(climate, keys)
-    place = latitude, longitude, time_zone, config.observer.altitude_km
+    config = load(climate, keys.chosen()[0])
+    where = latitude, longitude, time_zone, config.observer.altitude_km
 
     def moment(text: str) -> dt.datetime:
-        return moment_of(text, *place).astimezone(marks[0].time.tzinfo)  # type: ignore[union-attr]
+        return moment_of(text, *where).astimezone(marks[0].time.tzinfo)  # type: ignore[union-attr]
 
     noon = "solar noon"
-    marks = [m for d in (day, day + dt.timedelta(days=1)) for m in twilight_times(d, *place) if m.event == noon]
+    marks = [m for d in (day, day + dt.timedelta(days=1)) for m in twilight_times(d, *where) if m.event == noon]
     first = moment(start) if start else marks[0].time
     last = moment(stop) if stop else marks[1].time
     times = work.rows(first, last, work.step_of(step))  # type: ignore[arg-type]

@@ -8,10 +8,8 @@ from twilight.cli.terminal import print_table
 
 
 def times(
-    latitude: Annotated[float, options.LATITUDE],
-    longitude: Annotated[float, options.LONGITUDE],
+    place: options.Place,
     date: Annotated[str | None, option("DATE", "E.g. 2026-06-21; without it, today.")] = None,
-    time_zone: Annotated[str | None, options.TIME_ZONE] = None,
     altitude_km: Annotated[float, options.ALTITUDE_KM] = 0.0,
 ) -> None:
     """List sunrise, solar noon, sunset, civil, nautical and astronomical dawn and dusk, moonrise and moonset.
@@ -23,13 +21,11 @@ def times(
     from twilight.sky.moon import moon_over
     from twilight.sky.twilight_times import moon_times, today_at, twilight_times
 
-    options.check_range(latitude, "--latitude", -90.0, 90.0)
-    options.check_range(longitude, "--longitude", -720.0, 720.0)
+    latitude, longitude, time_zone = place.latitude, place.longitude, place.time_zone
     day = today_at(longitude, time_zone) if date is None else options.parse_date(date, "--date")
-    longitude = longitude if -180.0 <= longitude <= 360.0 else (longitude + 180.0) % 360.0 - 180.0
     rows = []
-    place = latitude, longitude, time_zone, altitude_km
-    for event in (*twilight_times(day, *place), *moon_times(day, *place)):
+    where = latitude, longitude, time_zone, altitude_km
+    for event in (*twilight_times(day, *where), *moon_times(day, *where)):
         if event.time is None:
             rows.append([event.event, "the sun does not get there", f"{event.elevation_deg:.2f}", "", "", ""])
             continue

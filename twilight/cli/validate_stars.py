@@ -1,32 +1,43 @@
 """`twilight validate stars`."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from twilight.base.errors import TwilightError
 from twilight.cli import options
-from twilight.cli.options import argument, flag, option
+from twilight.cli.options import EndsIn, Within, argument, flag, option
 from twilight.cli.terminal import print_table
 
 FIRST_DIGITAL_YEAR = 2000.0
 """Year from which the date of a picture is searched by its planets."""
 
 
+@dataclass(frozen=True)
+class StarOptions:
+    """What a calibration is told of the air, the stars and the camera."""
+
+    altitude: Annotated[
+        float, option("KM", "Of the camera; sets the pressure for the refraction."), Within(-0.5, 9.0)
+    ] = 0.0
+    temperature: Annotated[float, option("DEG_C", "Of the air, for the refraction."), Within(-90.0, 60.0)] = 10.0
+    year: Annotated[float, option("YEAR", "Epoch of the stars where the time is not known.")] = 2020.0
+    distortion: Annotated[int, option("N", "Coefficients of distortion to solve."), Within(0, 4)] = 2
+    threshold: Annotated[float, option("SIGMA", "Of detection above the local noise."), Within(2.0, 1000.0)] = 5.0
+
+
 def stars(
     image: Annotated[Path, argument("IMAGE", "Night exposure: HDR, EXR, TIFF, PNG, JPEG or RAW.")],
     camera: Annotated[Path, option("GUESS.yaml", "Projection and size must be right, the focal length to 10 %.")],
-    latitude: Annotated[float | None, options.LATITUDE] = None,
-    longitude: Annotated[float | None, options.LONGITUDE] = None,
-    at: Annotated[str | None, option("TIME", "Date and time of the middle of the exposure.")] = None,
-    time_zone: Annotated[str | None, option("ZONE", "For a time without its offset, e.g. Europe/Berlin.")] = None,
-    altitude: Annotated[float, option("KM", "Of the camera; sets the pressure for the refraction.")] = 0.0,
-    temperature: Annotated[float, option("DEG_C", "Of the air, for the refraction.")] = 10.0,
-    year: Annotated[float, option("YEAR", "Epoch of the stars where the time is not known.")] = 2020.0,
-    distortion: Annotated[int, option("N", "Coefficients of distortion to solve, 0 to 4.")] = 2,
-    threshold: Annotated[float, option("SIGMA", "Of detection above the local noise.")] = 5.0,
+    middle: options.PlaceAndTime,
+    how: StarOptions,
     planets: Annotated[bool, flag("--planets", "Without a time: find the date, from 2000 on, by the planets.")] = False,
-    picture: Annotated[Path | None, option("FILE.png", "Draw sources, stars and their names.")] = None,
-    output: Annotated[Path | None, option("CAMERA.yaml", "The solved camera; without it, out/camera.yaml.")] = None,
+    picture: Annotated[
+        Path | None, option("FILE.png", "Draw sources, stars and their names."), EndsIn([".png"])
+    ] = None,
+    output: Annotated[
+        Path | None, option("CAMERA.yaml", "The solved camera; without it, out/camera.yaml."), EndsIn([".yaml", ".yml"])
+    ] = None,
 ) -> None:
     """Calibrate a camera from stars: orientation, focal length, principal point and distortion.
 
@@ -39,24 +50,15 @@ def stars(
     from twilight.studies.camera import CameraModel, read_camera, write_camera
     from twilight.studies.camera.response import load_response
     from twilight.studies.validate.stars.calibrate import calibrate
-    from twilight.studies.validate.stars.coordinates import FIRST_YEAR, LAST_YEAR, pressure_at_hpa
+    from twilight.studies.validate.stars.coordinates import FIRST_YEAR, LAST_YEAR, StarSite, pressure_at_hpa
     from twilight.studies.validate.stars.picture import draw
 
-    limits = (
-        ("--altitude", altitude, -0.5, 9.0, "km"),
-        ("--temperature", temperature, -90.0, 60.0, "deg C"),
-        ("--year", year, FIRST_YEAR, LAST_YEAR, ""),
-        ("--distortion", distortion, 0, 4, ""),
-        ("--threshold", threshold, 2.0, 1000.0, "sigma"),
-    )
-    for name, value, low, high, unit in limits:
-        if not low <= value <= high:
-            raise TwilightError(f"{name}: {value:g} must be from {low:g} to {high:g} {unit}".rstrip())
-    place, moment = _place_and_time(latitude, longitude, at, time_zone, altitude)
+    options.check_range(how.year, "--year", FIRST_YEAR, LAST_YEAR)
+    sun = middle.sun()
+    place = None if sun is None else StarSite(sun.latitude_deg, sun.longitude_deg, how.altitude)
+    moment = None if sun is None else sun.aware(sun.at)
     if planets and moment is not None:
         raise TwilightError("--planets: finds the date of a picture without --at")
-    options.check_suffix(output, "--output", ".yaml", ".yml")
-    options.check_suffix(picture, "--picture", ".png")
     target = output or Path("out") / "camera.yaml"
     for path in (target, picture):
         if path is not None:
@@ -69,11 +71,11 @@ def stars(
             guess,
             place,
             moment,
-            year=year,
-            orders=distortion,
-            threshold=threshold,
-            pressure_hpa=pressure_at_hpa(altitude),
-            temperature_c=temperature,
+            year=how.year,
+            orders=how.distortion,
+            threshold=how.threshold,
+            pressure_hpa=pressure_at_hpa(how.altitude),
+            temperature_c=how.temperature,
         )
     except TwilightError as error:
         raise TwilightError(f"{image}: {error}") from None
@@ -93,24 +95,6 @@ def stars(
     if planets:
         print(_sentence(dating))
     print(f"wrote {target}" + (f", {picture}" if picture is not None else ""))
-
-
-def _place_and_time(
-    latitude: float | None, longitude: float | None, at: str | None, time_zone: str | None, altitude_km: float
-) -> tuple[Any, Any]:
-    """(StarSite, moment), or (None, None) where nothing is given."""
-    from twilight.studies.validate.stars.coordinates import StarSite
-
-    given = {"--latitude": latitude, "--longitude": longitude, "--at": at}
-    missing = [name for name, value in given.items() if value is None]
-    if len(missing) == len(given):
-        if time_zone is not None:
-            raise TwilightError("--time-zone: belongs to --at, which is not given")
-        return None, None
-    if missing:
-        raise TwilightError(f"{', '.join(missing)}: place and time are given together, or not at all")
-    where = options.sun_at(at, latitude, longitude, time_zone)
-    return StarSite(where.latitude_deg, where.longitude_deg, altitude_km), where.aware(where.at)
 
 
 def _dated(calibration: Any) -> Any:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from twilight.base.errors import TwilightError
 from twilight.cli import options
-from twilight.cli.options import argument, option
+from twilight.cli.options import EndsIn, argument, option
 from twilight.cli.terminal import progress_bar
 
 
@@ -21,6 +21,7 @@ def view(
             options.scene_names,
         ),
     ],
+    keys: options.SolverSettings,
     beside: Annotated[str | None, option("SCENE", "A second one, beyond a line that divides the picture.")] = None,
     altitudes_km: Annotated[
         str | None,
@@ -38,14 +39,10 @@ def view(
             "browser.",
         ),
     ] = False,
-    quality: Annotated[str | None, options.QUALITY] = None,
-    settings: Annotated[list[str] | None, options.SETTINGS] = None,
-    output: Annotated[Path | None, option("FILE.html", "Without it, out/NAME.html.")] = None,
+    output: Annotated[Path | None, option("FILE.html", "Without it, out/NAME.html."), EndsIn([".html", ".htm"])] = None,
 ) -> None:
     """Write a sky that can be walked through: every sun and direction, in one HTML file that needs no network."""
-    options.check_suffix(output, "--output", ".html", ".htm")
-    chosen, names = options.settings_of(settings)
-    options.put_options(chosen, names, {"solver.quality": (quality, "--quality")})
+    chosen, names = keys.chosen()
     if sliders:
         for name, value in (("--beside", beside), ("--altitudes-km", altitudes_km)):
             if value is not None:
@@ -68,7 +65,7 @@ def view(
 
         page = view_air(airs[0][0], name=title[0], start=_start(airs[0][1]))
     else:
-        page = _tabulated(scenes, airs, title, altitudes, quality, settings)
+        page = _tabulated(scenes, airs, title, altitudes, keys)
     path.parent.mkdir(parents=True, exist_ok=True)
     page.save(path)
     print(f"wrote {path}: {path.stat().st_size / 1e6:.1f} MB, every sun from +90 to -18 deg; open it in a browser")
@@ -79,8 +76,7 @@ def _tabulated(
     airs: list[tuple[Any, Any]],
     title: list[str],
     altitudes: list[float] | None,
-    quality: str | None,
-    settings: list[str] | None,
+    keys: options.SolverSettings,
 ) -> Any:
     """The page of fields that are solved and put into tables."""
     from twilight.engine import solve
@@ -102,11 +98,7 @@ def _tabulated(
         return view_fields(
             solved,
             names=title,
-            scenes=[
-                _render_words(name_given, quality, settings)
-                for name_given, case in zip(scenes, airs, strict=True)
-                if case[1]
-            ],
+            scenes=[_render_words(name_given, keys) for name_given, case in zip(scenes, airs, strict=True) if case[1]],
             altitudes_km=altitudes,
             start={} if config is None else _start(config),
             progress=part_of(bar, 0.4, 0.6, "tables"),
@@ -114,19 +106,19 @@ def _tabulated(
         )
 
 
-def _render_words(scene: str, quality: str | None, settings: list[str] | None) -> str:
+def _render_words(scene: str, keys: options.SolverSettings) -> str:
     """What `twilight render` is given for the same scene, for a shell."""
     words = [scene]
-    if quality is not None:
-        words += ["--quality", quality]
-    for setting in settings or []:
+    if keys.quality is not None:
+        words += ["--quality", keys.quality]
+    for setting in keys.settings or []:
         words += ["--set", setting]
     return shlex.join(words)
 
 
 def _scene(scene: str, chosen: dict[str, Any], names: dict[str, str]) -> tuple[Any, Any]:
     """The scene resolved, and its configuration where it has one."""
-    from twilight.cli.options import announce_compiling
+    from twilight.cli.compiling import announce_compiling
     from twilight.scene import Scene, resolve
 
     if not scene.lower().endswith((".h5", ".hdf5")):

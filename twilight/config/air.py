@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import field_validator, model_validator
 
@@ -29,9 +29,6 @@ class Air(Section):
         None, "ERA5, CAMS or MERRA-2 in netCDF or GRIB: t, q, o3, z on pressure levels; aod550, tco3", min_length=1
     )
     aeronet: Files = key(None, "AERONET version 3: optical depths, or an inversion with all products", min_length=1)
-    ozone: Literal["climatology"] | None = key(
-        None, "climatology: the usual column of latitude and date (McPeters 2007), where no file has one"
-    )
     at: Moment | None = key(None, "date and time with its offset, 2026-06-21T21:45+02:00; unset: the (first) sun's")
     latitude_deg: Number | None = key(None, "north positive; unset: the sun's place", unit="deg", ge=-90.0, le=90.0)
     longitude_deg: Number | None = key(None, "east positive; unset: the sun's place", unit="deg", ge=-360.0, le=360.0)
@@ -61,8 +58,8 @@ class Air(Section):
 
     @property
     def asks(self) -> bool:
-        """Whether anything is still to be taken from files or the climatology."""
-        return self.ozone is not None or any(getattr(self, name) for name in AIR_FILES)
+        """Whether anything is still to be taken from files."""
+        return any(getattr(self, name) for name in AIR_FILES)
 
 
 def air_files(climate: Any) -> Iterator[tuple[Any, tuple[str, ...], Any, None]]:

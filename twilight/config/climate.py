@@ -385,7 +385,8 @@ class Climate(Section):
     )
     ground: Ground = key(Ground, "the ground")
     air: Air | None = key(
-        None, "files of measurements in place of parts of the climate, e.g. {sounding: munich.txt, ozone: climatology}"
+        None,
+        "files of measurements in place of parts of the climate, e.g. {sounding: munich.txt}",
     )
     medium: TabulatedMedium | None = key(None, "a tabulated medium instead of all the sections above but ground")
 

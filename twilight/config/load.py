@@ -225,28 +225,13 @@ def load(target: Target, settings: Mapping[str, Any] | None = None) -> Config:
 def load_series(
     target: Target, settings: Mapping[str, Any] | None = None, names: Mapping[str, str] | None = None
 ) -> list[Case]:
-    """All configurations that a target describes: one, or the product of the axes of its `vary` section.
+    """All configurations that a target describes: one, or the product of the axes of its `vary` section, by name.
 
-    Parameters
-    ----------
-    target
-        Name of a climate or configuration, path of such a file, or its content as a mapping.
-    settings
-        Dotted keys and values on top, e.g. {"sun.elevation_deg": -4, "aerosol.relative_humidity_percent": 95}; keys of
-        a climate and of a configuration may be mixed.  Replacing the whole of `sun` takes {"sun": {...}}.
-    names
-        What to call a setting in errors, e.g. {"sun": "--sun-elevation"}; its key otherwise.
-
-    Returns
-    -------
-    list of Case
-        Name, empty without `vary`, and configuration of each.
-
-    Raises
-    ------
-    TwilightError
-        Names the file or setting, the key, and what is allowed.
-    """
+    target: name of a climate or configuration, path of such a file, or its content as a mapping.  settings: dotted keys
+    and values on top, e.g. {"sun.elevation_deg": -4, "aerosol.relative_humidity_percent": 95}; keys of a climate and of
+    a configuration may be mixed; replacing the whole of `sun` takes {"sun": {...}}.  names: what to call a setting in
+    errors, e.g. {"sun": "--sun-elevation"}; its key otherwise.
+    Errors: TwilightError that names the file or setting, the key, and what is allowed."""
     series = load_axes(target, settings, names)
     if not series.axes:
         cases = [Case("", series.config({}))]

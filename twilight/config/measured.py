@@ -80,7 +80,7 @@ def with_measured_air(climate: Climate, wanted: PlaceAndTime) -> dict[str, Any]:
         if reading.kind != name:
             raise TwilightError(f"{path}: is {KINDS[reading.kind]}; air.{name} takes {KINDS[name]}")
         readings.append(reading)
-    return assemble(climate, readings, wanted, usual_ozone=air.ozone is not None)
+    return assemble(climate, readings, wanted)
 
 
 def read(path: str, wanted: PlaceAndTime) -> Reading:
@@ -113,9 +113,7 @@ class _Assembly:
         return at
 
 
-def assemble(
-    climate: Climate, readings: Iterable[Reading], wanted: PlaceAndTime, *, usual_ozone: bool = False
-) -> dict[str, Any]:
+def assemble(climate: Climate, readings: Iterable[Reading], wanted: PlaceAndTime) -> dict[str, Any]:
     """A climate as plain data with what was read in place of its own; `air.sources` says which is which.
 
     Warns of what was measured far from the place and time.
@@ -142,7 +140,7 @@ def assemble(
         return [part for part in parts if isinstance(part, kind)]
 
     _put_profile(made, all_of(AirColumn))
-    _put_ozone(made, all_of(OzoneColumn), all_of(AirColumn), wanted, usual_ozone)
+    _put_ozone(made, all_of(OzoneColumn), all_of(AirColumn), wanted)
     _put_water(made, all_of(WaterColumn), all_of(AirColumn))
     _put_aerosol(made, all_of(SizeDistribution), all_of(AerosolDepth))
     _put_stratosphere(made)
@@ -181,36 +179,28 @@ def _put_profile(made: _Assembly, columns: list[AirColumn]) -> None:
     }
 
 
-def _put_ozone(
-    made: _Assembly, columns: list[OzoneColumn], profiles: list[AirColumn], wanted: PlaceAndTime, usual: bool
-) -> None:
-    ozone = made.section("gases", "ozone") if columns or usual or profiles else {}
+def _put_ozone(made: _Assembly, columns: list[OzoneColumn], profiles: list[AirColumn], wanted: PlaceAndTime) -> None:
     measured = any(p.ozone is not None for p in profiles)
     given = made.climate.gases.ozone
     asked = given.column_du is not None or given.day_of_year is not None or not given.climatology
-    usual = usual or not (columns or measured or asked or wanted.time is None or wanted.latitude_deg is None)
-    if columns or usual:
-        ozone.pop("day_of_year", None)
     if columns:
+        ozone = made.section("gases", "ozone")
+        ozone.pop("day_of_year", None)
         made.sources["ozone column"] = f"{columns[0].column_du:.0f} DU, {columns[0].source}"
         ozone["column_du"] = float(f"{columns[0].column_du:.{DIGITS}g}")
         made.not_used += [f"{one.source}: ozone column, {one.column_du:.0f} DU" for one in columns[1:]]
-    elif usual:
-        if wanted.time is None or wanted.latitude_deg is None:
-            raise TwilightError(
-                "air.ozone: climatology needs a place and a date: air.at, air.latitude_deg and air.longitude_deg, or "
-                "the sun's"
-            )
-        day = wanted.time.astimezone(UTC).timetuple().tm_yday
-        column = round(climatological_column_du(wanted.latitude_deg, day), 1)
-        made.sources["ozone column"] = f"{column:.0f} DU, {climatology_source(wanted.latitude_deg, day)}"
-        ozone["column_du"] = column
     elif measured:
+        ozone = made.section("gases", "ozone")
         ozone.pop("column_du", None)
         ozone.pop("day_of_year", None)
         made.sources["ozone column"] = "that of the ozone profile"
-    else:
+    elif asked or wanted.time is None or wanted.latitude_deg is None:
         made.sources["ozone column"] = f"{OWN}, {'as it asks for' if asked else 'of its profile'}"
+    else:
+        day = wanted.time.astimezone(UTC).timetuple().tm_yday
+        column = round(climatological_column_du(wanted.latitude_deg, day), 1)
+        made.sources["ozone column"] = f"{column:.0f} DU, {climatology_source(wanted.latitude_deg, day)}"
+        made.section("gases", "ozone")["column_du"] = column
 
 
 def _put_water(made: _Assembly, columns: list[WaterColumn], profiles: list[AirColumn]) -> None:

@@ -10,8 +10,9 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from twilight.base.errors import TwilightError
-from twilight.base.registry import FORMATS, check_names
+from twilight.base.formats import FORMATS, check_names
 from twilight.base.sections import Flag, Integer, Number, Section, key
+from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import PROJECTIONS, projection_of, shape_of, view_rays
 
 
@@ -19,6 +20,10 @@ def _files(value: tuple[str, ...] | None) -> tuple[str, ...] | None:
     if value == ():
         raise ValueError("must name one file at least")
     return value if value is None else check_names(value)
+
+
+PIXELS_AT_ONCE = 1 << 18
+"""Pixels whose directions are held at once."""
 
 
 class EyeTone(Section):
@@ -147,6 +152,21 @@ class View(Section):
     def shape(self) -> tuple[int, int]:
         """(height, width) [pixels]."""
         return shape_of(self.kind, self.width, self.height)
+
+    @property
+    def extent_deg(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """The least and the largest elevation, and azimuth from the sun within 0..180, of all pixels [deg]."""
+        height, width = self.shape
+        step = max(1, PIXELS_AT_ONCE // width)
+        extents = []
+        for first in range(0, height, step):
+            azimuth, elevation = azimuth_elevation(self.rays((first, min(first + step, height))))
+            inside = np.isfinite(elevation)
+            if inside.any():
+                e, a = elevation[inside], np.minimum(azimuth, 360.0 - azimuth)[inside]
+                extents.append((e.min(), e.max(), a.min(), a.max()))
+        low, high, left, right = np.array(extents).T
+        return (float(low.min()), float(high.max())), (float(left.min()), float(right.max()))
 
     def rays(self, rows: tuple[int, int] | None = None) -> np.ndarray:
         """Unit vectors (height, width, 3) of the pixel centres, or of some rows, as `views.view_rays`."""

@@ -6,7 +6,6 @@ guards the content of the file.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -20,7 +19,7 @@ from twilight import solvers
 from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
 from twilight.base import cache
-from twilight.base.digest import add_content, code_digest
+from twilight.base.digest import code_digest, content_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.engine.carried import MODEL, CarriedField
@@ -72,34 +71,12 @@ def sum_terms(answer: Answer, bands: GasBands) -> Answer:
 
 
 class Block:
-    """A block of wavelengths, solved.
+    """A block of wavelengths, solved; index: which of the problem's parts.
 
-    Parameters
-    ----------
-    problem
-        What the block is a part of.
-    index
-        Which of its parts: it is solved for the observer of the scene.
-    progress
-        Called with how far a field is, then and when it has to be solved for another observer.
-
-    Attributes
-    ----------
-    wavelengths
-        Range of indices into the wavelengths of the problem's scene.
-    medium
-        The medium at these wavelengths.
-    bands
-        Exponential sums of these wavelengths, whose terms are solved in place of the wavelengths; None: no gas bands.
-    carrier
-        What carries light of the terms from nodes; None: they are solved.
-    field
-        The solver's own field (of the terms), of the observer who was asked for last.
-    from_disk
-        Whether the field was read from the cache.
-    term_medium
-        The medium with a column for each term in place of each wavelength; without bands the medium itself.
-    """
+    wavelengths: range of indices into those of the problem's scene; medium: at these; bands: exponential sums of them,
+        whose terms are solved in place of the wavelengths, None: no gas bands; term_medium: with a column for each term
+    carrier: what carries light of the terms from nodes; None: they are solved
+    field: the solver's own (of the terms), of the observer who was asked for last; from_disk: read from the cache"""
 
     def __init__(self, problem: Problem, index: int, progress: Progress = silent):
         self.problem, self.scene = problem, problem.scene
@@ -370,9 +347,6 @@ def field_key(
 
     solver: name of its module; suns_deg: all that will be asked for, None: any; altitude_km: the observer's.
     """
-    digest = hashlib.sha256(code_digest(solver).encode())
     about = [solver, asdict(settings), None if suns_deg is None else sorted(suns_deg), altitude_km]
-    digest.update(json.dumps(about, sort_keys=True, default=str).encode())
-    for value in (medium, medium.at_grid_wavelengths):
-        add_content(digest, value)
-    return digest.hexdigest()
+    told = json.dumps(about, sort_keys=True, default=str)
+    return content_digest(code_digest(solver), told, medium, medium.at_grid_wavelengths)

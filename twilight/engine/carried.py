@@ -27,7 +27,6 @@ from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.grid_medium import range_of
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
-from twilight.base.threads import one_blas_thread
 from twilight.solvers.base import BareField, Convergence
 
 LANES = 8
@@ -61,6 +60,8 @@ LEAST_PART = 1e-3
 """Least part in its wavelength's light that a term counts with."""
 SLACK = 0.05
 """How far beyond those of the nodes ln(L/C) of a term may be."""
+REMEMBERED = 16
+"""Questions whose light at the nodes is kept: blocks of many wavelengths begin with the same, some four each."""
 DARK = 1e-30
 """Radiance over F0 [sr^-1] that counts as none in a ratio."""
 COVERAGE = 1.5
@@ -148,12 +149,14 @@ def weights(nodes: np.ndarray, at: np.ndarray) -> Weights:
 class Carrier:
     """Wavelengths of one range, or terms of their exponential sums, whose light is carried from nodes among them.
 
-    nodes: the medium of the nodes; place (n, 3): their coordinates; model: the fitted model's field of them
+    nodes: the medium of the nodes; place (n, 3): their coordinates; chosen (n,): which of `n_terms` terms they are;
+    model: the fitted model's field of them
     """
 
-    def __init__(self, nodes: Medium, place: np.ndarray, model: Any):
-        self.nodes, self.place, self.model = nodes, place, model
+    def __init__(self, nodes: Medium, place: np.ndarray, chosen: np.ndarray, n_terms: int, model: Any):
+        self.nodes, self.place, self.chosen, self.n_terms, self.model = nodes, place, chosen, n_terms, model
         self._solved: dict[float, Any] = {}
+        self._asked: dict[tuple[Any, ...], np.ndarray] = {}
 
     @property
     def n_nodes(self) -> int:
@@ -163,8 +166,26 @@ class Carrier:
     def solved(self, altitude_km: float, solve: Callable[[], Any]) -> Any:
         """The solver's field of the nodes for an observer, solved when it is first asked for."""
         if altitude_km not in self._solved:
-            self._solved = {altitude_km: solve()}
+            self._solved, self._asked = {altitude_km: solve()}, {}
         return self._solved[altitude_km]
+
+    def light(self, field: Any, method: str, question: tuple[Any, ...], observer: dict[str, Any]) -> np.ndarray:
+        """Stokes parameters (..., 1 or 3, n) by a method of the solver's field of the nodes, or the model's: blocks ask
+        for the same."""
+        sun, *directions = question
+        arrays = [np.asarray(d, float) for d in directions]
+        key = (id(field), method, sun, *((a.shape, a.tobytes()) for a in arrays), *observer.items())
+        if key not in self._asked:
+            if len(self._asked) == REMEMBERED:
+                del self._asked[next(iter(self._asked))]
+            self._asked[key] = stokes_by(field, method, question, observer)
+        return self._asked[key]
+
+
+def stokes_by(field: Any, method: str, question: tuple[Any, ...], observer: dict[str, Any]) -> np.ndarray:
+    """Stokes parameters (..., 1 or 3, W) by `radiance` or `stokes` of a field."""
+    light: np.ndarray = getattr(field, method)(*question, **observer)
+    return light[..., None, :] if method == "radiance" else light
 
 
 def carriers(medium: Medium, bands: GasBands | None, altitude_km: float) -> list[Carrier | None]:
@@ -185,7 +206,9 @@ def carriers(medium: Medium, bands: GasBands | None, altitude_km: float) -> list
             continue
         nodes = some.select(chosen) if terms is None else terms.expand(some, chosen)
         try:
-            one = Carrier(nodes, place[chosen], model.prepare(nodes, observer_altitude_km=altitude_km))
+            one = Carrier(
+                nodes, place[chosen], chosen, part.size, model.prepare(nodes, observer_altitude_km=altitude_km)
+            )
         except TwilightError:  # air, wavelengths or an observer that the model does not have
             continue
         for w in members:
@@ -261,12 +284,13 @@ class CarriedField(BareField):
     def radiance(self, sun_elevation_deg: float, elevation_deg, azimuth_deg, **observer: Any) -> np.ndarray:
         """Sun-normalised radiance [sr^-1], shape of the directions plus (N,); arguments as of the solver's."""
         question = (sun_elevation_deg, elevation_deg, azimuth_deg)
-        return self._carried(question, self.at_nodes.radiance(*question, **observer)[..., None, :], observer)[..., 0, :]
+        at_nodes = self.carrier.light(self.at_nodes, "radiance", question, observer)
+        return self._carried(question, at_nodes, observer)[..., 0, :]
 
     def stokes(self, sun_elevation_deg: float, elevation_deg, azimuth_deg, **observer: Any) -> np.ndarray:
         """Sun-normalised Stokes parameters I, Q, U [sr^-1], shape of the directions plus (3, N)."""
         question = (sun_elevation_deg, elevation_deg, azimuth_deg)
-        return self._carried(question, self.at_nodes.stokes(*question, **observer), observer)
+        return self._carried(question, self.carrier.light(self.at_nodes, "stokes", question, observer), observer)
 
     def radiance_with_error(self, sun_elevation_deg: float, elevation_deg, azimuth_deg, **more: Any) -> CarriedEstimate:
         """Radiance of a solver with noise; the standard error is that of the nodes' logarithms, carried."""
@@ -286,13 +310,12 @@ class CarriedField(BareField):
         carried = np.sqrt(relative**2 @ self.weights.weight**2) * light[..., :1, :]
         return CarriedEstimate(light[..., 0, :], light, carried if light.shape[-2] > 1 else carried[..., 0, :])
 
-    @one_blas_thread()
     def _carried(self, question: tuple[Any, ...], at_nodes: np.ndarray, observer: dict[str, Any]) -> np.ndarray:
         """Stokes parameters (..., S, N) of the terms from those of the nodes, (..., S, n)."""
-        method = "stokes" if at_nodes.shape[-2] > 1 else "radiance"
-        known, wanted = (getattr(of, method)(*question, **observer) for of in (self.carrier.model, self.model))
-        if method == "radiance":
-            known, wanted = known[..., None, :], wanted[..., None, :]
+        method, carrier = "stokes" if at_nodes.shape[-2] > 1 else "radiance", self.carrier
+        wanted = stokes_by(self.model, method, question, observer)
+        whole = self.medium.n_wavelengths == carrier.n_terms
+        known = wanted[..., carrier.chosen] if whole else carrier.light(carrier.model, method, question, observer)
         solved, model = (np.maximum(light[..., 0, :], DARK) for light in (at_nodes, known))
         ratio = np.log(solved / model)
         self.error = max(self.error, self._added(ratio))

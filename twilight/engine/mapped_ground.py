@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.conventions import DARK
 from twilight.engine.field import Field
 from twilight.numerics.spectrum import hermite_weights
 from twilight.scene.scene import Scene
@@ -36,8 +37,6 @@ SUNS_DEG = 2.0
 """Most distance of the suns of which E is computed [deg]."""
 DARK_DEG = -20.0
 """Sun below which the ground is dark [deg]."""
-FAINT = 1e-30
-"""Light and transmittance that stand for none in logarithms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +109,8 @@ class MappedGround:
         ]
         return cls(
             land, medium.wavelength_nm, medium.ground_albedo, sun_elevation_deg, horizon, turn,
-            np.log(np.maximum(solved.of_terms(passed), FAINT)), suns,
-            np.log(np.maximum(np.array(light) / np.pi, FAINT)),
+            np.log(np.maximum(solved.of_terms(passed), DARK)), suns,
+            np.log(np.maximum(np.array(light) / np.pi, DARK)),
         )  # fmt: skip
 
     def light(self, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:

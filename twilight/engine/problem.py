@@ -27,7 +27,7 @@ FIELD_BYTES = 1.0e9
 """Most memory of a block of wavelengths: what is more is divided into blocks, which do not change what is computed."""
 FEW_WAVELENGTHS = 8
 """Up to so many are one block, whatever memory that takes: to know it would cost 4 % of a `draft` field's time."""
-CARRIED_AT_ONCE = 96
+CARRIED_AT_ONCE = 160
 """Most wavelengths of a block, or terms of their sums, whose light the fitted model carries: 5 MB each."""
 VALUES_AT_ONCE = 400_000
 """Directions times wavelengths of a texture or a view that a solver is asked for at once, by rows: the memory that each
@@ -72,17 +72,9 @@ VIEW_NODES = 4000
 class Problem:
     """How a scene is solved.
 
-    Parameters
-    ----------
-    scene
-        What is solved.
-    sun_elevations_deg
-        All the suns that will be asked for [deg], which some solvers take to save time; None: any.
-    cached
-        Whether solved fields are taken from the user's cache and left there; else every field is solved here.
-    numpy_only_sun
-        The sun's own light on the ground is found by quadrature, where one sun is not worth tables.
-    """
+    sun_elevations_deg: all the suns that will be asked for [deg], which some solvers take to save time; None: any
+    cached: whether solved fields are taken from the user's cache and left there; else every field is solved here
+    numpy_only_sun: the sun's own light on the ground is found by quadrature, where one sun is not worth tables"""
 
     scene: Scene
     sun_elevations_deg: tuple[float, ...] | None = None
@@ -144,7 +136,8 @@ class Problem:
         if able.carried is None or not able.carried(scene.settings):
             return none
         config, lowest = scene.config, min(self.sun_elevations_deg or (0.0,))
-        looks_down = config is not None and (config.terrain is not None or config.observer.view is not None)
+        view = None if config is None else config.observer.view
+        looks_down = view is not None and (config.terrain is not None or view.extent_deg[0][0] < 0.0)  # type: ignore[union-attr]
         high = scene.altitude_km > scene.medium.bottom_km + HIGHEST_OBSERVER_KM
         known = not (looks_down or high or lowest < LOWEST_SUN_DEG)
         found = carriers(scene.medium, scene.bands, scene.altitude_km) if known else none

@@ -42,8 +42,6 @@ MOST_NODES = (280, 140)
 """Most rows and columns of a view."""
 LEAST_APART_DEG = 1e-3
 """First rows and columns closer than this to the edge of a view are left out [deg]."""
-PIXELS_AT_ONCE = 1 << 18
-"""Pixels whose directions are held at once."""
 PIECE_DEG = 0.02
 """Largest distance of the directions of a pixel whose mean is the moon's light in the pixel [deg]."""
 MOST_PIECES = 24
@@ -165,12 +163,12 @@ class ViewOfLights:
 def check_view(view: View, able: Capabilities, title: str, mapped: bool = False) -> None:
     """TwilightError for a view that goes below the horizontal, where the solver cannot look, or not at ground of a map
     (mapped)."""
-    if not able.looks_down and _extent(view)[0][0] < 0.0:
+    if not able.looks_down and view.extent_deg[0][0] < 0.0:
         raise TwilightError(
             f"{title}: a view {view.kind} goes below the horizon, where its solver cannot look; take zones, tables, "
             "cells or montecarlo (--solver), or a panorama"
         )
-    if mapped and not (able.every_sun and able.every_observer) and _extent(view)[0][0] < 0.0:
+    if mapped and not (able.every_sun and able.every_observer) and view.extent_deg[0][0] < 0.0:
         raise TwilightError(f"{title}: ground.albedo_map is seen with zones or tables (--solver)")
 
 
@@ -201,7 +199,7 @@ def view_radiance(
 
 def _first_nodes(solved: Field, view: View, azimuth_deg: float, pitch_deg: float) -> tuple[np.ndarray, np.ndarray]:
     """The rows and columns that a view is computed on first."""
-    (low, high), (left, right) = _extent(view)
+    (low, high), (left, right) = view.extent_deg
     if azimuth_deg or left < 2.0 * pitch_deg:
         left = 0.0  # where the sky is its mirror image
     if azimuth_deg or right > 180.0 - 2.0 * pitch_deg:
@@ -227,21 +225,6 @@ def join_views(views: Sequence[ViewRadiance]) -> ViewRadiance:
     grounds = [one.ground for one in views if one.ground is not None]
     ground = join_grounds(grounds) if grounds else None
     return replace(views[0], table=join_tables([one.table for one in views]), ground=ground)
-
-
-def _extent(view: View) -> tuple[tuple[float, float], tuple[float, float]]:
-    """The least and the largest elevation, and azimuth from the sun within 0..180, of all pixels [deg]."""
-    height, width = view.shape
-    step = max(1, PIXELS_AT_ONCE // width)
-    extents = []
-    for first in range(0, height, step):
-        azimuth, elevation = azimuth_elevation(view.rays((first, min(first + step, height))))
-        inside = np.isfinite(elevation)
-        if inside.any():
-            e, a = elevation[inside], np.minimum(azimuth, 360.0 - azimuth)[inside]
-            extents.append((e.min(), e.max(), a.min(), a.max()))
-    low, high, left, right = np.array(extents).T
-    return (float(low.min()), float(high.max())), (float(left.min()), float(right.max()))
 
 
 def check_terrain(able: Capabilities, terrain: Terrain, altitude_km: float, standpoint: Standpoint | None) -> None:

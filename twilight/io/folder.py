@@ -14,12 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from twilight.base.errors import TwilightError
-from twilight.base.registry import FORMATS, WHERE_DISC, WHERE_MOON, WHERE_POLARISED, WITH_VIEW, check_names, file_names
+from twilight.base.formats import FORMATS, WHERE_DISC, WHERE_MOON, WHERE_POLARISED, WITH_VIEW, check_names, file_names
 from twilight.base.whole_files import writing
 from twilight.io.environment import environment_directions
+from twilight.io.journal import Journal, open_journal, read_journal
 from twilight.io.netcdf import read_sky
 from twilight.io.picture import DEFAULT_VIEW, DEFAULT_WIDTH, check_options, view_directions
-from twilight.io.provenance import Journal, differences, open_journal, read_journal
+from twilight.io.provenance import differences
 from twilight.io.rendered import Options, Rendered, ViewSource
 from twilight.sky.sky import Sky
 
@@ -253,7 +254,7 @@ def write_outputs(
     """Write files of a sky into a folder, which is made if it is not there; each is whole or absent.  Returns them.
 
     sky: what ``sky.h5`` holds, and pictures and environment maps are made from.  view: what `engine.view` saw, for the
-    file `view`.  files: names of `twilight.base.registry.FORMATS`; None: all of them, without pictures of the
+    file `view`.  files: names of `twilight.base.formats.FORMATS`; None: all of them, without pictures of the
     polarisation, the disc and a view where there is none; with `view` those of a view alone.  views, options: as of
     `twilight.io.rendered.Options`.
     Errors: TwilightError for an unknown option, and where the folder cannot be written.

@@ -6,7 +6,7 @@ picture whose field is cached.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import cache
@@ -21,7 +21,7 @@ from twilight.base.whole_files import whole_content
 from twilight.io.labels import attributes
 from twilight.io.provenance import coordinates_of, fields_from, provenance_fields, provenance_from_fields
 from twilight.io.rendered import Options, Rendered
-from twilight.numerics.spectrum import wavelength_bounds
+from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM, wavelength_bounds
 from twilight.sky.disc import Disc
 from twilight.sky.sky import Sky
 
@@ -205,20 +205,7 @@ def write_h5(rendered: Rendered, folder: Path, options: Options) -> list[Path]:
 def read_sky(path: str | Path) -> Sky:
     """Read what `write_sky` wrote; every array comes back bit for bit.
 
-    Parameters
-    ----------
-    path
-        The file.
-
-    Returns
-    -------
-    Sky
-
-    Raises
-    ------
-    TwilightError
-        Where the file is missing, not complete, or not a sky.
-    """
+    Errors: TwilightError where the file is missing, not complete, or not a sky."""
     path = Path(path)
     with reading(path, "a complete HDF5 file"):
         variables, about = _load(path)
@@ -300,22 +287,35 @@ def _sky(variables: dict[str, _Stored], about: dict[str, Any]) -> Sky:
             text = variables[name].values[()]
             fields[name] = text.decode() if isinstance(text, bytes) else str(text)
     time = about.get("time_iso8601")
+    axes = [variables[name].values for name in ("wavelength", "elevation", "azimuth")]
+    when = None if time is None else datetime.fromisoformat(time)
+    return sky_of(axes, array, pair, number, fields, time=when, disc=_disc(variables))
+
+
+def sky_of(
+    axes: Sequence[np.ndarray],
+    array: Callable[[str], np.ndarray | None],
+    pair: Callable[[str, str], np.ndarray | None],
+    number: Callable[..., float | None],
+    about: dict[str, Any],
+    **more: Any,
+) -> Sky:
+    """A sky of wavelengths, elevations and azimuths, from what gives the variables of ``sky.h5`` by name: arrays, Q and
+    U as one, numbers (`fields_from`); about: its attributes.  None: it is not there."""
+    facts = {"provenance": provenance_from_fields(about), **fields_from(number), **more}
     return Sky(
-        wavelength_nm=variables["wavelength"].values,
-        elevation_deg=variables["elevation"].values,
-        azimuth_deg=variables["azimuth"].values,
-        sun_normalised_radiance=array("sun_normalised_radiance"),  # type: ignore[arg-type]
-        time=None if time is None else datetime.fromisoformat(time),
+        wavelength_nm=axes[0],
+        elevation_deg=axes[1],
+        azimuth_deg=axes[2],
+        sun_normalised_radiance=array(_RADIANCE),  # type: ignore[arg-type]
         ground_albedo=array("surface_albedo"),
         standard_error=array("standard_error"),
         polarisation=pair(f"{_RADIANCE}_q", f"{_RADIANCE}_u"),
         polarisation_error=pair("standard_error_q", "standard_error_u"),
         night_radiance=array("night_radiance"),
         direct_irradiance=array("direct_irradiance_factor"),
-        solar_spectrum=str(about.get("solar_spectrum", "astm_g173_etr")),
-        disc=_disc(variables),
-        provenance=provenance_from_fields(fields),
-        **fields_from(number),
+        solar_spectrum=str(about.get("solar_spectrum", DEFAULT_SOLAR_SPECTRUM)),
+        **facts,
     )
 
 

@@ -1,9 +1,9 @@
 """Kernels compiled side by side, before they are called: the first sky on a machine waits for little else.
 
 `entries.json` lists by solver the kernels that Python calls for a sky, with the types of their arguments
-(`benchmarks/ship_kernels.py` writes it).  A process for each further core compiles them into numba's cache, from the
-last to the first, while the program itself goes on; it takes what is there and waits for a kernel that another process
-is compiling.  A list that is out of date costs time alone: what it lacks is compiled where it is called.
+(`benchmarks/builders/ship_kernels.py` writes it).  A process for each further core compiles them into numba's cache,
+from the last to the first, while the program itself goes on; it takes what is there and waits for a kernel that another
+process is compiling.  A list that is out of date costs time alone: what it lacks is compiled where it is called.
 """
 
 from __future__ import annotations

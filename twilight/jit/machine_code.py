@@ -8,8 +8,8 @@ what no longer is what it was is compiled again, and an edit of anything else is
 An inner kernel is never run by itself: it is kept as LLVM's code, to be linked into those that call it, and machine
 code is made of them alone.
 
-A wheel may bring machine code for processors of the level x86-64-v3 (`benchmarks/wheel_kernels.py`).  Where there is
-none of this very processor it is taken, if the processor has that level: what else is compiled stays native.
+A wheel may bring machine code for processors of the level x86-64-v3 (`benchmarks/builders/wheel_kernels.py`).  Where
+there is none of this very processor it is taken, if the processor has that level: what else is compiled stays native.
 
 Reading machine code needs none of what compiling does: numba's registries, which take half a second with the parts of
 scipy that they import, are loaded where something is compiled.

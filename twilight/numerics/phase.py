@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.base.errors import TwilightError
-from twilight.base.threads import one_blas_thread
 from twilight.jit.kernels import njit
 
 HENYEY_GREENSTEIN, TABLE = range(2)
@@ -222,7 +221,6 @@ class PhaseFunction:
         ratios = self.ratios[:3]
         return np.concatenate([p11[None], p11 * (ratios[:, :, i] * (1.0 - f) + ratios[:, :, i + 1] * f)])
 
-    @one_blas_thread()
     def legendre_moments(self, degree: int) -> np.ndarray:
         """Moments chi_l = 2 pi int p(mu) P_l(mu) dmu, l = 0..degree, shape (W, degree + 1); chi_0 = 1, chi_1 = g."""
         if self.kind == HENYEY_GREENSTEIN:
@@ -265,13 +263,7 @@ class PhaseArrays(NamedTuple):
 
 
 def phase_arrays(phase_functions: Sequence[PhaseFunction], n_wavelengths: int) -> PhaseArrays:
-    """The phase functions of one medium as arrays.
-
-    Raises
-    ------
-    ValueError
-        Where tables of different length are mixed.
-    """
+    """The phase functions of one medium as arrays.  Errors: ValueError where tables of different length are mixed."""
     count = len(phase_functions)
     width = max((p.log_table.shape[1] for p in phase_functions), default=1)
     tables = np.zeros((count, n_wavelengths, width))

@@ -16,7 +16,9 @@ import numpy as np
 from twilight import solvers
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.threads import one_blas_thread
 from twilight.config.climate import Spectrum, climate_files
+from twilight.config.measured import place_and_time_of
 from twilight.config.scene import Config, Observer
 from twilight.config.solver import complete_solver
 from twilight.config.sun import SunAt, SunElevation, SunElevations
@@ -109,28 +111,15 @@ def resolved_configuration(config: Config, section: SunElevation | SunAt) -> dic
 class Scene:
     """The air and the ground, how light in them is solved, the suns and the observer.
 
-    Parameters
-    ----------
-    medium
-        Optical coefficients at all wavelengths, over their ground.
-    bands
-        Exponential sums of the gases' bands, solved in place of the medium's wavelengths; None: there are none.
-    solver
-        A module as `twilight.solvers.load` gives it.
-    settings
-        One of the solver's `QUALITIES`, perhaps with options replaced.
-    suns
-        The suns of the configuration; a field that is asked for other suns takes no notice of them.
-    observer
-        Altitude above sea level [km] (unset: on the ground), and the view of a camera.
-    title
-        What errors call the scene.
-    omissions
-        What the plan of the scene left out of the medium.
-    config
-        The configuration that was resolved, from which skies take their directions, night, terrain and record; None
-        for a scene that was put together by hand, which has a field but no frames.
-    """
+    medium: at all wavelengths, over its ground; bands: exponential sums of the gases' bands, solved in place of the
+        medium's wavelengths, None: there are none
+    solver: a module as `twilight.solvers.load` gives it; settings: one of its `QUALITIES`, perhaps with options
+        replaced
+    suns: of the configuration; a field that is asked for other suns takes no notice of them
+    observer: altitude above sea level [km] (unset: on the ground), and the view of a camera
+    title: what errors call the scene; omissions: what the plan of the scene left out of the medium
+    config: the configuration that was resolved, from which skies take their directions, night, terrain and record; None
+        for a scene that was put together by hand, which has a field but no frames"""
 
     medium: Medium
     bands: GasBands | None
@@ -182,6 +171,7 @@ class Scene:
         return lights_of(self.configuration, self.medium, self.altitude_km, sun)
 
 
+@one_blas_thread()
 def resolve(
     config: Config,
     *,
@@ -198,7 +188,8 @@ def resolve(
     if solver is None:
         name, _, settings = config.chosen_solver
         solver = solvers.load(name), settings
-    climate, ozone_source = with_usual_ozone(_with_mean_of_map(config))
+    config = _with_mean_of_map(config)
+    climate, ozone_source = with_usual_ozone(config.climate, place_and_time_of(config))
     horizon = usual_horizon(config, solver[0])
     config = config.model_copy(update={"climate": climate, "horizon": horizon})
     plan = make_plan(config, wavelength_nm)

@@ -10,19 +10,34 @@ from twilight.atmosphere.measured import climatological_column_du, climatology_s
 from twilight.atmosphere.screen import Screen
 from twilight.config.measured import place_and_time_of
 from twilight.config.scene import Config, Horizon
+from twilight.io.air.lines import PlaceAndTime
 
 if TYPE_CHECKING:
     from twilight.config.climate import Climate
     from twilight.solvers.base import Solver
 
 
+NOWHERE = PlaceAndTime()
+"""No place and no time."""
 CLEAN = Horizon()
 """Nothing beyond the horizon: of papers, references and other codes."""
 
 
 def completed(config: Config) -> Config:
     """The configuration with the horizon and the ozone that it leaves unset; what is set stays."""
-    return config.model_copy(update={"climate": with_usual_ozone(config)[0], "horizon": usual_horizon(config)})
+    return config.model_copy(update={"climate": _with_ozone(config)[0], "horizon": usual_horizon(config)})
+
+
+def _with_ozone(config: Config) -> tuple[Climate, str | None]:
+    return with_usual_ozone(config.climate, place_and_time_of(config))
+
+
+def said(config: Config) -> list[str]:
+    """What the configuration leaves unset, in words for people."""
+    horizon = usual_horizon(config)
+    words = [] if config.horizon is not None or horizon == CLEAN else [f"beyond the horizon, {described(horizon)}"]
+    climate, source = _with_ozone(config)
+    return words + ([] if source is None else [f"ozone {climate.gases.ozone.column_du:.0f} DU, {source}"])
 
 
 def usual_horizon(config: Config, solver: Solver | None = None) -> Horizon:
@@ -73,18 +88,16 @@ def described(horizon: Horizon) -> str:
     )
 
 
-def with_usual_ozone(config: Config) -> tuple[Climate, str | None]:
-    """The climate with the zonal mean of its ozone in place of an unset column, and its source in words: of the place
-    and day of the (first) sun, or of the latitude and season for which the profile stands.
+def with_usual_ozone(climate: Climate, at: PlaceAndTime = NOWHERE) -> tuple[Climate, str | None]:
+    """The climate with the zonal mean of its ozone in place of an unset column, and its source in words: of a place and
+    day, or of the latitude and season for which the profile stands.
 
     As it is, and None, where the column, levels or a table were given, or `gases.ozone.climatology` is false.
     """
-    climate = config.climate
     ozone = climate.gases.ozone
     own = climate.medium is not None or climate.atmosphere.levels is not None or not ozone.climatology
     if own or ozone.column_du is not None or ozone.day_of_year is not None or ozone.treatment == "none":
         return climate, None
-    at = place_and_time_of(config)
     if at.time is None or at.latitude_deg is None:
         column, source = profile_column_du(climate.atmosphere.profile)
     else:

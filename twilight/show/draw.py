@@ -5,6 +5,7 @@ The rule is compiled here because films read some millions of directions a secon
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,23 +53,48 @@ def _stencil(nodes, x, at, weight):
     weight[3] = -outer_right
 
 
-@njit(cache=True, nogil=True)
-def _draw(table, phase, rows, columns, darkest, directions, azimuth, above, horizon, sun, sun_azimuth, near, out, i, j):
-    """Light out (N, 4) of directions i to j.
+class Nodes(NamedTuple):
+    """The sky of one sun: table (rows, columns, LANES), S of the channels, then A; phase (angles, LANES): 0, then ln P;
+    rows, columns: nodes [deg]; darkest (4,): light that counts as none."""
 
-    table (rows, columns, LANES): S of the channels, then A; phase (angles, LANES): 0, then ln P; rows, columns: nodes
-    [deg]; darkest (4,): light that counts as none; directions (N, 2): elevation [deg] and its cosine; azimuth (N,)
-    [deg]; above (N,): part of each pixel that is over the horizon [deg]; sun: apparent [deg]; sun_azimuth [deg];
-    near [au^-2]: one over the square of its distance; i, j: range of directions.
-    """
+    table: np.ndarray
+    phase: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+    darkest: np.ndarray
+
+
+class Pixels(NamedTuple):
+    """directions (N, 2): elevation [deg] and its cosine; azimuth (N,) [deg]; above (N,): part of each pixel that is
+    over the horizon [deg]."""
+
+    directions: np.ndarray
+    azimuth: np.ndarray
+    above: np.ndarray
+    horizon: float
+
+
+class SunSeen(NamedTuple):
+    """Apparent elevation and azimuth [deg], and one over the square of the distance [au^-2]."""
+
+    elevation: float
+    azimuth: float
+    near: float
+
+
+@njit(cache=True, nogil=True)
+def _draw(nodes, pixels, sun, out, i, j):
+    """Light out (N, 4) of directions i to j; nodes: `Nodes`; pixels: `Pixels`; sun: `SunSeen`."""
+    table, phase, rows, columns, darkest = nodes
+    directions, azimuth, above, horizon = pixels
     at, weight = np.empty(4, np.int64), np.empty(4)
     across, beside = np.empty(4, np.int64), np.empty(4)
     channels = np.empty((1, LANES), np.float32)
-    n_angles, level = phase.shape[0], math.cos(math.radians(sun))
+    n_angles, level = phase.shape[0], math.cos(math.radians(sun.elevation))
     for p in range(i, j):
-        a = abs((azimuth[p] - sun_azimuth + 180.0) % 360.0 - 180.0)
+        a = abs((azimuth[p] - sun.azimuth + 180.0) % 360.0 - 180.0)
         _stencil(columns, a, across, beside)
-        half = math.sin(math.radians(0.5 * (directions[p, 0] - sun)))
+        half = math.sin(math.radians(0.5 * (directions[p, 0] - sun.elevation)))
         chord = half * half + directions[p, 1] * level * math.sin(math.radians(0.5 * a)) ** 2
         place = math.sqrt(2.0 * math.asin(math.sqrt(min(1.0, chord))) / math.pi) * (n_angles - 1)
         k = min(int(place), n_angles - 2)
@@ -91,7 +117,7 @@ def _draw(table, phase, rows, columns, darkest, directions, azimuth, above, hori
             for c in range(CHANNELS):
                 light = channels[0, c] + channels[0, CHANNELS + c]
                 if light > darkest[c]:
-                    out[p, c] += near * fraction * light
+                    out[p, c] += sun.near * fraction * light
 
 
 @dataclass
@@ -129,10 +155,10 @@ class Painter:
             layers[..., CHANNELS:] = sky.aureole[0][:, self._column]
         darkest = 2.0 * DARKEST * np.exp(smooth.max(axis=(0, 1)).astype(float))
         out = np.empty((self._azimuth.size, CHANNELS))
-        nodes = layers, self._phase, self.table.elevation_deg, self._columns, darkest
-        about = self._directions, self._azimuth, self._above, self.horizon_deg
-        sun = float(sky.apparent_sun_deg[0]), sun_azimuth_deg, 1.0 / distance_au**2
-        in_slices(lambda i, j: _draw(*nodes, *about, *sun, out, i, j), self._azimuth.size)
+        nodes = Nodes(layers, self._phase, self.table.elevation_deg, self._columns, darkest)
+        pixels = Pixels(self._directions, self._azimuth, self._above, self.horizon_deg)
+        sun = SunSeen(float(sky.apparent_sun_deg[0]), float(sun_azimuth_deg), 1.0 / distance_au**2)
+        in_slices(lambda i, j: _draw(nodes, pixels, sun, out, i, j), self._azimuth.size)
         out = out.reshape(*self.elevation_deg.shape, CHANNELS)
         out[self.outside] = 0.0
         return out

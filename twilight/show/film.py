@@ -1,6 +1,5 @@
 """From a configuration to a film: one field, its tables, exposures of all pictures, the pictures, the encoder."""
 
-import hashlib
 import shutil
 import time
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from twilight import solvers
-from twilight.base.digest import add_content, code_digest
+from twilight.base.digest import code_digest, content_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.base.reading import stored_arrays
@@ -20,9 +19,10 @@ from twilight.config.pictures import View
 from twilight.config.scene import Config
 from twilight.engine import solve
 from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT, SunTables, suns_between
-from twilight.engine.table import first_columns, first_rows, with_ground
+from twilight.engine.table import shared_columns, shared_rows
+from twilight.io.journal import locked
 from twilight.io.picture import to_bytes
-from twilight.io.provenance import configuration_hash, locked
+from twilight.io.provenance import configuration_hash
 from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import PROJECTIONS
 from twilight.scene import Scene, resolve
@@ -131,8 +131,8 @@ class Animation:
         self._cached = scene is None
         self.scene = scene = resolve(config) if scene is None else scene
         check_altitudes(scene, None, config.title)
-        self._rows_deg = first_rows(*with_ground(scene, scene.altitude_km), nodes[0])
-        self._columns_deg = first_columns(nodes[1])
+        self._rows_deg = shared_rows(scene, scene.altitude_km, nodes[0], ground=True)
+        self._columns_deg = shared_columns(nodes[1])
         if output.suffix:
             check_file(output)
         else:
@@ -209,12 +209,10 @@ class Animation:
     def _scene(self) -> str:
         """A hash of all that the tables depend on."""
         name, _, settings = self.config.chosen_solver
-        content = hashlib.sha256()
-        add_content(content, self.scene.medium)
         return configuration_hash(
             {
                 "code": code_digest("twilight.show.film", solvers.SOLVERS[name]),
-                "medium": content.hexdigest(),
+                "medium": content_digest(self.scene.medium),
                 "settings": repr(settings),
                 "altitude_km": self.scene.altitude_km,
                 "suns_deg": self.suns_deg.tolist(),

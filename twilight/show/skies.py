@@ -7,6 +7,7 @@ import numpy as np
 
 from twilight import __version__
 from twilight.atmosphere.medium import Medium
+from twilight.base.conventions import DARK
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine import Field
@@ -31,8 +32,6 @@ ORBIT_KM = 1000.0
 """Height of the highest observer of `ground_to_orbit`."""
 HIGHEST_KM = 40000.0
 """Highest observer, beyond a geostationary orbit."""
-FAINTEST = 1e-30
-"""Light of one computed sky below which its logarithm is not taken [sr^-1]."""
 GRID_ROWS = 91
 """Elevations of one computed sky: each degree."""
 GRID_COLUMNS = 180
@@ -50,38 +49,17 @@ def view_fields(
     nodes: page.PageNodes | None = None,
     progress: Progress | None = None,
 ) -> Page:
-    """The page of one field, or of two side by side.
+    """The page of one field, or of two side by side, solved for all suns.
 
-    Parameters
-    ----------
-    fields
-        One or two fields, solved for all suns.
-    names
-        What the page calls them; None: the names of their media.
-    scenes
-        What `twilight render` is given to compute them, for a shell; None: the page has no command to copy.
-    altitudes_km
-        Altitudes of the observer above sea level [km], increasing; None: the one of the field.  Between several the
-        page interpolates; one above the air, the last, lets it go up to there, with tables of the top of the air.
-        `ground_to_orbit` has a usual choice.
-    solar_spectrum
-        Name of the solar spectrum that radiances are multiplied with.
-    start
-        The page's first settings, by the names of `web/state.js`.
-    nodes
-        Rows and columns of the tables; None: the usual ones.
-    progress
-        Called as progress(doing, fraction) now and then.
-
-    Returns
-    -------
-    Page
-
-    Raises
-    ------
-    TwilightError
-        For a field that cannot show every sun and direction, and an altitude that it does not serve.
-    """
+    names: what the page calls them; None: the names of their media
+    scenes: what `twilight render` is given to compute them, for a shell; None: the page has no command to copy
+    altitudes_km: of the observer above sea level [km], increasing; None: the one of the field.  Between several the
+        page interpolates; one above the air, the last, lets it go up to there, with tables of the top of the air
+        (`ground_to_orbit`: a usual choice)
+    solar_spectrum: name of the one that radiances are multiplied with; start: the page's first settings, by the names
+        of `web/state.js`; nodes: rows and columns of the tables, None: the usual ones
+    Errors: TwilightError for a field that cannot show every sun and direction, and an altitude that it does not
+        serve."""
     if not 1 <= len(fields) <= MOST_FIELDS:
         raise TwilightError(f"view: shows 1 or {MOST_FIELDS} fields, not {len(fields)}")
     tell, nodes = progress or silent, nodes or page.PageNodes()
@@ -241,11 +219,11 @@ def view_sky(sky: Sky, *, name: str = "", start: dict[str, Any] | None = None) -
     columns = np.arange(GRID_COLUMNS) * (360.0 / GRID_COLUMNS)
     channels = Channels(sky.wavelength_nm, sky.solar_spectrum)
     around = np.concatenate([columns[-2:] - 360.0, columns, columns[:2] + 360.0])
-    light = np.maximum(channels.of(sky.normalised_radiance), FAINTEST) / sky.distance_au**2
+    light = np.maximum(channels.of(sky.normalised_radiance), DARK) / sky.distance_au**2
     light = sky.smooth(light, rows[:, None], around[None, :])
     light = np.log(np.maximum(light, DARKEST * light.max(axis=(0, 1))))
     few, wide = rows[::5], np.concatenate([columns[::5][-2:] - 360.0, columns[::5], columns[::5][:2] + 360.0])
-    spectra = sky.smooth(np.maximum(sky.normalised_radiance, FAINTEST), few[:, None], wide[None, :])
+    spectra = sky.smooth(np.maximum(sky.normalised_radiance, DARK), few[:, None], wide[None, :])
     pack.header |= {
         "altitude_km": [sky.observer_altitude_km],
         "highest_km": sky.observer_altitude_km,
@@ -260,7 +238,7 @@ def view_sky(sky: Sky, *, name: str = "", start: dict[str, Any] | None = None) -
     single = {"sun_node_deg": [sky.sun_elevation_deg], "spectrum_sun_deg": [sky.sun_elevation_deg], "lift_deg": [[0.0]]}
     pack.header["fields"].append(channel_facts(channels) | single | {"horizon_deg": [0.0], "haze_deg": [0.0]})
     pack.logarithm("sky0", np.moveaxis(light, -1, 0)[:, None, None])
-    pack.logarithm("spectrum0", np.moveaxis(np.log(np.maximum(spectra, FAINTEST)), -1, 0)[:, None, None])
+    pack.logarithm("spectrum0", np.moveaxis(np.log(np.maximum(spectra, DARK)), -1, 0)[:, None, None])
     add_tones(pack)
     return Page(pack, f"{name}: sky")
 

@@ -1,6 +1,6 @@
 """A page whose sliders change the air: the model of all clear air, computed in the browser (`model_text`).
 
-The page holds the model's file and two airs of `transport.clear_air`: what is below the stratosphere, and what is in
+The page holds the model's file and two airs of `clear_air`: what is below the stratosphere, and what is in
 it.  Their optical depths are scaled apart and added, which is exact; so is ozone's absorption, which goes with its
 column.
 """
@@ -13,7 +13,11 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
-from twilight.engine.table import first_columns, first_rows
+from twilight.clear_air.entry import HIGHEST_OBSERVER_KM, SHIPPED, check_air, check_medium, shipped_model
+from twilight.clear_air.model import SUN_DEG
+from twilight.clear_air.of_medium import air_of
+from twilight.clear_air.shells import ABSORPTION, EXTINCTION, HIGH, Air
+from twilight.engine.table import first_rows, shared_columns
 from twilight.numerics.spectrum import VISIBLE_NM, expand, hermite_matrix
 from twilight.scene.medium import climate_medium
 from twilight.scene.scene import Scene
@@ -22,14 +26,10 @@ from twilight.show.skies import about_page, add_tones, channel_facts
 from twilight.show.tones import Channels
 from twilight.sky import colour
 from twilight.sky.tone import Light, scotopic_weights
-from twilight.solvers.compact.air import air_of
-from twilight.solvers.compact.field import HIGHEST_OBSERVER_KM, SHIPPED, check_air, check_medium, shipped_model
-from twilight.transport.clear_air.model import SUN_DEG
-from twilight.transport.clear_air.shells import ABSORPTION, EXTINCTION, HIGH, Air
 
 ROWS_DEG = first_rows(0.0, [], 45)
 """Elevations at which the page computes light [deg]; in between it reads it as a `SkyTable`."""
-COLUMNS_DEG = first_columns(29)
+COLUMNS_DEG = shared_columns(31)
 """Azimuths from the sun at which it does [deg]."""
 COLOUR_NM = VISIBLE_NM[::10]
 """Wavelengths at which the page has spectra to take their colours [nm]."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.conventions import DARK
 from twilight.base.threads import in_slices
 from twilight.terrain.march import ShadowGrid, TerrainAir, sunlight_on_lines
 from twilight.transport.beam import Beam
@@ -33,8 +34,6 @@ BESIDE_SUN_DEG = 5.0
 """Angle from the sun [deg] within which light scattered more than once is taken from outside of it."""
 AZIMUTHS_DEG = (0, 0.5, 1, 2, 3.5, 5, 7.5, 10, 15, 20, 30, 45, 60, 80, 100, 120, 150, 180)
 """Azimuths of nodes from the sun [deg]."""
-DARK = 1e-30
-"""Light and transmittance that stand for none where logarithms are taken."""
 
 
 def sunlit_air(field: Any, medium: Medium) -> tuple[TerrainAir, np.ndarray]:
@@ -51,11 +50,7 @@ def sunlit_air(field: Any, medium: Medium) -> tuple[TerrainAir, np.ndarray]:
 class AerialPerspective:
     """Distances are counted in the length of the line, which ends on the medium's ground or at the farthest terrain.
 
-    Parameters
-    ----------
-    lit : SunlitAir
-    elevation_deg, azimuth_deg, far_km : (D,) of all lines that will be asked for; inf where there is no ground
-    """
+    elevation_deg, azimuth_deg, far_km (D,): of all lines that will be asked for; inf where there is no ground"""
 
     def __init__(
         self, lit: Any, air: TerrainAir, forward_fraction: np.ndarray,

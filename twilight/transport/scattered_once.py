@@ -12,9 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
-from twilight.numerics.spectrum import hermite_matrix
-from twilight.transport.clear_air.shells import (
+from twilight.clear_air.shells import (
     DARK_LOG,
     Line,
     Shells,
@@ -24,6 +22,8 @@ from twilight.transport.clear_air.shells import (
     sublayers,
     summed,
 )
+from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
+from twilight.numerics.spectrum import hermite_matrix
 
 if TYPE_CHECKING:
     from twilight.atmosphere.bands import GasBands

@@ -1,4 +1,4 @@
-// M_0, light that is scattered more than once: a port of rays.py and diffuse.py of twilight/transport/clear_air (see shells.js).
+// M_0, light that is scattered more than once: a port of rays.py and diffuse.py of twilight/clear_air (see shells.js).
 // Sums over azimuths go by waves, cos(m azimuth): scattering turns each into itself, and harmonics of order m are sums over
 // the m-th alone.
 const BOUNDARY_KM = [0, 0.02, 0.12, 0.25, 0.45, 0.7, 1, 1.35, 2, 2.5, 3.5, 5, 6, 8, 10, 12, 14, 16, 17.5, 19, 20, 21, 22, 24, 26, 30, 36, 45, 60, 78, 100];

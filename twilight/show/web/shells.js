@@ -1,4 +1,4 @@
-// The model of all clear air, in three files: this port of twilight/transport/clear_air/shells.py, diffuse.js and clear_air.js, by the
+// The model of all clear air, in three files: this port of twilight/clear_air/shells.py, diffuse.js and clear_air.js, by the
 // names of Python, of intensity.  One wavelength is an object of its own (`Skies.at[w]`); geometry serves all.
 //
 //   const model = new Model(await readNpz(bytes)), air = airOf(await readNpz(more));

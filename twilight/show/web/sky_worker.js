@@ -26,7 +26,7 @@ function answer({ part, parts, sun, ...question }) {
   return { part, apparent: sky.apparent, spreads: sky.spreads, light: sky.light(given.rows, given.columns) };
 }
 
-// The air of sliders: sums of what is below the stratosphere and what is in it, as solvers/compact/air.py has it.
+// The air of sliders: sums of what is below the stratosphere and what is in it, as clear_air/of_medium.py has it.
 // aerosol, stratosphere, ozone: factors of what the page was made of; albedo: likewise, or itself over black ground
 function changedAir({ aerosol, stratosphere, ozone, albedo }) {
   const mixed = (a, b) => a.map((v, l) => aerosol * v + stratosphere * b[l]), count = given.below.at.length;
@@ -46,7 +46,7 @@ function changedAir({ aerosol, stratosphere, ozone, albedo }) {
   return { ...given.below, at };
 }
 
-// The degree to which phase functions are followed, `_degree` of solvers/compact/air.py.
+// The degree to which phase functions are followed, `_degree` of clear_air/of_medium.py.
 const LEAST_DEGREE = 12, MOST_PEAK = 0.055, HAZE_DEPTHS = [3, 5], LAYER_DEPTH = 0.02, NEGLIGIBLE_AIR = 0.01;
 function degreeOf(at) {
   const peaks = range(MOST_DEGREE - LEAST_DEGREE + 1, () => 0);

@@ -264,33 +264,10 @@ def prepare(
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
 ) -> CellsField:
-    """Make everything that does not depend on the sun.
+    """Make everything that does not depend on the sun, as of `solvers.base.Solver`.
 
-    Parameters
-    ----------
-    medium
-        Coefficients of air, aerosol and gases at W wavelengths, and the ground.
-    settings
-        One of QUALITIES, perhaps with options replaced; None: `standard`.
-    observer_altitude_km
-        Altitude of the observer [km], inside the air.
-    progress
-        Called as progress(doing, fraction) now and then.
-
-    Raises
-    ------
-    TwilightError
-        For an observer below the ground or above the air.
-
-    Warns
-    -----
-    TwilightWarning
-        Where the air passes through shells that have no cell.
-
-    References
-    ----------
-    Haber, Magnor & Seidel 2005, Physically-based simulation of twilight phenomena.
-    """
+    Errors: TwilightError for an observer below the ground or above the air.  Warns where the air passes through shells
+    that have no cell.  Haber, Magnor & Seidel 2005, Physically-based simulation of twilight phenomena."""
     settings = settings or QUALITIES["standard"]
     if not medium.bottom_km <= observer_altitude_km < medium.top_km:
         raise TwilightError(

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.medium import Medium, observer_at
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.base.progress import Progress
 from twilight.base.threads import in_slices
-from twilight.solvers.base import BareField, observer_at
+from twilight.solvers.base import BareField
 from twilight.solvers.montecarlo import chunks
 from twilight.solvers.montecarlo.air import MonteCarloAir, prepare_air
 from twilight.solvers.montecarlo.importance import ImportanceTables
@@ -206,28 +206,8 @@ def prepare(
     observer_altitude_km: float = 0.0,
     progress: Progress | None = None,
 ) -> MonteCarloField:
-    """All that depends on the medium alone: tables of the air, of the direct beam and of the importance function.
-
-    Parameters
-    ----------
-    medium : Medium
-        The air and the ground.
-    settings : MonteCarloSettings, optional
-        What is computed and how well.
-    observer_altitude_km : float
-        Altitude [km] of the observer, inside the air or above it.
-    progress : callable, optional
-        Called with a text and the fraction done, now and then.
-
-    Returns
-    -------
-    MonteCarloField
-
-    Raises
-    ------
-    TwilightError
-        For an observer below the ground.
-    """
+    """All that depends on the medium alone, as of `solvers.base.Solver`: tables of the air, of the direct beam and of
+    the importance function.  Errors: TwilightError for an observer below the ground."""
     settings = settings or MonteCarloSettings()
     altitude_km = observer_at(medium, observer_altitude_km)
     if progress:
@@ -273,18 +253,8 @@ class MonteCarloField(BareField):
         return self.settings.polarised
 
     def stokes(self, sun_elevation_deg, elevation_deg, azimuth_deg) -> np.ndarray:
-        """Sun-normalised Stokes vectors I, Q, U [sr^-1], shape (..., 3, W).
-
-        Q > 0 is light that vibrates in the vertical plane through the line of sight (in the zenith that of the azimuth
-        asked for).  U > 0 is light whose vibration, for somebody who looks along the line of sight with the zenith side
-        up, leans from the vertical to the right, towards larger azimuth.  The angle of vibration, clockwise from the
-        vertical, is atan2(U, Q) / 2.  Signs as in Emde et al. 2015 (IPRT); arguments as in `radiance_with_error`.
-
-        Raises
-        ------
-        TwilightError
-            Where the field was prepared without polarisation.
-        """
+        """Sun-normalised Stokes vectors I, Q, U [sr^-1], as of `solvers.base.PolarisedField`; arguments as in
+        `radiance_with_error`.  Errors: TwilightError where the field was prepared without polarisation."""
         return self.stokes_with_error(sun_elevation_deg, elevation_deg, azimuth_deg).stokes
 
     def stokes_with_error(
@@ -301,31 +271,11 @@ class MonteCarloField(BareField):
     def radiance_with_error(
         self, sun_elevation_deg, elevation_deg, azimuth_deg, *, batch_order: Callable | None = None
     ) -> chunks.MonteCarloResult:
-        """Radiance with standard errors, in all and by order of scattering.
+        """Radiance with standard errors, in all and by order of scattering: arrays (..., W) over the directions and
+        wavelengths; nan, with a warning, where too few paths find light.
 
-        Parameters
-        ----------
-        sun_elevation_deg, elevation_deg, azimuth_deg : array_like
-            Elevation of the true sun and direction of view [deg], broadcast; azimuth from the sun; elevation below 0
-            looks down.
-        batch_order : callable, optional
-            Maps a number of batches to a permutation of them; the answer does not depend on it.
-
-        Returns
-        -------
-        MonteCarloResult
-            Arrays (..., W) over the directions and wavelengths; nan where too few paths find light.
-
-        Warns
-        -----
-        TwilightWarning
-            Where there is no value.
-
-        Raises
-        ------
-        TwilightError
-            For an angle out of range.
-        """
+        Arguments as of `solvers.base.Field.radiance`.  batch_order: maps a number of batches to a permutation of them;
+        the answer does not depend on it.  Errors: TwilightError for an angle out of range."""
         run, shape = self._run(sun_elevation_deg, elevation_deg, azimuth_deg, batch_order)
         complete = run.all_rounds()
         warn_of_unknown(run.tally)
@@ -339,25 +289,8 @@ class MonteCarloField(BareField):
     def inscatter_with_error(
         self, sun_elevation_deg, elevation_deg, azimuth_deg, distance_km
     ) -> tuple[chunks.MonteCarloResult, np.ndarray]:
-        """Radiance that the air up to a distance scatters in, and the transmittance of that air.
-
-        Parameters
-        ----------
-        sun_elevation_deg, elevation_deg, azimuth_deg : array_like
-            As in :meth:`radiance_with_error`.
-        distance_km : array_like
-            Where the segment ends [km], 0 or more; broadcast with the angles.
-
-        Returns
-        -------
-        MonteCarloResult, ndarray
-            The second one (..., W), from 0 to 1.
-
-        Raises
-        ------
-        TwilightError
-            As :meth:`radiance_with_error`, and for a distance that is not a number of 0 or more.
-        """
+        """Radiance that the air up to a distance scatters in, as of `radiance_with_error`, and the transmittance (...,
+        W) of that air.  Errors: TwilightError for a distance that is not a number of 0 or more."""
         far = np.minimum(np.asarray(distance_km, dtype=float), FARTHEST_KM)
         run, shape = self._run(sun_elevation_deg, elevation_deg, azimuth_deg, None, far)
         passed = np.empty((run.pixels.key.size, self.medium.n_wavelengths))

@@ -12,11 +12,11 @@ from functools import partial
 
 import numpy as np
 
-from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.medium import Medium, observer_at
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.base.threads import in_slices
-from twilight.solvers.base import BareField, Convergence, check_sun, observer_at
+from twilight.solvers.base import BareField, Convergence, check_sun
 from twilight.solvers.tables.algorithm import QUALITIES, TablesSettings, rayleigh_at, solve, stored
 from twilight.solvers.tables.mapping import Mapping, grid
 from twilight.solvers.tables.passes import depths, read

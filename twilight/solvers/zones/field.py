@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from twilight.atmosphere.medium import observer_at
 from twilight.base.errors import TwilightError
 from twilight.base.threads import in_slices
-from twilight.solvers.base import BareField, Convergence, check_sun, observer_at
+from twilight.solvers.base import BareField, Convergence, check_sun
 from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones import lines_of_sight
 from twilight.solvers.zones.angles import scattering_geometry
@@ -51,13 +52,7 @@ class ZonesField(BareField):
         self._cached_lines = lines_of_sight.LineCache()
 
     def save(self, path: str | Path) -> None:
-        """Write the field to an HDF5 file; `twilight.solvers.zones.load` reads it.
-
-        Raises
-        ------
-        TwilightError
-            Where the file cannot be written.
-        """
+        """Write the field to an HDF5 file, which `twilight.solvers.zones.load` reads.  Errors: TwilightError."""
         g = self.grids
         solved = Stored(
             g.medium, g.settings, self.requested_settings, g.zenith_range_deg, self.beam, self.solutions,
@@ -89,28 +84,10 @@ class ZonesField(BareField):
     def radiance(
         self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
     ) -> np.ndarray:
-        """Sun-normalised radiance.
+        """Sun-normalised radiance [sr^-1], as of `solvers.base.Field`, for an observer at any altitude; looking down,
+        the ground is seen through the air, lit by the sun and the sky.
 
-        Parameters
-        ----------
-        sun_elevation_deg
-            True elevation of the sun's centre [deg].
-        elevation_deg, azimuth_deg
-            Of the lines of sight [deg], azimuth from the sun; they are broadcast.  Directions may look down: then the
-            ground is seen through the air, lit by the sun and the sky.
-        observer_altitude_km
-            Altitude of the observer [km]; None: as prepared.
-
-        Returns
-        -------
-        array
-            [sr^-1], shape of the directions plus (W,).
-
-        Raises
-        ------
-        TwilightError
-            For a sun that the field was not solved for, and an observer below the ground.
-        """
+        Errors: TwilightError for a sun that the field was not solved for, and an observer below the ground."""
         return self._evaluate(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 1)[..., 0, :]
 
     def inscatter(
@@ -123,30 +100,12 @@ class ZonesField(BareField):
         observer_altitude_km: float | None = None,
         peak_passes: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Light scattered in between the observer and a distance, and the transmittance of that air.
+        """Radiance [sr^-1] and transmittance of segments, as of `solvers.base.SegmentField`; inf: to the end of the
+        air.
 
         The field counts light in the narrow forward peak of aerosol as passed; where peak_passes is false, the light
         from behind that the segment scatters on within the peak is added (`scaling.with_light_in_peak`).
-
-        Parameters
-        ----------
-        sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km
-            As of `radiance`.
-        distance_km
-            Length of the segments [km], broadcast with the directions; inf: to the end of the air.
-        peak_passes
-            Count light in the forward peak as passed, in both results: for objects wider than the peak (degrees).
-
-        Returns
-        -------
-        radiance, transmittance : arrays
-            [sr^-1] and 1, shape of the directions plus (W,).
-
-        Raises
-        ------
-        TwilightError
-            As `radiance`, and for a distance that is not a number of 0 or more.
-        """
+        Errors: TwilightError as of `radiance`, and for a distance that is not a number of 0 or more."""
         where = np.broadcast_arrays(elevation_deg, azimuth_deg, distance_km)
         elevation, azimuth, distance = (np.asarray(a, dtype=float) for a in where)
         if not np.all(distance >= 0.0):
@@ -179,27 +138,9 @@ class ZonesField(BareField):
     def stokes(
         self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
     ) -> np.ndarray:
-        """Sun-normalised Stokes parameters I, Q, U.
+        """Sun-normalised Stokes parameters I, Q, U [sr^-1], as of `solvers.base.PolarisedField`.
 
-        They refer to the vertical plane through the line of sight, in the zenith that of the azimuth given.  Q > 0:
-        light vibrates in that plane.  U > 0: for somebody who looks along the line, the vibration leans from the
-        vertical to the right, to larger azimuth; azimuth from the sun, clockwise seen from above.
-
-        Parameters
-        ----------
-        sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km
-            As of `radiance`.
-
-        Returns
-        -------
-        array
-            [sr^-1], shape of the directions plus (3, W).
-
-        Raises
-        ------
-        TwilightError
-            As `radiance`, and for a field that was solved without polarisation.
-        """
+        Errors: TwilightError as of `radiance`, and for a field that was solved without polarisation."""
         if not self.settings.polarisation:
             raise TwilightError("solver.polarisation is false: this field has no Stokes parameters")
         return self._evaluate(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 3)

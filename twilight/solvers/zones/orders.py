@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twilight.base.conventions import DARK
 from twilight.base.progress import Progress
 from twilight.base.threads import in_slices
 from twilight.jit.kernels import njit
@@ -277,22 +278,9 @@ def solve_orders(
 
     Every wavelength stops by itself.  Where the light decays slowly, or the air is thick, all orders are solved at
     once, unless max_orders or a tolerance of 0 says how many orders are wanted.
-
-    Parameters
-    ----------
-    early
-        Operator of the first `early_orders` orders.
-    late
-        Gives the operator of later orders, whose light is smooth: fewer directions and harmonics do.
-    thick
-        Gives the operator of light that decays slowly.
-    slow
-        (LANES,) wavelengths at which the air is thick.
-    tolerance
-        Relative; 0 follows max_orders and adds no rest.
-    progress
-        Called with the number of orders and the residual.
-    """
+    early: operator of the first `early_orders` orders; late: gives that of later orders, whose light is smooth: fewer
+    directions and harmonics do; thick: gives that of light that decays slowly; slow (LANES,): wavelengths at which the
+    air is thick; tolerance: relative, 0 follows max_orders and adds no rest."""
     all_at_once = max_orders > tuned.FEW_ORDERS and tolerance > 0.0
     slow = slow & all_at_once
     first = early.first_order(sunlight)
@@ -343,7 +331,7 @@ def solve_orders(
         orders += 1
         decay = _decay(mean, before)
         # written so that nothing overflows where there was no light before
-        ratio = np.clip(mean, 0.0, 0.97 * np.maximum(before, 0.0)) / np.maximum(before, scattering.TINY)
+        ratio = np.clip(mean, 0.0, 0.97 * np.maximum(before, 0.0)) / np.maximum(before, DARK)
         # what is left behaves like a geometric series at every node; two such guesses in a row show how well
         guess = total[:, :, 0] + mean * (ratio / (1.0 - ratio))
         if previous is not None:

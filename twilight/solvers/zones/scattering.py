@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.conventions import DARK
 from twilight.base.threads import in_slices
 from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones import ray_points
@@ -23,8 +24,6 @@ from twilight.transport.lines import ALTITUDE, ANGLE, RayBundle, horizon_cosine,
 from twilight.transport.profile import Profile, at_wavelengths
 from twilight.transport.scaling import species_polarising_phase
 
-TINY = 1e-30
-"""Least mean radiance over F0 [sr^-1] that counts as light."""
 SUNLIT_AT_ONCE = 8
 """Altitudes whose rays for sunlight are there at one time: there are several times as many points as of the others."""
 
@@ -172,7 +171,7 @@ class ScatteringOperator:
 
     def log_ground(self, ground: np.ndarray) -> np.ndarray:
         """`RadianceField.log_ground` from the ground of `analyse`."""
-        return self.nodes.refine_zenith(np.log(np.maximum(ground, TINY)))
+        return self.nodes.refine_zenith(np.log(np.maximum(ground, DARK)))
 
     def conserving(self) -> ScatteringOperator:
         """The same operator with directions that conserve the energy of nearly isotropic light."""
@@ -186,11 +185,11 @@ class ScatteringOperator:
 
 def normalised(mean: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(logarithm of the mean, moments relative to it); no light is isotropic and tiny."""
-    lit = mean > TINY
+    lit = mean > DARK
     safe = np.where(lit, mean, 1.0)
     ratio = np.where(lit[:, :, None], moments / safe[:, :, None], 0.0)
     ratio[:, :, 0] = 1.0
-    log_mean = np.log(np.where(lit, safe, TINY))
+    log_mean = np.log(np.where(lit, safe, DARK))
     return np.ascontiguousarray(log_mean, np.float32), np.ascontiguousarray(ratio, np.float32)
 
 

@@ -1,6 +1,5 @@
 """A solved field as one HDF5 file: the medium, the settings, the sunbeam and the solution."""
 
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -13,6 +12,7 @@ import numpy as np
 from twilight.atmosphere.grid_medium import GridMedium
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.screen import Screen
+from twilight.base.digest import content_digest
 from twilight.base.errors import TwilightError
 from twilight.base.reading import check_hdf5
 from twilight.base.whole_files import whole_content
@@ -23,7 +23,7 @@ from twilight.solvers.zones.scattering import Solution
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.transport.beam import Beam
 
-FORMAT = "twilight zones field 11"
+FORMAT = "twilight zones field 12"
 _MEDIUM = tuple(
     f.name
     for f in fields(Medium)
@@ -49,33 +49,14 @@ class Stored:
 
 def field_hash(medium: Medium, settings: ZonesSettings, zenith_range_deg: tuple[float, float]) -> str:
     """SHA-256 of all that a solution depends on."""
-    digest = hashlib.sha256(FORMAT.encode())
-    for part in (medium, medium.at_grid_wavelengths):
-        if part is not None:
-            _add_medium(digest, part)
-            digest.update(repr(part.screen).encode())
     physics = {key: value for key, value in asdict(settings).items() if key != "field_file"}
-    digest.update(json.dumps([medium.earth_radius_km, physics, *zenith_range_deg], sort_keys=True).encode())
-    return digest.hexdigest()
-
-
-def _add_medium(digest: Any, medium: Medium) -> None:
-    for key in _MEDIUM:
-        array = np.ascontiguousarray(getattr(medium, key), dtype=float)
-        digest.update(f"{key}{array.shape}".encode() + array.tobytes())
-    for phase in medium.phase_functions:
-        digest.update(str(phase.kind).encode())
-        for array in (phase.asymmetry, phase.log_table, phase.ratios):
-            digest.update(np.ascontiguousarray(array, dtype=float).tobytes())
+    told = json.dumps([FORMAT, physics, *zenith_range_deg], sort_keys=True)
+    return content_digest(medium, medium.at_grid_wavelengths, told)
 
 
 def _content_hash(beam: Beam, solutions: Sequence[Solution]) -> str:
     """SHA-256 of what was computed: kernels trust the shapes and values of these arrays."""
-    digest = hashlib.sha256()
-    arrays = [beam.pool, beam.layout, *(array for s in solutions for array in s.light)]
-    for array in arrays:
-        digest.update(f"{array.shape}{array.dtype}".encode() + np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+    return content_digest(beam, *(s.light for s in solutions))
 
 
 def save(field: Stored, path: str | Path) -> None:

@@ -14,8 +14,9 @@ from twilight.config.scene import PLACED_NM, Config
 from twilight.scene.medium import wavelengths_of
 from twilight.studies.compare.accuracy import ColourErrors, ErrorQuantiles, colour_errors, radiance_errors
 from twilight.studies.compare.bench import Bench
-from twilight.studies.compare.comparison import ComparisonRow, SolverPreset
+from twilight.studies.compare.comparison import ComparisonRow
 from twilight.studies.compare.job import Job, SampleDirections, stratified_directions
+from twilight.studies.compare.presets import SolverPreset
 
 DIRECTIONS = 240
 """Directions of the texture that are compared, about one in eight of its half."""

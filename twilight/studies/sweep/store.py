@@ -20,8 +20,9 @@ import numpy as np
 from twilight import __version__
 from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_folder, writing
+from twilight.io.journal import Journal, open_journal, read_journal
 from twilight.io.labels import attributes
-from twilight.io.provenance import Journal, differences, open_journal, read_journal, to_json
+from twilight.io.provenance import differences, to_json
 from twilight.numerics.spectrum import solar_irradiance
 from twilight.studies.sweep.dimensions import key_attributes, variable_name
 from twilight.studies.sweep.sweep import Sweep

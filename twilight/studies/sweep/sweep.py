@@ -23,6 +23,7 @@ from twilight.numerics.directions import half_of, texture_centres
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium, name_by_content, wavelengths_of
 from twilight.scene.suns import SceneSun, suns_of
+from twilight.scene.usual import completed
 from twilight.studies.sweep import dimensions
 from twilight.studies.sweep.work import STANDARD_ERROR, STOKES, STOKES_ERROR, Chunk, Task, code_of
 
@@ -57,7 +58,7 @@ class Sweep:
     def __init__(self, series: Series, progress: Progress | None = None):
         self.series, where = series, series.where
         dimensions.check_keys(series.axes, where)
-        self.first = series.config({k: v for axis in series.axes for k, v in axis.points[0].items()})
+        self.first = completed(series.config({k: v for axis in series.axes for k, v in axis.points[0].items()}))
         check_size(self.first)
         for key, value in (("sun.disc", self.first.sun.disc), ("night", self.first.night), ("moon", self.first.moon)):
             if value not in (None, False):
@@ -166,8 +167,8 @@ class Sweep:
     # Configurations -------------------------------------------------------------------------------------------
 
     def _config(self, point: dict[str, Any]) -> Config:
-        """The first scene's configuration with some keys set."""
-        return self.series.config({k: v for d in self.dimensions for k, v in d.points[0].items()} | point)
+        """The first scene's configuration with some keys set, its horizon and ozone too."""
+        return completed(self.series.config({k: v for d in self.dimensions for k, v in d.points[0].items()} | point))
 
     def _point(self, index: Sequence[int]) -> dict[str, Any]:
         """Keys and values at an index along the first dimensions."""

@@ -16,7 +16,7 @@ from twilight.config.sun import SunAt, SunElevation, SunElevations
 from twilight.engine import run
 from twilight.numerics.directions import azimuth_elevation, camera_axes, direction
 from twilight.scene import resolve
-from twilight.scene.usual import usual_horizon
+from twilight.scene.usual import completed, usual_horizon
 from twilight.sky import colour
 from twilight.sky.ephemeris import SunPosition, sun_position
 from twilight.studies.validate.photographs.air import (
@@ -135,7 +135,7 @@ def estimate_air(
     Errors: TwilightError for whatever cannot be done.
     """
     solver = solvers.load(given.chosen_solver[0] if says.refine else "compact")
-    given = given.model_copy(update={"horizon": usual_horizon(given, solver)})
+    given = completed(given.model_copy(update={"horizon": usual_horizon(given, solver)}))
     given, altitude_known, above = at_the_camera(names, photographs, given)
     shown = [placed(*one, given, says) for one in zip(names, photographs, _suns(photographs, says), strict=True)]
     low, high = shown[0].between_deg

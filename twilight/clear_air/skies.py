@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import functools
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -71,10 +72,17 @@ MANY_PARTICLES = 0.1
 
 
 class Skies:
-    """The skies of an air seen by one observer, under every sun; observer_km: above the ground, 0 to 15."""
+    """The skies of an air seen by one observer, under every sun; observer_km: above the ground, 0 to 15; diffuse: what
+    computes `diffuse_light`."""
 
-    def __init__(self, model: Model | None, air: Air, observer_km: float = 0.0):
-        self.model, self.air, self.observer_km = model, air, observer_km
+    def __init__(
+        self,
+        model: Model | None,
+        air: Air,
+        observer_km: float = 0.0,
+        diffuse: Callable[[Air, Shells], np.ndarray] = diffuse_light,
+    ):
+        self.model, self.air, self.observer_km, self._diffuse_light = model, air, observer_km, diffuse
         boundary = SHELLS_KM
         if np.abs(boundary - observer_km).min() > 1e-4:
             boundary = np.sort(np.append(boundary, observer_km))
@@ -98,7 +106,7 @@ class Skies:
 
     @functools.cached_property
     def _diffuse(self) -> np.ndarray:
-        return diffuse_light(self.air, self.shells)
+        return self._diffuse_light(self.air, self.shells)
 
     @functools.cached_property
     def inputs(self) -> np.ndarray:

@@ -1,14 +1,17 @@
 """Standard observers and other spectra of colorimetry, twilight/data/colour/*.csv, from colour-science.
 
-python benchmarks/ship_colour.py
+python benchmarks/builders/ship_colour.py
 """
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import colour
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # benchmarks, where results is
 import results
 from colour.colorimetry import SDS_BASIS_FUNCTIONS_CIE_ILLUMINANT_D_SERIES as DAYLIGHT
 from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019 as PRIMARIES
@@ -16,11 +19,11 @@ from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019 as PRIMARIES
 from twilight.numerics.spectrum import OBSERVERS, VISIBLE_NM
 from twilight.sky.tone import SENSORS
 
-FOLDER = Path(__file__).resolve().parents[1] / "twilight" / "data" / "colour"
+FOLDER = Path(__file__).resolve().parents[2] / "twilight" / "data" / "colour"
 HEAD = f"""# Standard observers of the CIE as colour-science {colour.__version__} has them: colour matching functions
 # (CIE 1931 2 deg and CIE 1964 10 deg; CIE 018:2019), then the matrix from XYZ to linear Rec. 709.  For the 10 deg
 # observer a Bradford adaptation takes its D65 white to that of Rec. 709, which is defined for 2 deg.
-# python benchmarks/ship_colour.py
+# python benchmarks/builders/ship_colour.py
 observer,wavelength_nm,x,y,z
 """
 
@@ -28,7 +31,7 @@ SPECTRA_HEAD = f"""# Spectra of colorimetry as colour-science {colour.__version_
 # the CIE 1951 scotopic observer; cameras' relative responses (Darrodi et al. 2015, JOSA A 32, 381; National Physical
 # Laboratory); S0, S1 and S2 of CIE daylight (CIE 015:2018); the 24 patches of the ColorChecker (Ohta 1997); spectra
 # whose sums have sRGB's colours (Mallett and Yuksel 2019, EGSR).
-# python benchmarks/ship_colour.py
+# python benchmarks/builders/ship_colour.py
 spectrum,wavelength_nm,value
 """
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twilight.transport.clear_air.model import NODES, SUN_DEG, Model
+from twilight.clear_air.model import NODES, SUN_DEG, Model
 
 if TYPE_CHECKING:
     from clear_air_fit import Data

@@ -1,6 +1,7 @@
 """Spectral responses and Vega, twilight/data/photometry/*.csv, from other packages' files.
 
-python benchmarks/ship_responses.py --vega alpha_lyr_stis_011.fits --alpha-opic S026_Table2_Data.csv --sqm sqm.dat
+python benchmarks/builders/ship_responses.py --vega alpha_lyr_stis_011.fits --alpha-opic S026_Table2_Data.csv \\
+    --sqm sqm.dat
 
 The first is in the package pyphot (pyphot/libs), the second in luxpy (luxpy/toolboxes/photbiochem/data), the third in
 the repository github.com/aubema/illumina (illum/data/Example/Lights); speclite must be installed.
@@ -17,7 +18,7 @@ import speclite
 from astropy.io import fits
 from speclite import filters
 
-FOLDER = Path(__file__).resolve().parents[1] / "twilight" / "data" / "photometry"
+FOLDER = Path(__file__).resolve().parents[2] / "twilight" / "data" / "photometry"
 BANDS = {
     **{name: f"bessell-{name}" for name in "UBVRI"},
     **{name: f"lsst2023-{name}" for name in "ugrizy"},
@@ -33,19 +34,19 @@ Responses of photometric bands, as speclite {speclite.__version__} has them (BSD
 Johnson-Cousins, response to energy (Bessell 1990, PASP 102, 1181; Bessell, Castelli & Plez 1998, appendix E).  Per
 photon: ugrizy, LSST with the air of its site, air mass 1.2 (github.com/lsst/throughputs 1.9); sdss-ugriz through air
 mass 1.3 (Doi et al. 2010, AJ 139, 1628); gaia-G, BP, RP of DR3 (Riello et al. 2021, A&A 649, A3).
-python benchmarks/ship_responses.py"""
+python benchmarks/builders/ship_responses.py"""
 VEGA_HEAD = """
 Vega, W m-2 nm-1, means over 1 nm: CALSPEC alpha_lyr_stis_011 (STScI, public domain; Bohlin, Gordon & Tremblay 2014,
 PASP 126, 711), as distributed with pyphot.
-python benchmarks/ship_responses.py"""
+python benchmarks/builders/ship_responses.py"""
 ALPHA_OPIC_HEAD = """
 Action spectra of the five photoreceptors of the eye, CIE S 026:2018 table 2 (cones after CIE 170-1:2006, 10 deg; rods
 V'(lambda); melanopsin behind its lens), as distributed with luxpy, which had them from cie.co.at; blank cells are 0.
-python benchmarks/ship_responses.py"""
+python benchmarks/builders/ship_responses.py"""
 SQM_HEAD = """
 Relative response of the Sky Quality Meter (TSL237 behind a HOYA CM-500), as distributed with the model Illumina
 (github.com/aubema/illumina, illum/data/Example/Lights/sqm.dat).
-python benchmarks/ship_responses.py"""
+python benchmarks/builders/ship_responses.py"""
 
 
 def band_rows() -> list[list[str]]:

@@ -1,8 +1,8 @@
 """Fit the model of all clear air to airs that `clear_air_airs.py` drew and solved.
 
-    python benchmarks/clear_air_fit.py AIRS APPROXIMATE [FILE.npz]       folders of clear_air_airs.py; AIRS may be a
-                                                                         file of clear_air_kept.py
-    python benchmarks/clear_air_fit.py sizes AIRS APPROXIMATE            writes clear_air_sizes.csv
+    python benchmarks/builders/clear_air_fit.py AIRS APPROXIMATE [FILE.npz]   folders of clear_air_airs.py;
+                                                                AIRS may be a file of clear_air_kept.py
+    python benchmarks/builders/clear_air_fit.py sizes AIRS APPROXIMATE        writes clear_air_sizes.csv
 
 Needs PyTorch, takes a quarter of an hour and holds one file of airs in ten out: it prints the errors in these, and
 calibrates the model's estimate of its error on them.  `sizes` fits networks of other widths too.
@@ -22,6 +22,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # benchmarks, where results is
 import results
 from clear_air_airs import BETTER, SETTINGS, SIDE_BY_SIDE, UNSOLVED
 from clear_air_kept import components, degrees, solved
@@ -29,8 +31,8 @@ from clear_air_learners import TOLERATED, Network, process
 
 from twilight import __version__
 from twilight.base.whole_files import whole_file
-from twilight.solvers.compact.field import SHIPPED, load_model
-from twilight.transport.clear_air.model import FORMAT, NODES, SUN_DEG, Model, outputs
+from twilight.clear_air.entry import SHIPPED, load_model
+from twilight.clear_air.model import FORMAT, NODES, SUN_DEG, Model, outputs
 
 HELD_OUT = 10
 """One file in so many judges the fit."""
@@ -363,7 +365,7 @@ def of_median_sky(light: np.ndarray) -> np.ndarray:
 
 
 def save(model: Model, path: Path) -> None:
-    """Write the file that `twilight.transport.clear_air` describes: components and weights as half floats."""
+    """Write the file that `twilight.clear_air` describes: components and weights as half floats."""
     keys = [key for key in Model.__dataclass_fields__ if key not in ("members", "provenance")]
     arrays: dict[str, Any] = {key: getattr(model, key).astype(np.float32) for key in keys}
     for key in ("intensity", "polarisation"):

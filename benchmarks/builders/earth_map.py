@@ -1,6 +1,6 @@
 """A coarse albedo map of the Earth, drawn by hand: sea, vegetation, desert and ice by wavelength.
 
-    python benchmarks/earth_map.py earth.nc
+    python benchmarks/builders/earth_map.py earth.nc
     twilight render earth-from-36000-km --set ground.albedo_map=earth.nc --at 2026-06-21T10:00Z --latitude 0 \
         --longitude 10 --set observer.view.azimuth_deg=-39
 
@@ -10,8 +10,11 @@ It shows what `ground.albedo_map` takes; real ones come with many data sets of l
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # benchmarks, where results is
 import results
 import xarray
 from matplotlib.path import Path

@@ -1,7 +1,7 @@
 """Writes twilight/jit/entries.json: the kernels that Python calls for a sky, by solver, in the order in which they are
 first called, with the types of their arguments.
 
-    python benchmarks/ship_kernels.py
+    python benchmarks/builders/ship_kernels.py
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # benchmarks, where results is
 import results
 
-ENTRIES = Path(__file__).resolve().parents[1] / "twilight" / "jit" / "entries.json"
+ENTRIES = Path(__file__).resolve().parents[2] / "twilight" / "jit" / "entries.json"
 SOLVERS = ("zones", "cells")
 """Those whose sky takes less time than their kernels."""
 

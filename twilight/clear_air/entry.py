@@ -1,4 +1,4 @@
-"""The solver compact: its settings, `prepare`, the interface of all solvers, and its field."""
+"""The entry to the model: `skies`, of airs, observers, suns and directions at once; which of these the model has."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ import functools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from twilight.atmosphere.medium import Medium
+from twilight.atmosphere.medium import Medium, observer_at
 from twilight.base.errors import TwilightError
-from twilight.base.progress import Progress
 from twilight.base.reading import reading
-from twilight.base.sections import option, settings
-from twilight.base.threads import one_blas_thread
-from twilight.solvers.base import BareField, Cost, ModelError, observer_at
-from twilight.solvers.compact.air import LIMITED, air_of, limited, side_by_side
-from twilight.transport.clear_air import Air, Model, Skies
-from twilight.transport.clear_air.model import SUN_DEG
-from twilight.transport.clear_air.shells import STEP
-from twilight.transport.clear_air.sky import Sky
+from twilight.base.threads import in_slices, one_blas_thread
+from twilight.clear_air.diffuse import diffuse_light
+from twilight.clear_air.model import SUN_DEG, Model
+from twilight.clear_air.of_medium import LIMITED, air_of, limited, side_by_side
+from twilight.clear_air.shells import STEP, Air, Shells
+from twilight.clear_air.skies import Skies
+from twilight.clear_air.sky import Sky
+from twilight.jit.kernels import COMPILED
 
-SHIPPED = Path(__file__).resolve().parents[2] / "data" / "compact" / "clear-air.npz"
+SHIPPED = Path(__file__).resolve().parents[1] / "data" / "compact" / "clear-air.npz"
 """The file of the model."""
 
 HIGHEST_OBSERVER_KM = 15.0
@@ -46,23 +46,12 @@ RADIUS_KM = (6345.0, 6396.0)
 MOST_DEPOLARISATION = 0.1
 """Largest depolarisation factor of air, 0.03 in the fitted ones; with 0.1 light is 0.8 % off, with 0.5 3.6 %."""
 
+MOST_BY_NUMPY = 8
+"""Most wavelengths of an air whose diffuse light numpy computes: some 20 processor ms each, where kernels take 7 and
+numba starts in 300."""
+
 CACHED_SKIES = 8
 """Observers whose skies are cached, before a screen and behind it."""
-
-
-@settings
-class CompactSettings:
-    """What is computed beside the radiance."""
-
-    polarisation: bool = option("the Stokes parameters Q and U too", default=True)
-
-
-QUALITIES: dict[str, CompactSettings] = {"standard": CompactSettings()}
-
-
-COST = Cost(fixed_bytes=1.75e8, bytes_per_wavelength=4.3e6, cpu_s_per_wavelength=0.022, cpu_s_per_direction=2.5e-5)
-"""Of a field: the process takes 165 MiB with one wavelength, 325 with forty, and eight of a new air 0.17 processor
-seconds; a direction and wavelength 25 microseconds in a sky of some hundred, which compute the sunbeam anew."""
 
 
 @functools.lru_cache(maxsize=1)
@@ -77,144 +66,124 @@ def load_model(path: Path) -> Model:
         return Model.load(path)
 
 
-@one_blas_thread()
-def prepare(
-    medium: Medium,
-    settings: CompactSettings | None = None,
-    *,
-    observer_altitude_km: float = 0.0,
-    progress: Progress | None = None,
-) -> ClearAirField:
-    """The skies of a medium.  Errors: TwilightError for an observer, air or wavelengths that the model lacks."""
-    polarisation = (settings or QUALITIES["standard"]).polarisation
-    return ClearAirField(medium, shipped_model(), observer_altitude_km, polarisation)
+class SkyArrays(NamedTuple):
+    """The light of N airs, O observers and S suns: radiance over F0 [sr^-1], (N, O, S, ..., W), or I, Q, U where they
+    are asked for, (N, O, S, ..., 3, W), and its error at 95 % of the directions of each sky, as the model estimates it,
+    (N, O, S)."""
+
+    radiance: np.ndarray
+    relative_error: np.ndarray
 
 
-def expected_error(
-    medium: Medium, settings: CompactSettings, lowest_sun_deg: float, observer_altitude_km: float
-) -> float:
-    """What the model says of its error [fraction, 95 % of directions] under a sun, -inf: its lowest.
+class ClearAir:
+    """The air of a medium that the model has, with what was computed for its observers.
 
-    Errors: TwilightError as of `prepare`, and for a sun below -18 deg.
-    """
-    sun = float(SUN_DEG[0]) if np.isneginf(lowest_sun_deg) else lowest_sun_deg
-    field = ClearAirField(medium, shipped_model(), observer_altitude_km, settings.polarisation)
-    field.radiance(sun, 90.0, 0.0)
-    assert isinstance(field.convergence, ModelError)
-    return field.convergence.error
-
-
-class ClearAirField(BareField):
-    """The skies of one medium for any sun from -18 to 90 deg and observers up to 15 km above the ground.
-
-    convergence: its error is what the model says of the sky that was asked for last.
     Errors: TwilightError for a medium unlike the clear air that the model was fitted to, in one sentence.
     """
 
-    def __init__(self, medium: Medium, model: Model, observer_altitude_km: float, polarisation: bool):
-        self.medium, self.model = medium, model
-        self._polarised = polarisation
-        self._altitude_km = checked_observer(medium, observer_altitude_km)
+    def __init__(self, medium: Medium, model: Model | None = None):
+        self.medium, self.model = medium, model or shipped_model()
         check_medium(medium)
         self.air = air_of(medium)
-        check_air(self.air, medium.wavelength_nm, model)
-        self._filtered = np.exp(-medium.overhead_absorption_optical_depth)
+        check_air(self.air, medium.wavelength_nm, self.model)
+        self.filtered = np.exp(-medium.overhead_absorption_optical_depth)
         self.screen = medium.screen
         if self.screen is not None:
             above = tuple(z - medium.bottom_km for z in self.screen.altitude_km)
             self.screen = replace(self.screen, altitude_km=above)
         self._skies: dict[tuple[float, bool], Skies] = {}
         self._last: tuple[Skies, float, Sky] | None = None
-        self._seen_from(self.observer_above_km(None))
 
-    @property
-    def polarised(self) -> bool:
-        """Whether Q and U were asked for."""
-        return self._polarised
-
-    @property
-    def sun_range_deg(self) -> tuple[float, float]:
-        """Lowest and highest sun elevation of the model [deg]."""
-        return float(SUN_DEG[0]), float(SUN_DEG[-1])
-
-    def radiance(
-        self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
-    ) -> np.ndarray:
-        """Sun-normalised radiance [sr^-1], shape of the directions plus (W,); angles in degrees, azimuth from the sun.
-
-        Errors: TwilightError for a sun, a direction or an observer that the model does not have: -18 to 90 deg, 0 to
-        90 deg, up to 15 km above the ground.
-        """
-        return self._light(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 1)[..., 0, :]
-
-    def stokes(
-        self, sun_elevation_deg: float, elevation_deg, azimuth_deg, *, observer_altitude_km: float | None = None
-    ) -> np.ndarray:
-        """Sun-normalised Stokes parameters I, Q, U [sr^-1], shape of the directions plus (3, W); signs and errors as of
-        `twilight.base.conventions` and `radiance`."""
-        if not self._polarised:
-            raise TwilightError("solver.polarisation is false: this field has no Stokes parameters")
-        return self._light(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km, 3)
-
-    @one_blas_thread()
-    def _light(self, sun_elevation_deg: float, elevation_deg, azimuth_deg, altitude_km, n_stokes: int) -> np.ndarray:
-        elevation, azimuth = checked_directions(sun_elevation_deg, elevation_deg, azimuth_deg)
-        above, sun = self.observer_above_km(altitude_km), float(sun_elevation_deg)
+    def sky(self, sun_elevation_deg: float, altitude_km: float) -> Sky:
+        """The sky of a sun and an observer, before what filters its light."""
+        above, sun = checked_observer(self.medium, altitude_km) - self.medium.bottom_km, float(sun_elevation_deg)
         skies = self._seen_from(above)
         if self.screen is not None and sun < skies.lowest_spared_deg(self.screen):
             skies = self._seen_from(above, screened=True)
         last = self._last  # a sky is often asked for in pieces
         sky = last[2] if last is not None and last[0] is skies and last[1] == sun else skies.sky(sun)
         self._last = skies, sun, sky
-        self.convergence = ModelError(sky.relative_error)
-        grid = rows_and_columns(elevation, azimuth)
-        if grid is not None:
-            return sky.light(*grid, n_stokes) * self._filtered
-        out = sky.light(elevation.ravel(), azimuth.ravel(), n_stokes, on_grid=False) * self._filtered
-        return out.reshape(*elevation.shape, *out.shape[1:])
+        return sky
 
-    @one_blas_thread()
     def slopes(
-        self,
-        directions: Sequence[Air],
-        sun_elevation_deg: float,
-        elevation_deg,
-        azimuth_deg,
-        *,
-        observer_altitude_km: float | None = None,
+        self, directions: Sequence[Air], sun_elevation_deg: float, elevation_deg, azimuth_deg, altitude_km: float
     ) -> np.ndarray:
-        """Derivatives of I, Q, U [sr^-1 per unit of each parameter] along changes of the air (`air.slope`), exact but
-        for rounding in single precision: (D, *directions of the sky, 3, W).
+        """Derivatives of I, Q, U [sr^-1 per unit of each parameter] along changes of the air (`of_medium.slope`), exact
+        but for rounding in single precision: (D, *directions of the sky, 3, W).
 
         Forward mode along the batch: D airs are solved side by side in complex numbers, some 4 D airs' time.  The
-        refractive index and the observer do not change.  Errors: as of `radiance`.
+        refractive index and the observer do not change.  Errors: as of `skies`.
         """
         elevation, azimuth = checked_directions(sun_elevation_deg, elevation_deg, azimuth_deg)
         airs = side_by_side([self.air.towards(direction) for direction in directions])
-        skies, sun = Skies(self.model, airs, self.observer_above_km(observer_altitude_km)), float(sun_elevation_deg)
+        above, sun = checked_observer(self.medium, altitude_km) - self.medium.bottom_km, float(sun_elevation_deg)
+        skies = Skies(self.model, airs, above)
         if self.screen is not None and sun < skies.lowest_spared_deg(self.screen):
             skies = skies.behind(self.screen, np.tile(self.screen.powers(self.medium.wavelength_nm), len(directions)))
-        sky = skies.sky(sun)
-        light = sky.light(elevation.ravel(), azimuth.ravel(), 3, on_grid=False).imag / STEP
-        light = light.reshape(*elevation.shape, 3, len(directions), -1) * self._filtered
+        light = skies.sky(sun).light(elevation.ravel(), azimuth.ravel(), 3, on_grid=False).imag / STEP
+        light = light.reshape(*elevation.shape, 3, len(directions), -1) * self.filtered
         return np.moveaxis(light, -2, 0)
 
-    def observer_above_km(self, altitude_km: float | None) -> float:
-        """Altitude of an observer above the ground [km]; None: as prepared."""
-        altitude = self._altitude_km if altitude_km is None else altitude_km
-        return checked_observer(self.medium, altitude) - self.medium.bottom_km
-
-    @one_blas_thread()
     def _seen_from(self, above: float, screened: bool = False) -> Skies:
         """The skies of an observer above the ground [km], computed when one is asked for first."""
         if (above, screened) not in self._skies:
-            made = Skies(self.model, self.air, above) if not screened else self._seen_from(above)
+            made = Skies(self.model, self.air, above, diffuse_of) if not screened else self._seen_from(above)
             if screened and self.screen is not None:
                 made = made.behind(self.screen, self.screen.powers(self.medium.wavelength_nm))
             if len(self._skies) == CACHED_SKIES:
                 del self._skies[next(iter(self._skies))]
             self._skies[above, screened] = made
         return self._skies[above, screened]
+
+
+@one_blas_thread()
+def skies(
+    airs: Sequence[Medium | ClearAir],
+    sun_elevation_deg: Sequence[float],
+    elevation_deg,
+    azimuth_deg,
+    altitude_km: Sequence[float | None] = (None,),
+    polarisation: bool = False,
+) -> SkyArrays:
+    """The skies of airs of as many wavelengths under suns [deg], in directions of one shape [deg, azimuth from the
+    sun], for observers above sea level [km]; None: on the ground of each.
+
+    Of a medium nothing is kept; a `ClearAir` keeps what it computed.  Each is a thread's (`in_slices`).
+    Errors: TwilightError for an air, a sun, a direction or an observer that the model does not have: -18 to 90 deg, 0
+    to 90 deg, up to 15 km above the ground; before any sky is computed.
+    """
+    for sun in sun_elevation_deg:
+        elevation, azimuth = checked_directions(sun, elevation_deg, azimuth_deg)
+    each = [one if isinstance(one, ClearAir) else ClearAir(one) for one in airs]
+    observers = [[checked_observer(one.medium, altitude) for altitude in altitude_km] for one in each]
+    grid = rows_and_columns(elevation, azimuth)
+    shape = (*elevation.shape, *((3,) if polarisation else ()), each[0].air.degree.size)
+    light = np.empty((len(each), len(altitude_km), len(sun_elevation_deg), *shape))
+    error = np.empty(light.shape[:3])
+
+    def work(first: int, end: int) -> None:
+        for n in range(first, end):
+            one, each[n] = each[n], None  # type: ignore[call-overload]
+            for o, altitude in enumerate(observers[n]):
+                for s, sun in enumerate(sun_elevation_deg):
+                    sky = one.sky(sun, altitude)
+                    error[n, o, s] = sky.relative_error
+                    directions = grid or (elevation.ravel(), azimuth.ravel())
+                    found = sky.light(*directions, 3 if polarisation else 1, grid is not None)
+                    light[n, o, s] = (found * one.filtered).reshape(shape)
+
+    in_slices(work, len(each))
+    return SkyArrays(light, error)
+
+
+def diffuse_of(air: Air, shells: Shells) -> np.ndarray:
+    """`diffuse_light`; compiled, and the same but for rounding, of more wavelengths than a process should load numba
+    for."""
+    if not COMPILED or air.degree.size <= MOST_BY_NUMPY:
+        return diffuse_light(air, shells)
+    from twilight.clear_air import lanes  # start-up
+
+    return lanes.diffuse_light(air, shells)
 
 
 def check_air(air: Air, wavelength_nm: np.ndarray, model: Model) -> None:
@@ -230,8 +199,8 @@ def check_air(air: Air, wavelength_nm: np.ndarray, model: Model) -> None:
             )
 
 
-def checked_observer(medium: Medium, altitude_km: float) -> float:
-    """The altitude of an observer [km]; TwilightError for one that the model lacks."""
+def checked_observer(medium: Medium, altitude_km: float | None) -> float:
+    """The altitude of an observer [km], None: on the ground; TwilightError for one that the model lacks."""
     altitude = observer_at(medium, altitude_km, medium.bottom_km)
     high = medium.bottom_km + HIGHEST_OBSERVER_KM
     if altitude > high:

@@ -1,7 +1,7 @@
 """Everything that a release uploads, into dist/: the sdist, and from it a wheel with compiled kernels for each Python.
 
-    python benchmarks/wheels.py                      3.11, 3.12 and 3.13, kernels of `zones`
-    python benchmarks/wheels.py 3.13 --kernels ""    one pure wheel
+    python benchmarks/builders/wheels.py                      3.11, 3.12 and 3.13, kernels of `zones`
+    python benchmarks/builders/wheels.py 3.13 --kernels ""    one pure wheel
 
 `uv` fetches the Pythons that are not there; `twine check` reads what was made (`pip install uv twine`).
 """
@@ -12,7 +12,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """The airs of `clear_air_airs.py`, solved, in one file that outlives the machine that solved them.
 
-    python benchmarks/clear_air_kept.py FOLDER [FILE.npz]            writes clear_air_airs.npz
+    python benchmarks/builders/clear_air_kept.py FOLDER [FILE.npz]            writes clear_air_airs.npz
 
 Light of every sample (air, observer, wavelength) as coefficients of principal components of ln M, of Q / M and of
 U / M, in 16 bits: within 0.2 % at 95 % of all nodes; and the degree of each solution's phase
@@ -15,6 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # benchmarks, where results is
 import results
 
 from twilight.base.whole_files import whole_file

@@ -82,28 +82,53 @@ def _positive(first: np.ndarray, further: np.ndarray) -> np.ndarray:
     return first * whole
 
 
+class Scattering(NamedTuple):
+    """What scatters light along the rays, W last: light (G, C, W) that the sunbeam lights in layers and on the ground;
+    reaching (N, W), of SUNLIT and of DIFFUSE: what comes from each segment to the start of its ray if nothing is
+    absorbed; albedo (1 + K, G or L + 1, W) and series (K, CUT, W) of `_Kinds`; depolarised, ground_albedo (W,)."""
+
+    light: np.ndarray
+    reaching_once: np.ndarray
+    reaching: np.ndarray
+    albedo_once: np.ndarray
+    albedo: np.ndarray
+    series: np.ndarray
+    depolarised: np.ndarray
+    ground_albedo: np.ndarray
+
+
+def scattering_of(air: Air, shells: Shells) -> Scattering:
+    """What scatters light in an air, in single precision."""
+    finer, kinds = (_kinds(air, np.array(grid.boundary_km)) for grid in (SUNLIT, DIFFUSE))
+    reaching = _reaching(rays(SUNLIT), finer), _reaching(rays(DIFFUSE), kinds)
+    depolarised = (1.0 - air.depolarisation) / (2.0 + air.depolarisation)
+    rest = finer.albedo, kinds.albedo, kinds.series, depolarised, air.ground_albedo
+    return Scattering(*(single(values) for values in (_sunlit(air, shells), *reaching, *rest)))
+
+
 def diffuse_light(air: Air, shells: Shells) -> np.ndarray:
     """The moments of light scattered at least once, over F0, in layers between BOUNDARY_KM at ZENITH_DEG, the
     reference taken off, (L, W, m + 3, C)."""
-    once, again = rays(SUNLIT), rays(DIFFUSE)
-    light = single(_sunlit(air, shells))
-    kinds = _kinds(air, np.array(SUNLIT.boundary_km))
-    reaching = _reaching(once, kinds)
-    parts = np.concatenate([kinds.albedo[:, once.layer] * reaching, np.zeros_like(reaching)[None]])
-    parts[-1, once.on_ground] = reaching[once.on_ground]
-    kinds = _kinds(air, BOUNDARY_KM)
-    parts, reaching = (np.ascontiguousarray(single(x).T) for x in (parts, _reaching(again, kinds)))
-    depolarised = single((1.0 - air.depolarisation) / (2.0 + air.depolarisation))
-    ground_albedo, albedo, series = single(air.ground_albedo), single(kinds.albedo), single(kinds.series)
-    of_wavelengths, dtype = [], np.result_type(light, parts)
+    once, again, s = rays(SUNLIT), rays(DIFFUSE), scattering_of(air, shells)
+    parts = s.albedo_once[:, once.layer] * s.reaching_once
+    parts = np.concatenate([parts, np.zeros_like(parts[:1])])  # of air, of each aerosol and of the ground
+    parts[-1, once.on_ground] = s.reaching_once[once.on_ground]
+    parts, reaching = (np.ascontiguousarray(x.T) for x in (parts, s.reaching))
+    of_wavelengths, dtype = [], np.result_type(s.light, parts)
     sent = np.empty(once.place.shape, dtype), np.empty(again.place.shape, dtype)
-    for w in range(depolarised.size):
-        radiance, by_air = _scattered_once(once, light[..., w], parts[w], series[..., w], depolarised[w], sent[0])
-        into = _into(albedo[..., w], series[..., w], depolarised[w])
-        further = _scattered_again(again, radiance, reaching[w, :, None], into, ground_albedo[w], sent[1])
-        polarised = once.polarised(by_air) * (np.float32(0.75) * depolarised[w])
+    for w, depolarised in enumerate(s.depolarised):
+        series = s.series[..., w]
+        radiance, by_air = _scattered_once(once, s.light[..., w], parts[w], series, depolarised, sent[0])
+        into = _into(s.albedo[..., w], series, depolarised)
+        further = _scattered_again(again, radiance, reaching[w, :, None], into, s.ground_albedo[w], sent[1])
+        polarised = once.polarised(by_air) * (np.float32(0.75) * depolarised)
         of_wavelengths.append(np.concatenate([once.mean(radiance) + again.mean(further), polarised], axis=2)[:-1])
-    return np.stack(of_wavelengths, axis=1).swapaxes(2, 3) * np.exp(-log_reference(ZENITH_DEG)).astype(np.float32)
+    return np.stack(of_wavelengths, axis=1).swapaxes(2, 3) * reference()
+
+
+def reference() -> np.ndarray:
+    """What takes the reference off at ZENITH_DEG, (C,)."""
+    return np.exp(-log_reference(ZENITH_DEG)).astype(np.float32)
 
 
 def _reaching(r: Rays, kinds: _Kinds) -> np.ndarray:

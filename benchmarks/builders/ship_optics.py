@@ -1,13 +1,16 @@
 """The Mie results that come with the package, twilight/data/opac/mie_ten_types.npz.
 
-python benchmarks/ship_optics.py
+python benchmarks/builders/ship_optics.py
 """
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # benchmarks, where results is
 import results
 
 from twilight.atmosphere import mie, opac, shipped_optics

@@ -25,7 +25,7 @@ The file is a zip of arrays (.npy), S = 32 suns `SUN_DEG`, E = 15 and A = 13 nod
         Hidden layers have the activation silu; all but the first add their input
     intensity_mean (S E A,), intensity (128, S E A), intensity_scale (128,): v_n are intensity x scale
     polarisation_mean (2 S E A,), polarisation, polarisation_scale: of Q / M, then U / M
-    limits (10, 2): least and largest of what `solvers.compact.air.LIMITED` names in the airs of the fit
+    limits (10, 2): least and largest of what `clear_air.of_medium.LIMITED` names in the airs of the fit
     error (2, S): the error at 95 % of a sky is error[0] + error[1] x spread of the networks
 """
 

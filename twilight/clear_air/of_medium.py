@@ -1,4 +1,4 @@
-"""The air of a medium in the layers of the model of all clear air (`transport.clear_air.Air`), and its limits."""
+"""The air of a medium in the layers of the model of all clear air (`clear_air.Air`), and its limits."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.clear_air.model import ANGLES_DEG
+from twilight.clear_air.shells import AIR, ALTITUDE_KM, EXTINCTION, HIGH, LOW, MOST_DEGREE, Air, sublayers
+from twilight.clear_air.skies import PEAK_DEGREE
 from twilight.numerics.phase import TABLE, PhaseFunction, table_angles_rad
-from twilight.transport.clear_air.model import ANGLES_DEG
-from twilight.transport.clear_air.shells import AIR, ALTITUDE_KM, EXTINCTION, HIGH, LOW, MOST_DEGREE, Air, sublayers
-from twilight.transport.clear_air.skies import PEAK_DEGREE
 
 SPLIT_KM = 12.0
 """Altitude above the ground up to which the aerosol has the lower one of two mean phase functions [km]."""
@@ -109,7 +109,7 @@ def side_by_side(airs: list[Air]) -> Air:
 
 def slope(low: Medium, high: Medium, step: float) -> Air:
     """Change of the air for each unit of a parameter, from two media that differ by a step of it: a direction of
-    `ClearAirField.slopes`.  What both have in the same amount has none."""
+    `entry.ClearAir.slopes`.  What both have in the same amount has none."""
     first, last = air_of(low), air_of(high)
     change = {key: (getattr(last, key) - getattr(first, key)) / step for key in Air._fields[:-2]}
     return first._replace(**change)

@@ -1,6 +1,6 @@
 """Airs for the fit of the model of clear air: drawn, and solved by `zones` for every sun and two observers.
 
-    python benchmarks/clear_air_airs.py FOLDER               in two processes: --step 2, and --first 1 --step 2
+    python benchmarks/builders/clear_air_airs.py FOLDER               in two processes: --step 2, and --first 1 --step 2
 
 One file for each number, FOLDER/<number>.npz, until --last is reached or it is stopped; what is there stays.  What it
 holds is drawn from its number alone: one air at eight wavelengths, from SIDE_BY_SIDE on eight airs at one wavelength
@@ -30,18 +30,18 @@ from twilight.atmosphere.opac import opac_type
 from twilight.atmosphere.profiles import PROFILES
 from twilight.base.errors import TwilightError
 from twilight.base.whole_files import whole_file
+from twilight.clear_air import Air, Skies
+from twilight.clear_air.entry import shipped_model
+from twilight.clear_air.model import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG
+from twilight.clear_air.of_medium import air_of, limited, two_phase_functions
+from twilight.clear_air.of_medium import side_by_side as joined_airs
 from twilight.config.aerosol import AerosolType
 from twilight.config.load import load_climate
 from twilight.numerics.phase import TABLE, PhaseFunction
 from twilight.scene.medium import climate_medium
 from twilight.solvers import zones
-from twilight.solvers.compact.air import air_of, limited, two_phase_functions
-from twilight.solvers.compact.air import side_by_side as joined_airs
-from twilight.solvers.compact.field import shipped_model
 from twilight.solvers.zones.air_needs import degree_needed
 from twilight.solvers.zones.settings import QUALITIES
-from twilight.transport.clear_air import Air, Skies
-from twilight.transport.clear_air.model import AZIMUTH_DEG, ELEVATION_DEG, SUN_DEG
 
 HUMIDITIES = (0, 50, 70, 80, 90, 95)
 """Classes of OPAC [%]."""
