@@ -48,8 +48,8 @@ class Preview:
         from twilight.clear_air.model import NUMBER  # start-up: numpy
 
         return (
-            f"model {NUMBER} of clear air in place of {self.climate}, by its own estimate within {100 * self.error:.2g} "
-            "% in 95 % of the directions"
+            f"model {NUMBER} of clear air in place of {self.climate}, by its own estimate within "
+            f"{100 * self.error:.2g} % in 95 % of the directions"
         )
 
 
