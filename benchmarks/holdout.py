@@ -97,7 +97,7 @@ def panorama(path: Path) -> tuple[list[list[Any]], np.ndarray | None]:
     """Rows of a picture, and its residuals (30, 120) by elevation and azimuth from the sun where it is fitted."""
     begin = time.process_time()
     try:
-        photograph = read_photograph(path, None, cell_deg=3.0, min_elevation_deg=3.0, glare_deg=10.0)
+        photograph = read_photograph(path)
         whole = twilight.estimate(photograph, white_balance=True, name=path.name, types=TYPES)
     except TwilightError as error:
         return [[path.stem, *[""] * (len(PANORAMAS) - 3), f"{time.process_time() - begin:.1f}", str(error)[:160]]], None
@@ -208,7 +208,7 @@ def evenings(count: int) -> None:
             continue
         with tempfile.TemporaryDirectory() as folder:
             files, _, kind = phone.evening(number, Path(folder))
-            shots = [read_photograph(file, None, cell_deg=3.0, min_elevation_deg=3.0, glare_deg=10.0) for file in files]
+            shots = [read_photograph(file) for file in files]
         fitted = len(shots) // 2
         found = twilight.estimate(shots[fitted], types=[kind], settings={"aerosol.type": kind}, name="frame")
         camera, seen_by = found.photograph.camera, []
@@ -216,10 +216,8 @@ def evenings(count: int) -> None:
             at = sun_position(shot.stated.moment, shot.stated.latitude_deg, shot.stated.longitude_deg, 0.0)
             of_fit = sun_position(*(getattr(shots[fitted].stated, n) for n in PLACE), 0.0)
             azimuth = found.sun_azimuth_deg + at.azimuth_deg - of_fit.azimuth_deg
-            shown = type(found.shown[0])(
-                "frame", replace(shot, camera=camera), float(at.elevation_deg), azimuth % 360.0
-            )
-            sky, compared = found.compared(shown)
+            here = {"sun_elevation_deg": float(at.elevation_deg), "sun_azimuth_deg": azimuth % 360.0}
+            sky, compared = found.compared(replace(shot, camera=camera, **here))
             seen = compared.photo
             bright = np.nan_to_num(seen.xyz[..., 1], nan=9.0) > 0.6
             seen = replace(seen, solid_angle_sr=np.where(bright, 0.0, seen.solid_angle_sr))

@@ -87,7 +87,7 @@ def one(name: str, file: Path, output: Path) -> list[list]:
         compared = compare(seen, sky, white_balance=white_balance)
         kind = "white balance free" if white_balance else "as it is"
         facts += [(f"{key}, {kind}", f"{compared.figures[key]:.4g}") for key in COLUMNS]
-    facts += [(f"masked, {cause}", f"{part:.4g}") for cause, part in seen.mask.taken.items()]
+    facts += [(f"masked, {cause}", f"{part:.4g}") for cause, part in seen.taken.items()]
     rows += [[name, what, value, *[""] * 5] for what, value in facts]
     lines = (
         f"sun {found.sun_elevation_deg:+.2f} deg; {found.best.aerosol_type}",

@@ -16,7 +16,7 @@ from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
 from twilight.sky import colour
 from twilight.sky.sky import Sky
-from twilight.studies.validate.photographs.picture_sky import OBSERVER, Cells, PhotoSky, simulated_sky
+from twilight.studies.validate.photographs.picture_sky import OBSERVER, Frame, PhotoSky, simulated_sky
 
 CHROMATICITY_SCALE = 0.01
 """Difference in u', v' that weighs as much as LOG_SCALE in ln(luminance) in ``residual_vector``."""
@@ -99,7 +99,7 @@ class Balance:
         return self.exposure * ((xyz if self.curve is None else self.curve.undo(xyz)) @ matrix.T)
 
 
-def balance(photo: PhotoSky | Cells, simulated: PhotoSky | Cells, white_balance: bool = False) -> Balance:
+def balance(photo: PhotoSky | Frame, simulated: PhotoSky | Frame, white_balance: bool = False) -> Balance:
     """One free exposure and, on request, one free white balance (a gain for red, green and blue).
 
     The gains make the weighted mean of ln(channel) the same in both, over cells where all channels are positive; the
@@ -219,7 +219,7 @@ def meridian_profile(
     photo_xyz, simulated_xyz (e, a, 3) on the fine grid; only cells that are clear count, in both.
     """
     elevation = np.radians(photo.fine_elevation_deg)[:, None]
-    azimuth = np.radians(photo.fine_azimuth_deg - azimuth_deg)[None, :]
+    azimuth = np.radians(photo.columns_deg - azimuth_deg)[None, :]
     off = np.degrees(np.arcsin(np.cos(elevation) * np.sin(azimuth)))
     along = np.degrees(np.arctan2(np.sin(elevation), np.cos(elevation) * np.cos(azimuth)))
     n = 2 * photo.elevation_deg.size
@@ -285,8 +285,8 @@ def _quantile(values: np.ndarray, weight: np.ndarray, q: float) -> float:
 
 
 def residual_vector(
-    photo: PhotoSky | Cells,
-    simulated: PhotoSky | Cells | np.ndarray,
+    photo: PhotoSky | Frame,
+    simulated: PhotoSky | Frame | np.ndarray,
     *,
     white_balance: bool = False,
     with_colour: bool = True,

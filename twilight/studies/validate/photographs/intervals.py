@@ -234,8 +234,8 @@ def _pulled(fit: Fit) -> np.ndarray:
     free = (fit.x > 0.0) & (fit.x < 1.0)
     slopes = errors.of_cells(errors.amplitude) @ (errors.whitening.T @ fit.jacobian[:n])
     weighted = errors.whitening.T @ (errors.whitening @ fit.difference(fit.x)[errors.used])
-    azimuth = np.concatenate([(f.cells.azimuth_deg + 180.0) % 360.0 for f in fit.frames])
-    elevation = np.concatenate([f.cells.elevation_deg for f in fit.frames])
+    azimuth = np.concatenate([(f.azimuth_deg + 180.0) % 360.0 for f in fit.frames])
+    elevation = np.concatenate([f.elevation_deg for f in fit.frames])
     region = np.zeros(azimuth.size, int)
     for where, count in zip((azimuth, elevation), REGIONS, strict=True):
         rank = np.argsort(np.argsort(where, kind="stable"), kind="stable")

@@ -64,36 +64,17 @@ STRAINED = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
-    """One photograph of an estimate, its camera as it is known so far.
-
-    sun_elevation_deg: true, NaN where it is sought between between_deg; sun_azimuth_deg: in the camera's azimuths, and
-    its standard error.  remarks: sentences on where these are from.  by_time_deg: the sun's azimuth from north, where
-    the camera's is known too.
-    """
-
-    name: str
-    photograph: Photograph
-    sun_elevation_deg: float
-    sun_azimuth_deg: float
-    between_deg: tuple[float, float] = (np.nan, np.nan)
-    heading_error_deg: float = 0.0
-    remarks: tuple[str, ...] = ()
-    by_time_deg: float | None = None
-
-
-@dataclass(frozen=True, eq=False)
 class Estimate:
     """The air that makes the sky of one photograph, or of a series.
 
-    shown: the photographs
+    shown: the photographs, their sun and camera as they were found
     given: the scene as it was given
     types: the best air of every aerosol type, the best first; best: the one that is taken, of the scene's own type
         where that cannot be told from the best
     remarks: sentences on where sun and camera are from
     """
 
-    shown: tuple[Shown, ...]
+    shown: tuple[Photograph, ...]
     given: Config
     types: list[AirEstimate]
     best: AirEstimate
@@ -110,7 +91,7 @@ class Estimate:
     @property
     def photograph(self) -> Photograph:
         """The first photograph."""
-        return self.shown[0].photograph
+        return self.shown[0]
 
     @property
     def sun_elevation_deg(self) -> float:
@@ -165,14 +146,14 @@ class Estimate:
         usual = " (horizon: typical, as on evenings that were recorded)" if self.given.horizon == TYPICAL else ""
         return [f"beyond the horizon: {screen or 'nothing that stops sunlight'}{usual}"]
 
-    def compared(self, shown: Shown) -> tuple[Sky, Comparison]:
+    def compared(self, shown: Photograph) -> tuple[Sky, Comparison]:
         """The computed sky of one of the photographs, and the photograph beside it."""
         return self._first if shown is self.shown[0] else self._beside(shown)
 
-    def _beside(self, shown: Shown, numpy_only_sun: bool = False) -> tuple[Sky, Comparison]:
+    def _beside(self, shown: Photograph, numpy_only_sun: bool = False) -> tuple[Sky, Comparison]:
         scene = with_settings(self.scene, {"sun": {"elevation_deg": shown.sun_elevation_deg}})
         sky = run(resolve(scene), numpy_only_sun=numpy_only_sun)
-        seen = shown.photograph.seen(shown.sun_azimuth_deg, sky.apparent_sun_elevation_deg)
+        seen = shown.seen(shown.sun_azimuth_deg, sky.apparent_sun_elevation_deg)
         white_balance = self.freedom.white_balance and seen.colour_known
         return sky, compare_photo(seen, sky, white_balance=white_balance, curve=self.best.curve)
 
@@ -308,7 +289,7 @@ class Estimate:
                     "name": one.name,
                     "sun_elevation_deg": one.sun_elevation_deg,
                     "sun_azimuth_deg": one.sun_azimuth_deg,
-                    "orientation": one.photograph.camera.orientation.model_dump(),
+                    "orientation": one.camera.orientation.model_dump(),
                 }
                 for one in self.shown
             ],
