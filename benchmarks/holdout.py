@@ -297,16 +297,8 @@ def one_drawn(index: int) -> list[list[str]]:
         begin = time.process_time()
         found = twilight.estimate(path, types=[kind], settings={"aerosol.type": kind})
         seconds = time.process_time() - begin
-    rows = []
-    for name, p in found.parameters.items():
-        if name in truth:
-            numbers = (truth[name], p.value, p.low, p.high, p.low_95, p.high_95)
-            rows.append(
-                [str(index), "phone" if by_phone else "panorama", "clean" if horizon == "clean" else "clouds",
-                 f"{altitude_km:.2f}", f"{elevation:.2f}", name, *(f"{x:.4g}" for x in numbers), str(p.constrained),
-                 f"{found.best.misfit:.3g}", f"{found.best.amplitude:g}", f"{seconds:.1f}"]
-            )  # fmt: skip
-    return rows
+    head = [str(index), "phone" if by_phone else "panorama", "clean" if horizon == "clean" else "clouds"]
+    return phone.rows_of([*head, f"{altitude_km:.2f}", f"{elevation:.2f}"], found, truth, seconds)
 
 
 def stitched(sky: twilight.Sky, random: np.random.Generator) -> np.ndarray:
