@@ -26,7 +26,7 @@ from twilight.studies.camera.exif import Stated
 from twilight.studies.validate.photographs.air import OTHERS, SUN, Airs, Design, aerosol_above, with_settings
 from twilight.studies.validate.photographs.estimate import Options, find_air
 from twilight.studies.validate.photographs.fit import Freedom
-from twilight.studies.validate.photographs.intervals import Estimated
+from twilight.studies.validate.photographs.intervals import AirEstimate, Estimated
 from twilight.studies.validate.photographs.options import EstimateOptions
 from twilight.studies.validate.photographs.picture import Photograph, read_photograph
 from twilight.studies.validate.photographs.picture_sky import OBSERVER, Frame
@@ -140,8 +140,9 @@ def test_a_value_at_the_end_of_what_was_tried_says_what_it_stands_for():
     """An albedo of 0 of a lawn would be read as a dark lawn."""
     at_zero = Estimated("albedo", "1", 0.0, 0.03, 0.0, 0.03, 0.0, 0.06, (0.0, 0.6), 0.1, False)
     said = sentence_of(at_zero)
-    assert "less than 0.06" in said and "the best is the end of what was tried, 0" in said and "no ground does" in said
+    assert "less than 0.06" in said and "the best is the end of what was tried, 0" in said and "darker beside" in said
     assert "the end" not in sentence_of(replace(at_zero, value=0.02))
+    assert "brighter beside" in sentence_of(replace(at_zero, value=0.6))
 
 
 def vignetted(rgb):
@@ -197,6 +198,30 @@ def test_white_balance_is_free_on_request():
     bound, free = (found_in(cells, white_balance=w)[0] for w in (False, True))
     assert free.misfit < 0.1 * bound.misfit
     assert by_name(free)["aerosol"].value == pytest.approx(0.22, rel=0.1)
+
+
+def test_a_picture_s_own_contrasts_are_not_read_as_air():
+    """A panorama that somebody gave 1.2 times the contrast and the saturation would have an albedo of 0: its low sky is
+    darker beside the zenith than above any ground."""
+
+    def developed(rgb):
+        green = np.maximum(rgb[..., 1:2], 1e-9)
+        return green**1.2 * (np.maximum(rgb, 1e-9) / green) ** 1.2
+
+    cells = seen(latlong(), TRUTH | {"albedo": 0.3}, change=developed)
+    bound, free = (by_name(found_in(cells, white_balance=True, contrast=c, saturation=c)[0]) for c in (0.0, 0.2))
+    assert bound["albedo"].value < 0.1 and free["albedo"].value == pytest.approx(0.3, abs=0.12)
+    assert free["contrast"].value == pytest.approx(0.2, abs=0.05)
+    assert free["saturation"].value == pytest.approx(0.2, abs=0.05)
+    assert free["aerosol"].value == pytest.approx(0.22, rel=0.15)
+
+
+def test_a_sky_without_sunlight_or_of_any_contrast_is_no_fit():
+    """A grey cloud would be fitted as a sky at -18 deg, or by seven times its contrast."""
+    fits = AirEstimate("urban", 0.1, 0.0, {"aerosol": 0.1, SUN: -9.0, "contrast": 0.2})
+    assert fits.fits
+    assert not replace(fits, values=fits.values | {SUN: -18.0}).fits
+    assert not replace(fits, values=fits.values | {"contrast": 0.6}).fits
 
 
 def test_what_does_not_fit_tells_nothing():

@@ -12,9 +12,11 @@ between suns, and of the sky itself (haze in streaks, thin cloud, stitching), co
 amplitude that the picture itself says (the one of `AMPLITUDES` that makes what is left most likely).
 Together they have a covariance C, and
 
-    chi^2 = r^T C^-1 r + sum over the angles of the camera ((angle - as told) / its error)^2,
+    chi^2 = r^T C^-1 r + sum over what is fitted of the camera ((value - as told) / its error)^2,
 
-so that exposure, colours and curve are marginalised exactly and the angles are fitted.
+so that exposure, colours and curve are marginalised exactly; the angles are fitted, and so are the contrasts of a
+picture of floats that somebody developed: its ln G, and its ln R/G and ln B/G, differ over the sky 1 + contrast and
+1 + saturation times as much as the light's.
 """
 
 from __future__ import annotations
@@ -68,6 +70,9 @@ UNKNOWN_LN = 10.0
 """Standard deviation of an exposure of which nothing is known."""
 WHITE_BALANCE_LN = (0.01, 0.25)
 """Standard deviations of ln R/G and ln B/G of a whole picture: as the camera balanced it, and free."""
+CONTRAST, SATURATION = 0.15, 0.25
+"""Standard errors of the contrasts of brightness and of colour, of a picture of floats whose making is not known: of
+clear panoramas (`benchmarks/holdout.py`) that said they were linear they are 0.9 to 1.15 and 0.7 to 1.35."""
 CURVE = (0.3, 0.05, 1.0)
 """Standard deviations of g1, g2 and g3: a phone's picture has 0.7 to 1.4 times the contrast of sRGB, and a shoulder."""
 LENS_LN = (-0.04, 0.03)
@@ -84,12 +89,14 @@ AT_BOUND = 5e-3
 """Distance to a bound, as a fraction of a parameter's range, within which a value counts as at the bound."""
 ANGLES = {"heading": "deg", "pitch": "deg", "roll": "deg", "zoom": "%"}
 """Angles by which a camera may have been held otherwise than told, and how much wider it may have seen; units."""
+OF_CAMERA = {**ANGLES, "contrast": "1", "saturation": "1"}
+"""All that is fitted of a camera, and the units."""
 
 
 @dataclass(frozen=True)
 class Freedom:
     """What besides the air may differ: gains of the colours, a tone curve; what counts: brightness, colours; standard
-    errors of the camera's angles [deg] and of the width of its view [%], 0: as told."""
+    errors of the camera's angles [deg], of the width of its view [%] and of its contrasts, 0: as told."""
 
     white_balance: bool = False
     curve: bool = False
@@ -99,6 +106,8 @@ class Freedom:
     pitch: float = 0.0
     roll: float = 0.0
     zoom: float = 0.0
+    contrast: float = 0.0
+    saturation: float = 0.0
 
 
 class Errors:
@@ -155,7 +164,8 @@ class Errors:
             modes.append(("lens", np.concatenate([lens, none, none]), LENS_LN[1]))
         self.expected = LENS_LN[0] * np.concatenate([lens, none, none])
         shown = np.concatenate([frame.components for frame in frames], axis=1)
-        self.middle = float(shown[0].mean())
+        middle = shown.mean(axis=1)
+        self.middle, self.middle_colours = float(middle[0]), (float(middle[1]), float(middle[2]))
         if freedom.curve:
             green, red, blue = shown[0], shown[0] + shown[1], shown[0] + shown[2]
             shapes = tone_shapes(np.stack([green, red, blue]) - self.middle, self.middle)
@@ -213,13 +223,13 @@ class Fit:
         if not suns:
             ends = skies.sun_elevations_deg
             self.parameters.append(Parameter(SUN, "sun.elevation_deg", "deg", (ends[0], ends[-1])))
-        for name, unit in ANGLES.items():
+        for name, unit in OF_CAMERA.items():
             error = getattr(freedom, name)
             if error > 0.0:
                 self.parameters.append(Parameter(name, "", unit, (-REACH * error, REACH * error)))
         bounds = [p.scaled(np.array([p.nodes[0], p.nodes[-1]])) for p in self.parameters]
         self.low, self.high = np.array(bounds).T
-        self.angles = np.array([p.name in ANGLES for p in self.parameters])
+        self.angles = np.array([p.name in OF_CAMERA for p in self.parameters])
         self.corrections = [np.zeros((f.elevation_deg.size, 3)) for f in frames]
         self.x, self.chi2, self.jacobian = np.full(self.low.size, 0.5), np.inf, np.zeros((0, 0))
 
@@ -272,7 +282,8 @@ class Fit:
             both = (weights[:, :, None] * of_suns[:, None, :]).reshape(len(weights), -1)
             log_xyz = (both @ of_nodes.reshape(both.shape[1], -1)).reshape(len(weights), *correction.shape)
             sky.append(components(np.exp(log_xyz + correction), frame.colour_known))
-        return self.shown + self.known - np.moveaxis(np.concatenate(sky, axis=-1), 0, 1).reshape(len(weights), -1)
+        developed = self._developed(np.moveaxis(np.concatenate(sky, axis=-1), 0, 1), best)
+        return self.shown + self.known - developed.reshape(len(weights), -1)
 
     def _under(self, of_air: np.ndarray, sun: float) -> np.ndarray:
         same = np.flatnonzero(self.skies.sun_elevations_deg == sun)
@@ -284,7 +295,17 @@ class Fit:
             components(np.exp(log_xyz), frame.colour_known)
             for frame, log_xyz in zip(self.frames, self.log_xyz(x), strict=True)
         ]
-        return self.shown + self.known - np.concatenate(sky, axis=1).ravel()
+        return self.shown + self.known - self._developed(np.concatenate(sky, axis=1), self.values(x)).ravel()
+
+    def _developed(self, sky: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
+        """Components (..., 3, n) of computed light with the contrasts of the picture."""
+        contrast, saturation = values.get("contrast", 0.0), values.get("saturation", 0.0)
+        if contrast == saturation == 0.0:
+            return sky
+        middle = sky.mean(axis=-1, keepdims=True)
+        return np.asarray(
+            middle + np.array([[1.0 + contrast], [1.0 + saturation], [1.0 + saturation]]) * (sky - middle)
+        )
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         """Residuals at x, whose sum of squares is chi^2."""
@@ -325,9 +346,13 @@ class Fit:
         return any(one is not None and abs(at) > STRAINED * one[1] for one, at in zip(told, found, strict=True))
 
     def curve(self) -> Curve | None:
-        """The camera's tone curve at the best; None where it is not free."""
-        found = self.camera().get("curve")
-        return None if found is None else Curve(self.errors.middle, tuple(float(g) for g in found))
+        """The camera's tone curve at the best, with its saturation; None where neither is free."""
+        found, values = self.camera().get("curve"), self.values()
+        numbers = () if found is None else tuple(float(g) for g in found)
+        if "contrast" not in values:
+            return Curve(self.errors.middle, numbers) if numbers else None
+        own, of_colours = (1.0 / (1.0 + values[name]) for name in ("contrast", "saturation"))
+        return Curve(self.errors.middle, (1.0 - own,), own - of_colours, self.errors.middle_colours)
 
     def misfit(self) -> float:
         """Sum of squares of `photo.residual_vector` at the best, the tone curve undone, the mean of all frames."""

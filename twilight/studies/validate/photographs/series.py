@@ -28,7 +28,7 @@ from twilight.studies.validate.photographs.air import (
     with_settings,
 )
 from twilight.studies.validate.photographs.estimate import Options, Refine, find_air, first_look
-from twilight.studies.validate.photographs.fit import ANGLES, Freedom
+from twilight.studies.validate.photographs.fit import ANGLES, CONTRAST, SATURATION, Freedom
 from twilight.studies.validate.photographs.options import EstimateOptions
 from twilight.studies.validate.photographs.picture import Photograph, check_sky, check_upright, place_sun
 from twilight.studies.validate.photographs.picture_sky import OBSERVER, Frame
@@ -146,6 +146,7 @@ def estimate_air(photographs: Sequence[Photograph], given: Config, says: Estimat
     airs = Airs(given, design, part_of(says.progress, 0.05, 0.75))
     developed = any(one.developed for one in shown)
     unknown = not all(one.balanced for one in shown)
+    rendered = unknown and not developed and says.white_balance is not False
     heading = max(one.heading_error_deg for one in shown)
     free = Freedom(
         white_balance=developed or unknown if says.white_balance is None else says.white_balance,
@@ -156,6 +157,8 @@ def estimate_air(photographs: Sequence[Photograph], given: Config, says: Estimat
         pitch=shown[0].errors_deg[1],
         roll=shown[0].errors_deg[2],
         zoom=shown[0].zoom_error,
+        contrast=CONTRAST if rendered else 0.0,
+        saturation=SATURATION if rendered and says.colour else 0.0,
     )
     refined: Refine | None = None
     if says.refine:
