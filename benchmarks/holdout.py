@@ -10,10 +10,10 @@ or above 30 deg; that half's air, exposure, white balance and contrasts predict 
 row that says why.  `holdout_residuals.csv` is ln(picture / computed) by elevation and azimuth from the sun, the mean
 and the scatter over the pictures whose sky is fitted.
 *evenings*: drawn by zones as in `phone.py`; one frame is fitted and predicts the others, exposure alone being free.
-*drawn*: twenty airs by zones, of which the last ten judge, with refraction, behind a clean horizon or clouds of their own and not behind the screen
-that the fit assumes, from an altitude of 0 to 1 km; in turn a phone's JPEG (`phone.py`: noise, lens, curve, 8 bits)
-and a panorama of eight frames, each 4 % (rms) brighter or darker than it should be and 5 % darker in its corners, with
-noise.
+*drawn*: twenty airs by zones, of which the last ten judge, with refraction, behind a clean horizon or clouds of their
+own and not behind the screen that the fit assumes, from an altitude of 0 to 1 km; in turn a phone's JPEG (`phone.py`:
+noise, lens, curve, 8 bits) and a panorama of eight frames, each 4 % (rms) brighter or darker than it should be and 5 %
+darker in its corners, with noise.
 """
 
 from __future__ import annotations
@@ -154,10 +154,9 @@ def row_of(name, fitted, predicted, percent, uv, found, seconds, happened, clean
     numbers = [*percent, *uv, found.sun_elevation_deg]
     interval = [depth.value, depth.low, depth.high, depth.low_95, depth.high_95]
     rest = [p[key].value if key in p else "" for key in ("ozone", "albedo", "heading", "contrast", "saturation")]
-    return [
-        name, fitted, predicted, *(short(x) for x in numbers), found.best.aerosol_type,
-        *(short(x) for x in (*interval, *rest, found.best.misfit, *clean, found.best.amplitude)), f"{seconds:.1f}", happened,
-    ]  # fmt: skip
+    last = [*interval, *rest, found.best.misfit, *clean, found.best.amplitude]
+    first = [name, fitted, predicted, *(short(x) for x in numbers), found.best.aerosol_type]
+    return [*first, *(short(x) for x in last), f"{seconds:.1f}", happened]
 
 
 def short(x: float | str) -> str:
