@@ -336,10 +336,11 @@ def _misfit(best: AirEstimate) -> str:
             "is not known)"
         )
     if best.overdrawn:
+        brightness, colours = (1.0 + best.values.get(name, 0.0) for name in ("contrast", "saturation"))
         return (
-            "THE FIT DOES NOT FIT: nearest comes a sky whose contrast the picture has "
-            f"{1.0 + best.values['contrast']:.1f} times, in colours {1.0 + best.values.get('saturation', 0.0):.1f} times (known to {CONTRAST:g} and "
-            f"{SATURATION:g}); its values are no estimate (clouds, an overcast sky, a picture that was painted over)"
+            f"THE FIT DOES NOT FIT: nearest comes a sky of which the picture has {brightness:.1f} times the contrast, in "
+            f"colours {colours:.1f} times (pictures keep it to {CONTRAST:g} and {SATURATION:g}); its values are no "
+            "estimate (clouds, an overcast sky, a picture that was painted over)"
         )
     if best.values.get(SUN, 0.0) < DARKEST_DEG:
         return (
