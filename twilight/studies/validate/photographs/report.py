@@ -338,8 +338,8 @@ def _misfit(best: AirEstimate) -> str:
     if best.overdrawn:
         brightness, colours = (1.0 + best.values.get(name, 0.0) for name in ("contrast", "saturation"))
         return (
-            f"THE FIT DOES NOT FIT: nearest comes a sky of which the picture has {brightness:.1f} times the contrast, in "
-            f"colours {colours:.1f} times (pictures keep it to {CONTRAST:g} and {SATURATION:g}); its values are no "
+            f"THE FIT DOES NOT FIT: nearest comes a sky of which the picture has {brightness:.1f} times the contrast, "
+            f"in colours {colours:.1f} times (pictures keep it to {CONTRAST:g} and {SATURATION:g}); its values are no "
             "estimate (clouds, an overcast sky, a picture that was painted over)"
         )
     if best.values.get(SUN, 0.0) < DARKEST_DEG:
