@@ -5,14 +5,15 @@
     python benchmarks/holdout.py drawn                 # holdout_drawn.csv
 
 *panoramas*: every picture of the folders (Poly Haven's, CC0, are copied in many public repositories) is fitted whole,
-then by one half of its clear sky, left, right or above 30 deg; that half's air, exposure and white balance predict the
-other.  What cannot be fitted has a row that says why.  `holdout_residuals.csv` is ln(picture / computed) by elevation
-and azimuth from the sun, the mean and the scatter over the pictures whose sky is fitted.
+behind the horizon `typical` and, its sun as found, behind a clean one; then by one half of its clear sky, left, right
+or above 30 deg; that half's air, exposure, white balance and contrasts predict the other.  What cannot be fitted has a
+row that says why.  `holdout_residuals.csv` is ln(picture / computed) by elevation and azimuth from the sun, the mean
+and the scatter over the pictures whose sky is fitted.
 *evenings*: drawn by zones as in `phone.py`; one frame is fitted and predicts the others, exposure alone being free.
-*drawn*: ten airs by zones, with refraction, behind a clean horizon or clouds of their own and not behind the screen
-that the fit assumes, from an altitude of 0 to 1 km; in turn a phone's JPEG (`phone.py`: noise, lens, curve, 8 bits)
-and a panorama of eight frames, each 4 % (rms) brighter or darker than it should be and 5 % darker in its corners, with
-noise.
+*drawn*: twenty airs by zones, of which the last ten judge, with refraction, behind a clean horizon or clouds of their
+own and not behind the screen that the fit assumes, from an altitude of 0 to 1 km; in turn a phone's JPEG (`phone.py`:
+noise, lens, curve, 8 bits) and a panorama of eight frames, each 4 % (rms) brighter or darker than it should be and 5 %
+darker in its corners, with noise.
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ UPPER_DEG = 30.0
 """Elevation above which lies half of a hemisphere [deg]."""
 HALVES = (("left", "right"), ("right", "left"), ("upper", "lower"))
 """Which half is fitted, and which predicted."""
+JUDGED_FROM = 10
+"""Number of the first drawn air that judges; those before were seen when factors of intervals were chosen."""
 FRAMES = 8
 """Frames of a stitched panorama."""
 SEAM = 0.04
@@ -55,7 +58,17 @@ CORNER = 0.05
 PANORAMAS = (
     *("picture", "fitted", "predicted", "fit_percent", "prediction_percent", "fit_uv", "prediction_uv"),
     *("sun_elevation_deg", "type", "aerosol", "low_68", "high_68", "low_95", "high_95", "ozone", "albedo"),
-    *("heading_deg", "misfit", "amplitude", "processor_time_s", "what_happened"),
+    *(
+        "heading_deg",
+        "contrast",
+        "saturation",
+        "misfit",
+        "misfit_clean",
+        "aerosol_clean",
+        "amplitude",
+        "processor_time_s",
+        "what_happened",
+    ),
 )
 EVENINGS = ("evening", "sun_fitted_deg", "sun_predicted_deg", "fit_percent", "prediction_percent", "prediction_uv")
 
@@ -97,17 +110,20 @@ def panorama(path: Path) -> tuple[list[list[Any]], np.ndarray | None]:
     """Rows of a picture, and its residuals (30, 120) by elevation and azimuth from the sun where it is fitted."""
     begin = time.process_time()
     try:
-        photograph = read_photograph(path, None, cell_deg=3.0, min_elevation_deg=3.0, glare_deg=10.0)
+        photograph = read_photograph(path)
         whole = twilight.estimate(photograph, white_balance=True, name=path.name, types=TYPES)
     except TwilightError as error:
         return [[path.stem, *[""] * (len(PANORAMAS) - 3), f"{time.process_time() - begin:.1f}", str(error)[:160]]], None
     seconds = time.process_time() - begin
     sky = whole.sky
     seen = whole.photograph.seen(whole.sun_azimuth_deg, sky.apparent_sun_elevation_deg)
-    computed = simulated_sky(sky, seen)
-    fit = errors(seen, computed, balance(seen, computed, True), seen.counts)
-    happened = "fitted" if whole.fits else "the fit does not fit"
-    rows = [row_of(path.stem, "whole", "", (fit[0], ""), (fit[1], ""), whole, seconds, happened)]
+    computed, straight = simulated_sky(sky, seen), undone(seen, whole)
+    fit = errors(straight, computed, balance(straight, computed, True), seen.counts)
+    happened = "fitted" if whole.fits else whole.sentences()[0].partition(";")[0]
+    here = {"sun_elevation_deg": whole.sun_elevation_deg, "sun_azimuth_deg": whole.sun_azimuth_deg, "types": TYPES}
+    clean = twilight.estimate(photograph, white_balance=True, settings={"horizon": "clean"}, **here).best
+    beside = [clean.misfit, clean.values["aerosol"]]
+    rows = [row_of(path.stem, "whole", "", (fit[0], ""), (fit[1], ""), whole, seconds, happened, beside)]
     for fitted, predicted in HALVES if whole.fits else ():
         begin = time.process_time()
         at = {"sun_elevation_deg": whole.sun_elevation_deg, "sun_azimuth_deg": whole.sun_azimuth_deg}
@@ -118,25 +134,29 @@ def panorama(path: Path) -> tuple[list[list[Any]], np.ndarray | None]:
             rows.append([path.stem, fitted, predicted, *[""] * (len(PANORAMAS) - 4), str(error)[:160]])
             continue
         mine, other = half_of(seen, fitted), half_of(seen, predicted)
-        made = simulated_sky(half.sky, seen)
-        by = balance(replace(seen, solid_angle_sr=np.where(mine, seen.solid_angle_sr, 0.0)), made, True)
-        one, two = errors(seen, made, by, mine), errors(seen, made, by, other)
+        made, straight = simulated_sky(half.sky, seen), undone(seen, half)
+        by = balance(replace(straight, solid_angle_sr=np.where(mine, seen.solid_angle_sr, 0.0)), made, True)
+        one, two = errors(straight, made, by, mine), errors(straight, made, by, other)
         seconds = time.process_time() - begin
         rows.append(row_of(path.stem, fitted, predicted, (one[0], two[0]), (one[1], two[1]), half, seconds, ""))
     return rows, fit[2] if whole.fits else None
 
 
-def row_of(name, fitted, predicted, percent, uv, found, seconds, happened) -> list[Any]:
+def undone(seen: PhotoSky, found: Any) -> PhotoSky:
+    """A picture with the contrasts of light, by an estimate."""
+    return seen if found.best.curve is None else replace(seen, xyz=found.best.curve.undo(seen.xyz))
+
+
+def row_of(name, fitted, predicted, percent, uv, found, seconds, happened, clean=("", "")) -> list[Any]:
     """A row of `PANORAMAS`."""
     p = found.parameters
     depth = p["aerosol"]
     numbers = [*percent, *uv, found.sun_elevation_deg]
     interval = [depth.value, depth.low, depth.high, depth.low_95, depth.high_95]
-    rest = [p[key].value if key in p else "" for key in ("ozone", "albedo", "heading")]
-    return [
-        name, fitted, predicted, *(short(x) for x in numbers), found.best.aerosol_type,
-        *(short(x) for x in (*interval, *rest, found.best.misfit, found.best.amplitude)), f"{seconds:.1f}", happened,
-    ]  # fmt: skip
+    rest = [p[key].value if key in p else "" for key in ("ozone", "albedo", "heading", "contrast", "saturation")]
+    last = [*interval, *rest, found.best.misfit, *clean, found.best.amplitude]
+    first = [name, fitted, predicted, *(short(x) for x in numbers), found.best.aerosol_type]
+    return [*first, *(short(x) for x in last), f"{seconds:.1f}", happened]
 
 
 def short(x: float | str) -> str:
@@ -208,7 +228,7 @@ def evenings(count: int) -> None:
             continue
         with tempfile.TemporaryDirectory() as folder:
             files, _, kind = phone.evening(number, Path(folder))
-            shots = [read_photograph(file, None, cell_deg=3.0, min_elevation_deg=3.0, glare_deg=10.0) for file in files]
+            shots = [read_photograph(file) for file in files]
         fitted = len(shots) // 2
         found = twilight.estimate(shots[fitted], types=[kind], settings={"aerosol.type": kind}, name="frame")
         camera, seen_by = found.photograph.camera, []
@@ -216,10 +236,8 @@ def evenings(count: int) -> None:
             at = sun_position(shot.stated.moment, shot.stated.latitude_deg, shot.stated.longitude_deg, 0.0)
             of_fit = sun_position(*(getattr(shots[fitted].stated, n) for n in PLACE), 0.0)
             azimuth = found.sun_azimuth_deg + at.azimuth_deg - of_fit.azimuth_deg
-            shown = type(found.shown[0])(
-                "frame", replace(shot, camera=camera), float(at.elevation_deg), azimuth % 360.0
-            )
-            sky, compared = found.compared(shown)
+            here = {"sun_elevation_deg": float(at.elevation_deg), "sun_azimuth_deg": azimuth % 360.0}
+            sky, compared = found.compared(replace(shot, camera=camera, **here))
             seen = compared.photo
             bright = np.nan_to_num(seen.xyz[..., 1], nan=9.0) > 0.6
             seen = replace(seen, solid_angle_sr=np.where(bright, 0.0, seen.solid_angle_sr))
@@ -256,9 +274,10 @@ def drawn(count: int) -> None:
     for index in range(count):
         if not any(row[0] == str(index) for row in rows):
             rows += one_drawn(index)
-            judged = [[row[0], *row[4:]] for row in rows]
+            judged = [[row[0], *row[4:]] for row in rows if int(row[0]) >= JUDGED_FROM]
             command = "python benchmarks/holdout.py drawn"
-            results.write(table, columns, rows, notes=phone.summary(judged), command=command)
+            notes = [f"judged: airs from {JUDGED_FROM} on", *phone.summary(judged)] if judged else []
+            results.write(table, columns, rows, notes=notes, command=command)
             print(*rows[-3:], sep="\n", flush=True)
 
 
@@ -299,16 +318,8 @@ def one_drawn(index: int) -> list[list[str]]:
         begin = time.process_time()
         found = twilight.estimate(path, types=[kind], settings={"aerosol.type": kind})
         seconds = time.process_time() - begin
-    rows = []
-    for name, p in found.parameters.items():
-        if name in truth:
-            numbers = (truth[name], p.value, p.low, p.high, p.low_95, p.high_95)
-            rows.append(
-                [str(index), "phone" if by_phone else "panorama", "clean" if horizon == "clean" else "clouds",
-                 f"{altitude_km:.2f}", f"{elevation:.2f}", name, *(f"{x:.4g}" for x in numbers), str(p.constrained),
-                 f"{found.best.misfit:.3g}", f"{found.best.amplitude:g}", f"{seconds:.1f}"]
-            )  # fmt: skip
-    return rows
+    head = [str(index), "phone" if by_phone else "panorama", "clean" if horizon == "clean" else "clouds"]
+    return phone.rows_of([*head, f"{altitude_km:.2f}", f"{elevation:.2f}"], found, truth, seconds)
 
 
 def stitched(sky: twilight.Sky, random: np.random.Generator) -> np.ndarray:
@@ -344,7 +355,7 @@ def main() -> None:
     elif given.what == "evenings":
         evenings(given.count or 3)
     else:
-        drawn(given.count or 10)
+        drawn(given.count or 20)
 
 
 if __name__ == "__main__":

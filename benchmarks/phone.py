@@ -21,6 +21,7 @@ import tempfile
 import time
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import results
@@ -224,14 +225,17 @@ def one(index: int, evenings: bool) -> list[list[str]]:
         begin = time.process_time()
         found = twilight.estimate(pictures, types=[kind], settings={"aerosol.type": kind})
         seconds = time.process_time() - begin
+    return rows_of([str(index), sun], found, truth, seconds)
+
+
+def rows_of(head: list[str], found: Any, truth: dict[str, float], seconds: float) -> list[list[str]]:
+    """A row for each parameter of an estimate whose truth is known, after the same head."""
     rows = []
     for name, p in found.parameters.items():
         if name in truth:
             numbers = (truth[name], p.value, p.low, p.high, p.low_95, p.high_95)
-            rows.append(
-                [str(index), sun, name, *(f"{x:.4g}" for x in numbers), str(p.constrained),
-                 f"{found.best.misfit:.3g}", f"{found.best.amplitude:g}", f"{seconds:.1f}"]
-            )  # fmt: skip
+            last = (f"{found.best.misfit:.3g}", f"{found.best.amplitude:g}", f"{seconds:.1f}")
+            rows.append([*head, name, *(f"{x:.4g}" for x in numbers), str(p.constrained), *last])
     return rows
 
 

@@ -1,6 +1,7 @@
 """Three panoramas against computed skies: estimated air, side-by-side pictures, figures.
 
     python benchmarks/photos.py FOLDER_OF_PHOTOS [--output docs/photos] [--only NAME]
+    python benchmarks/photos.py FOLDER_OF_PHOTOS --all [MORE_PANORAMAS...]   # also phone_*.csv and holdout_*.csv, anew
 
 The photographs are Poly Haven's, CC0, 1024 x 512, linear: kiara_1_dawn_1k.hdr, pmndrs_sunset.hdr (also known as
 venice_sunset) and rooitou_park_1k.hdr.  Their white balance and scale are not known, so both are free.  The air is not
@@ -10,6 +11,8 @@ known either: the aerosol, ozone, the ground's albedo and the sun are found (`tw
 from __future__ import annotations
 
 import argparse
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -30,6 +33,7 @@ PHOTOS = {
     "pmndrs_sunset": "pmndrs_sunset.hdr",
     "rooitou_park": "rooitou_park_1k.hdr",
 }
+HOLD_OUTS = (("holdout", ["evenings"]), ("holdout", ["drawn"]))
 COLUMNS = (
     *("luminance_median_percent", "luminance_rms_percent", "luminance_p95_percent"),
     *("solar_meridian_rms_percent", "perpendicular_meridian_rms_percent", "correlation_of_log_luminance"),
@@ -44,12 +48,19 @@ def main() -> None:
     arguments.add_argument("photos", type=Path)
     arguments.add_argument("--output", type=Path, default=HERE.parent / "docs" / "photos")
     arguments.add_argument("--only", choices=sorted(PHOTOS))
+    arguments.add_argument("--all", type=Path, nargs="*", metavar="MORE_PANORAMAS")
     given = arguments.parse_args()
     given.output.mkdir(parents=True, exist_ok=True)
     for name in PHOTOS if given.only is None else (given.only,):
         rows = one(name, given.photos / PHOTOS[name], given.output)
         columns = ["photograph", "quantity", "value", "low_68", "high_68", "low_95", "high_95", "told"]
         results.write(given.output / f"{name}.csv", columns, rows)
+    if given.all is not None:
+        for table in [*results.FOLDER.glob("phone_*.csv"), *results.FOLDER.glob("holdout_*.csv")]:
+            table.unlink()  # they go on where they are
+        panoramas = ["panoramas", given.photos, *given.all]
+        for script, words in (("phone", []), ("phone", ["--evenings"]), ("holdout", panoramas), *HOLD_OUTS):
+            subprocess.run([sys.executable, HERE / f"{script}.py", *words], check=True)
 
 
 def words(p: Estimated) -> str:
@@ -87,7 +98,7 @@ def one(name: str, file: Path, output: Path) -> list[list]:
         compared = compare(seen, sky, white_balance=white_balance)
         kind = "white balance free" if white_balance else "as it is"
         facts += [(f"{key}, {kind}", f"{compared.figures[key]:.4g}") for key in COLUMNS]
-    facts += [(f"masked, {cause}", f"{part:.4g}") for cause, part in seen.mask.taken.items()]
+    facts += [(f"masked, {cause}", f"{part:.4g}") for cause, part in seen.taken.items()]
     rows += [[name, what, value, *[""] * 5] for what, value in facts]
     lines = (
         f"sun {found.sun_elevation_deg:+.2f} deg; {found.best.aerosol_type}",

@@ -14,8 +14,8 @@ from twilight.io.stored_image import read_image
 from twilight.sky import colour
 from twilight.studies.validate.photographs import comparison as comparing
 from twilight.studies.validate.photographs import mask as masks
-from twilight.studies.validate.photographs.panorama import make_panorama, mask_image_on
 from twilight.studies.validate.photographs.picture import Photograph, place_sun
+from twilight.studies.validate.photographs.picture_sky import fine_sky, mask_image_on
 from twilight.studies.validate.photographs.sun_azimuth import find_sun_azimuth
 
 PANORAMAS = Path(__file__).parents[1] / "data" / "photos"
@@ -36,15 +36,15 @@ def photograph(camera, sun_azimuth_deg, through=picture, **more):
 @pytest.mark.parametrize("camera", [latlong(), fisheye(), perspective()], ids=["latlong", "fisheye", "perspective"])
 def test_a_panorama_holds_what_was_rendered(camera):
     """Projection, distortion and vignetting are undone: the panorama is the sky up to one factor."""
-    panorama = make_panorama(picture(take(sky(), camera, 100.0, sun=False)), camera, 3.0, 6, 100.0)
-    rows = panorama.elevation_deg > 3
+    fine = fine_sky(picture(take(sky(), camera, 100.0, sun=False)), camera, 3.0, 6, 100.0)
+    rows = fine.rows_deg > 3
     xyz = colour.sky_to_xyz(sky(), observer="cie1931_2deg")
-    truth = colour.xyz_to_linear_rgb(sky().smooth(xyz, panorama.elevation_deg[rows, None], panorama.azimuth_deg[None]))
+    truth = colour.xyz_to_linear_rgb(sky().smooth(xyz, fine.rows_deg[rows, None], fine.columns_deg[None]))
     with np.errstate(invalid="ignore"):
-        ratio = np.log(panorama.rgb[rows] / truth)
-    away = masks.separation_deg(panorama.elevation_deg[rows, None], panorama.azimuth_deg[None], 12.0, 0.0) > 8.0
+        ratio = np.log(fine.rgb[rows] / truth)
+    away = masks.separation_deg(fine.rows_deg[rows, None], fine.columns_deg[None], 12.0, 0.0) > 8.0
     if camera.projection != "latlong":  # the outermost pixels of a lens are half dark
-        away &= panorama.elevation_deg[rows, None] > 5
+        away &= fine.rows_deg[rows, None] > 5
     ratio = ratio[np.isfinite(ratio[..., 0]) & away]
     assert ratio.size > 1000
     assert np.abs(ratio - np.median(ratio)).max() < 0.03
@@ -55,17 +55,17 @@ def test_a_large_picture_is_averaged_not_picked_from():
     camera = latlong(2048)
     rgb = np.ones((1024, 2048, 3))
     rgb[:, ::2] = 3.0  # stripes of one pixel
-    panorama = make_panorama(picture(rgb), camera, 5.0, 2)
-    assert np.abs(panorama.rgb - 2.0).max() < 0.1
+    fine = fine_sky(picture(rgb), camera, 5.0, 2)
+    assert np.abs(fine.rgb - 2.0).max() < 0.1
 
 
 def test_the_size_must_be_the_cameras():
     """A scaled picture would be read with the wrong directions."""
     with pytest.raises(TwilightError, match="256 x 128 pixels"):
-        make_panorama(picture(np.ones((100, 200, 3))), latlong())
+        fine_sky(picture(np.ones((100, 200, 3))), latlong())
     with pytest.raises(TwilightError, match="nothing above the horizon"):
         down = perspective(elevation_deg=-70.0)
-        make_panorama(picture(np.ones((200, 300, 3))), down)
+        fine_sky(picture(np.ones((200, 300, 3))), down)
 
 
 # Masks ----------------------------------------------------------------------------------------------------------
@@ -86,9 +86,9 @@ def test_hills_and_a_cloud_are_masked_and_the_sky_is_not():
     rgb[ground] = level * np.array([0.5, 0.4, 0.2]) * random.uniform(0.7, 1.3, (ground.sum(), 1))
     cloud = np.exp(-(((azimuth - 200) / 5) ** 2) - ((elevation - 35) / 3) ** 2)
     rgb += 0.5 * cloud[..., None] * level
-    panorama = make_panorama(picture(rgb), camera, 2.0, 4)
-    mask = masks.make_mask(panorama, sun=(0.0, 12.0))
-    rows, columns = panorama.elevation_deg[:, None], panorama.azimuth_deg[None, :]
+    fine = fine_sky(picture(rgb), camera, 2.0, 4)
+    mask = masks.masked(fine, sun=(0.0, 12.0))
+    rows, columns = fine.rows_deg[:, None], fine.columns_deg[None, :]
     clear = (rows > hills(columns) + 2) & (np.hypot((columns - 200) / 15, (rows - 35) / 9) > 1)
     clear &= masks.separation_deg(rows, columns, 12.0, 0.0) > 8
     assert not mask.valid[np.broadcast_to(rows < hills(columns), mask.valid.shape)].any()
@@ -101,22 +101,22 @@ def test_profile_mask_image_and_saturation():
     """A mask of the user's would lie turned, or burnt pixels count as light."""
     camera = latlong(360)
     rgb = take(sky(), camera, 0.0, sun=False)
-    panorama = make_panorama(picture(rgb), camera, 2.0, 4, 30.0)
+    fine = fine_sky(picture(rgb), camera, 2.0, 4, 30.0)
     azimuth = np.arange(0.0, 360.0, 5.0)
-    mask = masks.make_mask(panorama, profile=(azimuth, hills(azimuth)), automatic=False)
-    edge = hills(panorama.azimuth_deg + 30.0)
-    rows = panorama.elevation_deg[:, None]
+    mask = masks.masked(fine, profile=(azimuth, hills(azimuth)), automatic=False)
+    edge = hills(fine.columns_deg + 30.0)
+    rows = fine.rows_deg[:, None]
     assert not mask.valid[rows < edge - 0.3].any() and mask.valid[rows > edge + 0.6].all()
     shown = np.ones((180, 360))
     shown[:, 100:150] = 0.0  # azimuths 280 to 330 of the camera
-    image = mask_image_on(panorama, shown, camera)
-    world = np.mod(panorama.azimuth_deg + 30.0, 360.0)
-    above = panorama.elevation_deg > 0
+    image = mask_image_on(fine, shown, camera)
+    world = np.mod(fine.columns_deg + 30.0, 360.0)
+    above = fine.rows_deg > 0
     assert not image[above][:, (world > 280) & (world < 330)].any()
     assert image[above][:, (world < 278) | (world > 332)].all()
     burnt = picture(rgb)
     burnt.saturated[40:42, 180:182] = True
-    mask = masks.make_mask(make_panorama(burnt, camera, 2.0, 4), automatic=False)
+    mask = masks.masked(fine_sky(burnt, camera, 2.0, 4), automatic=False)
     assert set(mask.taken) == {"saturated or black"}
 
 
@@ -142,13 +142,13 @@ def test_bad_profiles_are_one_sentence(tmp_path, text):
 
 def test_growing_a_mask_is_round_on_the_sphere():
     """Masks near the zenith would grow far too little in azimuth."""
-    panorama = make_panorama(picture(np.ones((90, 180, 3))), latlong(180), 2.0, 4)
-    one = np.zeros(panorama.covered.shape, bool)
-    row = np.abs(panorama.elevation_deg - 60.25).argmin()
+    fine = fine_sky(picture(np.ones((90, 180, 3))), latlong(180), 2.0, 4)
+    one = np.zeros(fine.covered.shape, bool)
+    row = np.abs(fine.rows_deg - 60.25).argmin()
     one[row, 3] = True
-    grown = masks.dilate(one, panorama, 3.0)
-    centre = panorama.elevation_deg[row], panorama.azimuth_deg[3]
-    away = masks.separation_deg(panorama.elevation_deg[:, None], panorama.azimuth_deg[None], *centre)
+    grown = masks.dilate(one, fine, 3.0)
+    centre = fine.rows_deg[row], fine.columns_deg[3]
+    away = masks.separation_deg(fine.rows_deg[:, None], fine.columns_deg[None], *centre)
     assert grown[away < 2.5].all() and not grown[away > 3.8].any()
 
 
@@ -187,9 +187,9 @@ def test_a_sky_without_a_meridian_has_no_azimuth():
     _, elevation = camera.azimuth_elevation(camera.pixel_centres())
     flat = np.where(elevation > 0, 1.0 + 0.001 * elevation, 0.1)[..., None] * np.ones(3)
     flat *= 1 + 0.02 * np.random.default_rng(0).standard_normal(flat.shape)
-    panorama = make_panorama(picture(flat), camera, 3.0, 6)
+    fine = fine_sky(picture(flat), camera, 3.0, 6)
     with pytest.raises(TwilightError, match="--sun-azimuth"):
-        find_sun_azimuth(panorama, np.broadcast_to(panorama.elevation_deg[:, None] > 1, panorama.covered.shape))
+        find_sun_azimuth(fine, np.broadcast_to(fine.rows_deg[:, None] > 1, fine.covered.shape))
 
 
 def test_the_sun_of_the_panoramas():

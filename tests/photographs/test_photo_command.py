@@ -20,6 +20,7 @@ from twilight.sky import colour
 from twilight.sky.ephemeris import sun_position
 from twilight.studies.camera import write_camera
 from twilight.studies.validate.photographs import comparison as comparing
+from twilight.studies.validate.photographs.options import EstimateOptions
 from twilight.studies.validate.photographs.picture import read_photograph
 
 PANORAMAS = Path(__file__).parents[1] / "data" / "photos"
@@ -110,11 +111,11 @@ def test_whole_numbers_of_a_panorama_without_camera_are_srgb(tmp_path):
     """An 8-bit panorama would be taken for linear light, or a cropped one for the whole sphere."""
     values = np.full((64, 128, 3), 188, np.uint8)
     Image.fromarray(values).save(tmp_path / "grey.png")
-    shot = read_photograph(tmp_path / "grey.png", None, cell_deg=3.0)
+    shot = read_photograph(tmp_path / "grey.png")
     assert shot.camera.response == "srgb" and shot.picture.samples.mean() == pytest.approx(0.503, abs=0.002)
     Image.fromarray(values[:60]).save(tmp_path / "cut.png")
     with pytest.raises(TwilightError, match=r"cut.png: is 128 x 60, no panorama .* \(--camera\)"):
-        read_photograph(tmp_path / "cut.png", None, cell_deg=3.0)
+        read_photograph(tmp_path / "cut.png")
 
 
 def test_a_photograph_behind_a_polariser_is_compared_with_the_sky_behind_it(scene, tmp_path, monkeypatch):
@@ -156,8 +157,9 @@ def test_eight_bits_as_linear_light_are_remarked(tmp_path):
     """A forgotten response would pass in silence, with shadows ten times too bright."""
     Image.fromarray(np.full((20, 40, 3), 99, np.uint8)).save(tmp_path / "a.png")
     with pytest.warns(UserWarning, match="srgb"):
-        read_photograph(tmp_path / "a.png", latlong(40))
-    assert read_photograph(tmp_path / "a.png", latlong(40, response="srgb")).picture.samples[0, 0, 0] < 0.2
+        read_photograph(tmp_path / "a.png", EstimateOptions(camera=latlong(40)))
+    developed = read_photograph(tmp_path / "a.png", EstimateOptions(camera=latlong(40, response="srgb")))
+    assert developed.picture.samples[0, 0, 0] < 0.2
 
 
 def test_the_response_command(tmp_path):

@@ -25,10 +25,11 @@ from twilight.studies.camera import CameraModel, write_camera
 from twilight.studies.camera.exif import Stated
 from twilight.studies.validate.photographs.air import OTHERS, SUN, Airs, Design, aerosol_above, with_settings
 from twilight.studies.validate.photographs.estimate import Options, find_air
-from twilight.studies.validate.photographs.fit import Frame, Freedom
-from twilight.studies.validate.photographs.intervals import Estimated
+from twilight.studies.validate.photographs.fit import Freedom
+from twilight.studies.validate.photographs.intervals import AirEstimate, Estimated
+from twilight.studies.validate.photographs.options import EstimateOptions
 from twilight.studies.validate.photographs.picture import Photograph, read_photograph
-from twilight.studies.validate.photographs.picture_sky import OBSERVER, Cells
+from twilight.studies.validate.photographs.picture_sky import OBSERVER, Frame
 from twilight.studies.validate.photographs.report import sentence_of
 from twilight.studies.validate.photographs.series import sun_range
 
@@ -76,11 +77,11 @@ def seen(camera, truth, *, through=picture, cell_deg=6.0, change=lambda rgb: rgb
     xyz = toy(*np.meshgrid(ELEVATION, AZIMUTH, indexing="ij"), **truth)
     rgb = change(take(GRID, camera, 40.0, xyz=xyz, sun=False, **more))
     shot = Photograph(through(rgb), camera, cell_deg, min_elevation_deg=3.0)
-    return Cells.of(shot.seen(40.0, truth.get("sun", 25.0)), 240)
+    return Frame.of(shot.seen(40.0, truth.get("sun", 25.0)), 240)
 
 
 def framed(cells, low=25.0, high=25.0, camera=(0.0, 0.0, 0.0)):
-    return [Frame(cells, camera, low if low == high else None)]
+    return [replace(cells, camera_deg=camera, sun_deg=low if low == high else None)]
 
 
 TRUTH = {"aerosol": 0.22, "ozone": 380.0, "albedo": 0.1}
@@ -139,8 +140,9 @@ def test_a_value_at_the_end_of_what_was_tried_says_what_it_stands_for():
     """An albedo of 0 of a lawn would be read as a dark lawn."""
     at_zero = Estimated("albedo", "1", 0.0, 0.03, 0.0, 0.03, 0.0, 0.06, (0.0, 0.6), 0.1, False)
     said = sentence_of(at_zero)
-    assert "less than 0.06" in said and "the best is the end of what was tried, 0" in said and "no ground does" in said
+    assert "less than 0.06" in said and "the best is the end of what was tried, 0" in said and "darker beside" in said
     assert "the end" not in sentence_of(replace(at_zero, value=0.02))
+    assert "brighter beside" in sentence_of(replace(at_zero, value=0.6))
 
 
 def vignetted(rgb):
@@ -196,6 +198,30 @@ def test_white_balance_is_free_on_request():
     bound, free = (found_in(cells, white_balance=w)[0] for w in (False, True))
     assert free.misfit < 0.1 * bound.misfit
     assert by_name(free)["aerosol"].value == pytest.approx(0.22, rel=0.1)
+
+
+def test_a_picture_s_own_contrasts_are_not_read_as_air():
+    """A panorama that somebody gave 1.2 times the contrast and the saturation would have an albedo of 0: its low sky is
+    darker beside the zenith than above any ground."""
+
+    def developed(rgb):
+        green = np.maximum(rgb[..., 1:2], 1e-9)
+        return green**1.2 * (np.maximum(rgb, 1e-9) / green) ** 1.2
+
+    cells = seen(latlong(), TRUTH | {"albedo": 0.3}, change=developed)
+    bound, free = (by_name(found_in(cells, white_balance=True, contrast=c, saturation=c)[0]) for c in (0.0, 0.2))
+    assert bound["albedo"].value < 0.1 and free["albedo"].value == pytest.approx(0.3, abs=0.12)
+    assert free["contrast"].value == pytest.approx(0.2, abs=0.05)
+    assert free["saturation"].value == pytest.approx(0.2, abs=0.05)
+    assert free["aerosol"].value == pytest.approx(0.22, rel=0.15)
+
+
+def test_a_sky_without_sunlight_or_of_any_contrast_is_no_fit():
+    """A grey cloud would be fitted as a sky at -18 deg, or by seven times its contrast."""
+    fits = AirEstimate("urban", 0.1, 0.0, {"aerosol": 0.1, SUN: -9.0, "contrast": 0.2})
+    assert fits.fits
+    assert not replace(fits, values=fits.values | {SUN: -18.0}).fits
+    assert not replace(fits, values=fits.values | {"contrast": 0.6}).fits
 
 
 def test_what_does_not_fit_tells_nothing():
@@ -312,15 +338,15 @@ def test_a_perspective_picture_is_not_taken_as_level(tmp_path):
     """A camera's file without the angle above the horizontal: that is found by the horizon, or free in the fit."""
     write_exr(tmp_path / "flat.exr", np.full((60, 90, 3), 0.5))
     data = perspective(90, 60).model_dump(exclude_none=True) | {"orientation": {"azimuth_deg": 70.0}}
-    free = read_photograph(tmp_path / "flat.exr", CameraModel.model_validate(data))
+    free = read_photograph(tmp_path / "flat.exr", EstimateOptions(camera=CameraModel.model_validate(data)))
     assert free.errors_deg[1] > 5.0 and "fitted with the air" in free.remarks[0]
     sky, camera = preetham(12.0), perspective(240, 160, elevation_deg=14.0)
     write_exr(tmp_path / "sky.exr", take(sky, camera, 75.0, sun=False))
     data = camera.model_dump(exclude_none=True) | {"orientation": {"azimuth_deg": 70.0}}
-    seen = read_photograph(tmp_path / "sky.exr", CameraModel.model_validate(data))
+    seen = read_photograph(tmp_path / "sky.exr", EstimateOptions(camera=CameraModel.model_validate(data)))
     held = seen.camera.orientation
     assert held.elevation_deg == pytest.approx(14.0, abs=0.5) and held.roll_deg == pytest.approx(4.0, abs=0.5)
-    assert read_photograph(tmp_path / "sky.exr", camera).errors_deg == (0.0, 0.0, 0.0)
+    assert read_photograph(tmp_path / "sky.exr", EstimateOptions(camera=camera)).errors_deg == (0.0, 0.0, 0.0)
 
 
 def test_the_camera_s_angles_are_fitted():
@@ -328,11 +354,13 @@ def test_the_camera_s_angles_are_fitted():
     camera, truth = perspective(300, 200, elevation_deg=22.0), TRUTH | {"sun": 12.0}
     cells = seen(camera, truth, cell_deg=3.0)
     told = (70.0 - 40.0 + 2.0, 20.0, 4.0)
-    frame = Frame(cells, (30.0, 22.0, 4.0), 12.0)
+    frame = replace(cells, camera_deg=(30.0, 22.0, 4.0), sun_deg=12.0)
     azimuth, elevation = azimuth_elevation(frame.own @ camera_axes(*told))
     wrong = replace(cells, elevation_deg=elevation, azimuth_deg=azimuth)
     free = Freedom(heading=5.0, pitch=2.0, roll=1.0)
-    made = find_air(ToyAirs(), [Frame(wrong, told, 12.0)], Options(["toy"], None, 12.0, 12.0, free))[0]
+    made = find_air(
+        ToyAirs(), [replace(wrong, camera_deg=told, sun_deg=12.0)], Options(["toy"], None, 12.0, 12.0, free)
+    )[0]
     assert made.values["pitch"] == pytest.approx(2.0, abs=0.6) and made.values["heading"] == pytest.approx(
         -2.0, abs=1.0
     )
@@ -352,7 +380,7 @@ def test_a_tone_curve_is_undone():
 @pytest.mark.slow
 def test_a_series_tells_more_than_one_picture():
     """Two suns of one air: the same camera and air for both, and smaller errors."""
-    two = [Frame(seen(latlong(), TRUTH | {"sun": sun}, cell_deg=3.0), sun_deg=sun) for sun in (25.0, 6.0)]
+    two = [replace(seen(latlong(), TRUTH | {"sun": sun}, cell_deg=3.0), sun_deg=sun) for sun in (25.0, 6.0)]
     options = Options(["toy"], None, 25.0, 25.0, Freedom(white_balance=True))
     one, both = (by_name(find_air(ToyAirs(0.02), frames, options)[0]) for frames in (two[:1], two))
     for name in TRUTH:

@@ -1,5 +1,6 @@
 """What a phone's picture says of itself, and pictures that say nothing of the air."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,10 @@ from twilight.numerics.spectrum import xyz_to_rgb_matrix
 from twilight.sky import colour
 from twilight.studies.camera.exif import read_stated
 from twilight.studies.validate.photographs.comparison import Curve, tone_shapes
-from twilight.studies.validate.photographs.fit import Errors, Frame, Freedom
+from twilight.studies.validate.photographs.fit import Errors, Freedom
+from twilight.studies.validate.photographs.options import EstimateOptions
 from twilight.studies.validate.photographs.picture import Photograph, check_sky, check_upright, read_photograph
-from twilight.studies.validate.photographs.picture_sky import OBSERVER, Cells
-from twilight.studies.validate.photographs.report import Shown
+from twilight.studies.validate.photographs.picture_sky import OBSERVER, Frame
 from twilight.studies.validate.photographs.series import of_one_camera
 
 BASE, GPS = ExifTags.Base, ExifTags.GPS
@@ -98,7 +99,7 @@ def test_what_contradicts_itself_is_said_and_not_taken(tmp_path, taken, where, a
     if doubt is not None:
         assert doubt in stated.doubts[0]
         with pytest.warns(TwilightWarning, match=doubt):
-            read_photograph(tmp_path / "a.jpg", None)
+            read_photograph(tmp_path / "a.jpg")
 
 
 def test_a_pitch_from_the_nadir_is_said(tmp_path):
@@ -131,13 +132,13 @@ def test_pitch_is_read_from_xmp(tmp_path):
     xmp = b'<x:xmpmeta><rdf:Description Camera:Pitch="7.5" Camera:Roll="-2"/></x:xmpmeta>'
     stated = read_stated(jpeg(tmp_path / "a.jpg", xmp=xmp))
     assert (stated.pitch_deg, stated.roll_deg) == (7.5, -2.0)
-    shot = read_photograph(jpeg(tmp_path / "a.jpg", xmp=xmp), None)
+    shot = read_photograph(jpeg(tmp_path / "a.jpg", xmp=xmp))
     assert shot.camera.orientation.elevation_deg == 7.5 and shot.errors_deg[1] > 0.0
 
 
 def test_the_field_of_view_follows_from_the_focal_length(tmp_path):
     """26 mm on the diagonal of 43.27 mm, also of a picture that stands upright by its orientation tag."""
-    shot = read_photograph(jpeg(tmp_path / "a.jpg"), None)
+    shot = read_photograph(jpeg(tmp_path / "a.jpg"))
     assert shot.camera.projection == "perspective"
     half = 0.5 * np.hypot(80, 60) / shot.camera.focal_length_px
     assert np.degrees(np.arctan(half)) == pytest.approx(np.degrees(np.arctan(0.5 * 43.267 / 26)), abs=0.01)
@@ -145,7 +146,7 @@ def test_the_field_of_view_follows_from_the_focal_length(tmp_path):
     exif = Image.open(tmp_path / "a.jpg").getexif()
     exif[BASE.Orientation] = 6
     Image.open(tmp_path / "a.jpg").save(tmp_path / "b.jpg", exif=exif)
-    tall = read_photograph(tmp_path / "b.jpg", None).camera
+    tall = read_photograph(tmp_path / "b.jpg").camera
     assert (tall.image.width_px, tall.image.height_px) == (60, 80)
     assert tall.focal_length_px == pytest.approx(shot.camera.focal_length_px)
 
@@ -162,7 +163,7 @@ def test_what_lacks_is_asked_for(tmp_path, taken, said):
     """A picture without focal length would be read with a guessed one."""
     with pytest.raises(TwilightError, match=said):
         twilight.estimate(jpeg(tmp_path / "a.jpg", taken=taken, where={}))
-    wide = read_photograph(jpeg(tmp_path / "a.jpg", taken=taken, where={}), None, field_of_view_deg=60.0)
+    wide = read_photograph(jpeg(tmp_path / "a.jpg", taken=taken, where={}), EstimateOptions(field_of_view_deg=60.0))
     assert wide.camera.lens.field_of_view_deg == 60.0
 
 
@@ -173,9 +174,9 @@ def shot(rgb, camera=None, **more):
 def test_a_picture_on_its_head_is_refused():
     """The ground would be fitted as sky."""
     rgb = take(preetham(12.0), latlong(180), 40.0, sun=False)
-    check_upright("a", shot(rgb))
+    check_upright(shot(rgb))
     with pytest.raises(TwilightError, match="stands on its head"):
-        check_upright("a.jpg", shot(rgb[::-1]))
+        check_upright(shot(rgb[::-1]))
 
 
 def test_over_exposed_skies_and_lamps():
@@ -187,7 +188,7 @@ def test_over_exposed_skies_and_lamps():
     def told(burnt):
         one = shot(rgb)
         burning = type(one.picture)(**{**vars(one.picture), "saturated": burnt})
-        return check_sky("a.jpg", shot(rgb), Photograph(burning, camera, 3.0, min_elevation_deg=3.0).seen(40.0, None))
+        return check_sky(shot(rgb), Photograph(burning, camera, 3.0, min_elevation_deg=3.0).seen(40.0, None))
 
     assert told(np.zeros(elevation.shape, bool)) == []
     with pytest.raises(TwilightError, match="is over-exposed"):
@@ -219,13 +220,13 @@ def test_a_night_s_exposure_is_refused(tmp_path):
     rgb = take(preetham(12.0), perspective(160, 120), 75.0, sun=False)
     for seconds in (0.01, 30.0):
         path = jpeg(tmp_path / "a.jpg", rgb, taken=TAKEN | {BASE.ExposureTime: seconds, BASE.ISOSpeedRatings: 6400})
-        found = read_photograph(path, None)
+        found = read_photograph(path)
         seen = found.seen(75.0, None)
         if seconds == 30.0:
             with pytest.raises(TwilightError, match="a night, or moonlight"):
-                check_sky("a.jpg", found, seen)
+                check_sky(found, seen)
         else:
-            assert not any("night" in line for line in check_sky("a.jpg", found, seen))
+            assert not any("night" in line for line in check_sky(found, seen))
 
 
 def test_a_camera_that_was_used_turns():
@@ -241,12 +242,12 @@ def test_a_camera_that_was_used_turns():
 def test_whole_steps_are_an_error_of_dark_colours():
     """A step of chroma is 2 % of red and blue in a dark sky, less in a bright one, and none of floats."""
     xyz = np.linalg.inv(xyz_to_rgb_matrix("cie1931_2deg")) @ np.array([[0.05, 0.06, 0.1], [0.4, 0.45, 0.5]]).T
-    cells = Cells(np.array([30.0, 10.0]), np.zeros(2), xyz.T, np.ones(2))
-    luma, blue, red = (step for step, _ in Frame(cells, eight_bits=True).rounded())
+    frame = Frame(np.array([30.0, 10.0]), np.zeros(2), xyz.T, np.ones(2), sun_deg=5.0)
+    luma, blue, red = (step for step, _ in replace(frame, eight_bits=True).rounded())
     assert 0.01 < abs(red[1, 0]) < 0.12 and abs(blue[2, 0]) > 0.02
     assert (np.abs(luma[0]) > 0.005).all() and abs(red[1, 1]) < 0.5 * abs(red[1, 0])
     free = Freedom(curve=True, white_balance=True)
-    wide, narrow = (Errors([Frame(cells, sun_deg=5.0, eight_bits=e)], free, 0.02, [5.0]) for e in (True, False))
+    wide, narrow = (Errors([replace(frame, eight_bits=e)], free, 0.02, [5.0]) for e in (True, False))
     assert np.diag(wide.covariance(1.0))[2] > np.diag(narrow.covariance(1.0))[2]
 
 
@@ -324,10 +325,10 @@ def test_a_series_has_one_camera():
     placed = []
     for elevation, error, sun, by_time, of_heading in ((16.0, 0.5, 283.0, 280.0, 0.2), (15.2, 1.5, 285.0, 285.0, 10.0)):
         camera = perspective(azimuth_deg=280.0, elevation_deg=elevation)
-        shot = Photograph(flat, camera, 2.0, errors_deg=(10.0, error, 1.0))
-        placed.append(Shown("p", shot, 2.0, sun, (2.0, 2.0), of_heading, (), by_time))
+        shot = Photograph(flat, camera, 2.0, errors_deg=(10.0, error, 1.0), sun_elevation_deg=2.0, sun_azimuth_deg=sun)
+        placed.append(replace(shot, between_deg=(2.0, 2.0), heading_error_deg=of_heading, by_time_deg=by_time))
     made = of_one_camera(placed)
-    assert [one.photograph.camera.orientation.elevation_deg for one in made] == [16.0, 16.0]
-    assert [one.photograph.errors_deg[1] for one in made] == [0.5, 0.5]
+    assert [one.camera.orientation.elevation_deg for one in made] == [16.0, 16.0]
+    assert [one.errors_deg[1] for one in made] == [0.5, 0.5]
     assert [one.sun_azimuth_deg for one in made] == [283.0, 288.0]
     assert [one.heading_error_deg for one in made] == [0.2, 0.2]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import inspect
+import textwrap
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Concatenate, ParamSpec
 
@@ -14,8 +16,8 @@ from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.io.netcdf import read_sky as read_stored
 from twilight.io.stored_image import SUFFIXES
-from twilight.studies.camera import CameraModel, read_camera
-from twilight.studies.validate.photographs.options import EstimateOptions
+from twilight.studies.camera import CameraModel
+from twilight.studies.validate.photographs.options import TO_THE_HORIZON, EstimateOptions
 from twilight.studies.validate.photographs.picture import Photograph, read_photograph
 from twilight.studies.validate.photographs.report import Estimate
 from twilight.studies.validate.photographs.series import estimate_air
@@ -31,45 +33,26 @@ def estimate_with(picture: Picture | Sequence[Picture], options: EstimateOptions
     pictures = [picture] if isinstance(picture, str | Path | Photograph) else list(picture)
     if not pictures:
         raise TwilightError("picture: none is given")
-    name = options.name
-    called = [name] * len(pictures) if name is None or isinstance(name, str) else list(name)
-    names = [
-        known_as or ("photograph" if isinstance(one, Photograph) else Path(one).name)
-        for one, known_as in zip(pictures, called, strict=True)
-    ]
-    photographs = [options.photograph(one) for one in pictures]
+    photographs = [one if isinstance(one, Photograph) else read_photograph(one, options) for one in pictures]
+    if options.name is not None:
+        names = [options.name] * len(pictures) if isinstance(options.name, str) else options.name
+        photographs = [one.told(name=name) for one, name in zip(photographs, names, strict=True)]
     config = config_of(
         options.scene, {"texture": {"resolution_deg": photographs[0].cell_deg}}, settings=options.settings
     )
-    estimated = estimate_air(names, photographs, config, options)
+    estimated = estimate_air(photographs, config, options)
     if not estimated.fits:
         warnings.warn(f"{estimated.picture}: {estimated.sentences()[0]}", TwilightWarning, stacklevel=3)
     return estimated
 
 
-def _asked_by(
-    options: Callable[P, EstimateOptions],
-) -> Callable[Concatenate[Picture | Sequence[Picture], P], Estimate]:
-    """`estimate` with the fields of its options as arguments, which stand in one place."""
-
-    def estimate(picture: Picture | Sequence[Picture], *given: P.args, **named: P.kwargs) -> Estimate:
-        return estimate_with(picture, options(*given, **named))
-
-    first = inspect.Parameter("picture", inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    fields = inspect.signature(options).parameters.values()
-    setattr(estimate, "__signature__", inspect.Signature([first, *fields], return_annotation="Estimate"))  # noqa: B010
-    said = (inspect.getdoc(options) or "").partition("Parameters\n----------\n")[2]
-    estimate.__doc__ = (
-        """The air from a photograph of a clear sky, or from several of one evening.
+HEAD = """The air from a photograph of a clear sky, or from several of one evening.
 
     Parameters
     ----------
     picture
-        HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW; several are of one camera that was not moved, and of one air.
-    """
-        + said.partition("Raises")[0].strip().replace("\n", "\n    ")
-        + """
-
+        HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW; several are of one camera that was not moved, and of one air."""
+TAIL = """
     Returns
     -------
     Estimate
@@ -81,7 +64,22 @@ def _asked_by(
     TwilightError
         For whatever is not allowed or cannot be found in the picture, in one sentence.
     """
-    )
+
+
+def _asked_by(
+    options: Callable[P, EstimateOptions],
+) -> Callable[Concatenate[Picture | Sequence[Picture], P], Estimate]:
+    """`estimate` with the fields of its options as arguments, which stand in one place with what they mean."""
+
+    def estimate(picture: Picture | Sequence[Picture], *given: P.args, **named: P.kwargs) -> Estimate:
+        return estimate_with(picture, options(*given, **named))
+
+    first = inspect.Parameter("picture", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    given = inspect.signature(options).parameters.values()
+    setattr(estimate, "__signature__", inspect.Signature([first, *given], return_annotation="Estimate"))  # noqa: B010
+    said = [(one.name, one.metadata["says"].replace("  ", " ")) for one in fields(EstimateOptions)]
+    lines = [f"    {name}\n{textwrap.indent(textwrap.fill(text, 112), ' ' * 8)}" for name, text in said]
+    estimate.__doc__ = "\n".join([HEAD, *lines, TAIL])
     return estimate
 
 
@@ -123,9 +121,7 @@ def read_sky(
     """
     if Path(path).suffix.lower() not in SUFFIXES:
         return read_stored(path)
-    photograph = read_photograph(
-        path, camera if camera is None or isinstance(camera, CameraModel) else read_camera(camera)
-    )
+    photograph = read_photograph(path, EstimateOptions(camera=camera, **TO_THE_HORIZON))
     if sun_elevation_deg is None:
         sun_elevation_deg = photograph.sun.disc_elevation_deg
         if sun_elevation_deg is None:

@@ -1,13 +1,12 @@
-"""`twilight validate`: computed skies against photographs, and cameras calibrated for it.
+"""`twilight validate`: computed skies against photographs and measurements, and cameras calibrated for it.
 
-`estimate`: the air from a photograph; `photometry`: illuminance and zenith luminance against measurements; `spectra`: a
-screen beyond the horizon, from spectra of level ground.
+`photo`, `estimate` and `stars` have files of their own.  `response`: a camera's curve; `photometry`: illuminance and
+zenith luminance against measurements; `spectra`: a screen beyond the horizon, from spectra of level ground.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,138 +15,84 @@ import typer
 from twilight.base.errors import TwilightError
 from twilight.base.extras import require
 from twilight.cli import options, validate_photo, validate_stars
-from twilight.cli import validate_photo as photo_options
 from twilight.cli.options import argument, flag, option
 from twilight.cli.terminal import print_table, progress_bar, with_errors_as_sentences
 
 
-def estimate(
-    images: Annotated[
-        list[Path],
-        argument("IMAGE...", "HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW; several: one evening, one still camera."),
-    ],
-    config: Annotated[
-        str, option("CLIMATE_OR_CONFIG", "All that is not estimated; its sun counts where it is given.")
-    ] = "continental-average",
-    camera: photo_options.CameraFile = None,
-    field_of_view: photo_options.FieldOfView = None,
-    sun_elevation: Annotated[
-        str | None,
-        option(
-            "DEG,...", "True elevation of the sun, of every picture; unset: the scene's, Exif's, its disc's, searched."
-        ),
+def response(
+    images: Annotated[list[Path], argument("IMAGE...", "Photographs of one still scene with different exposures.")],
+    times: Annotated[
+        str | None, option("SECONDS,...", "Exposure times, one each; unset: from the files' EXIF.")
     ] = None,
-    types: Annotated[
-        str, option("NAMES", "Aerosol types to try, with commas between.")
-    ] = "continental_average,maritime_clean,desert,urban",
-    parameters: Annotated[
-        str, option("NAMES", "Besides the aerosol's optical depth: ozone, albedo, or none.")
-    ] = "ozone,albedo",
-    refine: Annotated[bool, flag("--refine", "End with skies of the scene's own solver, not of compact.")] = False,
-    white_balance: Annotated[
-        bool | None,
-        flag(
-            "--white-balance/--no-white-balance",
-            "Free gains of red, green and blue; unset: unless a --camera is given.",
-        ),
+    merge: Annotated[Path | None, option("FILE.exr", "Also write the series as one linear picture.")] = None,
+    curve: Annotated[
+        str | None, option("linear|srgb|EXPONENT|FILE.csv", "With --merge: a known response, instead of recovering it.")
     ] = None,
-    tone_curve: Annotated[
-        bool | None, flag("--tone-curve/--no-tone-curve", "A free curve of three numbers; unset: of sRGB pictures.")
-    ] = None,
-    no_colour: Annotated[bool, flag("--no-colour", "Use the luminance only.")] = False,
-    no_brightness: Annotated[bool, flag("--no-brightness", "Use the colours only.")] = False,
-    sun_azimuth: photo_options.Azimuth = None,
-    profile: photo_options.Skyline = None,
-    mask: photo_options.MaskImage = None,
-    no_automatic_mask: photo_options.NoAutomaticMask = False,
-    min_elevation: photo_options.MinElevation = 3.0,
-    glare: photo_options.Glare = 10.0,
-    resolution: photo_options.Resolution = 3.0,
-    settings: photo_options.Settings = None,
-    output: photo_options.Folder = None,
+    output: Annotated[Path | None, option("FILE.csv", "The recovered curve; unset: response.csv.")] = None,
 ) -> None:
-    """Estimate aerosol, ozone, ground albedo and, where it is not given, the sun's elevation from photographs.
+    """Recover a camera's response curve from a bracketed series, and merge the series into one linear picture."""
+    from twilight.base.whole_files import check_file
+    from twilight.io.stored_image import read_samples, write_exr
+    from twilight.studies.camera.response import load_response, merge_bracket, recover_response, write_response
 
-    Fits skies of the solver compact, behind the horizon typical (--set horizon=clean: a clean one), and compares the
-    best with the photographs.  Says first where that does not fit, and what they cannot tell.  Writes estimate.json,
-    climate.yaml, which holds what was told, and what `twilight validate photo` writes, of several pictures in a folder
-    each.
-    """
-    from twilight.api.photographs import estimate_with
-    from twilight.base.progress import part_of
-    from twilight.base.whole_files import check_folder, whole_file
-    from twilight.studies.validate.photographs.options import EstimateOptions
-
-    require("validate estimate", *photo_options.NEEDED)
-    from twilight.studies.validate.photographs.figure import write_json, write_report
-
-    suns = None if sun_elevation is None else options.parse_numbers(sun_elevation, "--sun-elevation", -18.0, 90.0)
-    chosen, names = options.settings_of(settings)
-    loaded = options.load_one_scene(config, chosen, names, "validate estimate")
-    asked = EstimateOptions(
-        loaded,
-        camera=camera,
-        field_of_view_deg=field_of_view,
-        sun_elevation_deg=suns,
-        sun_azimuth_deg=sun_azimuth,
-        types=_names(types),
-        parameters=[] if parameters.strip() == "none" else _names(parameters),
-        white_balance=white_balance,
-        tone_curve=tone_curve,
-        brightness=not no_brightness,
-        colour=not no_colour,
-        refine=refine,
-        profile=profile,
-        mask=mask,
-        automatic_mask=not no_automatic_mask,
-        min_elevation_deg=min_elevation,
-        glare_deg=glare,
-        resolution_deg=resolution,
-        name=[image.name for image in images],
-    )
-    photographs = [photo_options.open_photograph(image, asked) for image in images]
-    folder = options.output_folder(output, "estimate", images[0].stem, "photo")
-    check_folder(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    with progress_bar() as bar:
-        estimated = estimate_with(photographs, replace(asked, progress=part_of(bar, 0.0, 0.9)))
-        bar("comparing", 0.9)
-        write_json(folder / "estimate.json", estimated.facts())
-        with whole_file(folder / "climate.yaml") as temporary:
-            temporary.write_text(estimated.climate_yaml(), encoding="utf-8")
-        others = estimated.other_suns()
-        for k, shown in enumerate(estimated.shown):
-            where = folder if len(images) == 1 else folder / f"{k + 1:02d}-{Path(shown.name).stem}"
-            where.mkdir(parents=True, exist_ok=True)
-            sky, comparison = estimated.compared(shown)
-            facts = {"photograph": shown.name, "scene": estimated.given.title, "sun_azimuth_deg": shown.sun_azimuth_deg}
-            lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {estimated.best.aerosol_type}", *estimated.about)
-            write_report(where, comparison, sky, facts, lines, others)
-    for line in estimated.sentences():
-        print(line)
-    _print_tables(estimated)
-    print(f"wrote estimate.json, climate.yaml and the comparison to {folder}/")
+    if curve is not None and (merge is None or output is not None):
+        raise TwilightError("--curve: is for --merge, and takes no --output, for there is nothing to recover")
+    options.check_suffix(merge, "--merge", ".exr")
+    options.check_suffix(output, "--output", ".csv")
+    target = output or Path("response.csv")
+    for path in (target, merge):
+        if path is not None:
+            check_file(path)
+    pictures = [read_samples(path) for path in images]
+    seconds = _times(times, images, pictures)
+    recovers = curve is None and not (merge is not None and all(picture.linear for picture in pictures))
+    if output is not None and not recovers:
+        raise TwilightError("--output: the pictures are linear, and there is no curve to recover")
+    if recovers:
+        recovered = recover_response(pictures, seconds)
+        write_response(target, recovered)
+        print(f"rms of ln(exposure): {recovered.residual:.4f} over {recovered.pairs} samples")
+        print(f"wrote {target}")
+        undo: Any = recovered
+    else:
+        undo = None if curve is None else load_response(_number_or_text(curve))
+    if merge is not None:
+        light, saturated = merge_bracket(pictures, seconds, undo)
+        write_exr(merge, light)
+        print(f"wrote {merge}; {100 * saturated.mean():.2g} % of its pixels are saturated in every exposure")
 
 
-def _names(text: str) -> list[str]:
-    return [name.strip() for name in text.split(",") if name.strip()]
+def _number_or_text(text: str) -> float | str:
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    if not 0.1 <= value <= 10.0:
+        raise TwilightError(f"--curve: the exponent {value:g} must be from 0.1 to 10")
+    return value
 
 
-def _print_tables(estimated: Any) -> None:
-    types = [[e.aerosol_type, f"{e.misfit:.3g}", f"{e.chi2_above_best:.3g}"] for e in estimated.types]
-    print_table(["type", "misfit", "chi2 above best"], types, right=(1, 2))
-    rows = [
-        [
-            p.name,
-            f"{p.value:.4g}",
-            f"{p.low:.4g} to {p.high:.4g}",
-            f"{p.low_95:.4g} to {p.high_95:.4g}",
-            p.unit,
-            "yes" if p.constrained else "no",
-        ]
-        for p in estimated.best.parameters
-    ]
-    print_table(["parameter", "value", "68 %", "95 %", "unit", "told"], rows, right=(1,))
+def _times(text: str | None, images: list[Path], pictures: list[Any]) -> list[float]:
+    if text is not None:
+        try:
+            seconds = [_seconds(part) for part in text.split(",")]
+        except (ValueError, ZeroDivisionError):
+            raise TwilightError(
+                f"--times: {text} must be seconds with commas between them, e.g. 1/60,1/15,0.25"
+            ) from None
+        if len(seconds) != len(images):
+            raise TwilightError(f"--times: gives {len(seconds)} times for {len(images)} pictures")
+        return seconds
+    missing = [path for path, picture in zip(images, pictures, strict=True) if picture.exposure_time_s is None]
+    if missing:
+        raise TwilightError(f"{missing[0]}: does not say its exposure time; give --times")
+    return [picture.exposure_time_s for picture in pictures]
+
+
+def _seconds(text: str) -> float:
+    """`1/60` or `0.25` as a number; ValueError for anything else."""
+    above, slash, below = text.partition("/")
+    return float(above) / (float(below) if slash else 1.0)
 
 
 DEFAULT_CLIMATES = ("continental-average", "continental-clean")
@@ -292,8 +237,8 @@ app = typer.Typer(
 )
 commands: tuple[Callable[..., None], ...] = (
     validate_photo.photo,
-    validate_photo.response,
-    estimate,
+    response,
+    validate_photo.estimate,
     photometry,
     spectra,
     validate_stars.stars,

@@ -1,16 +1,23 @@
-"""`twilight validate photo` and `response`, and the options that describe a photograph."""
+"""`twilight validate photo` and `estimate`: the commands that take photographs.
+
+Their options are the fields of `EstimateOptions`: `of_options` makes them, with the same names, defaults and help.
+"""
 
 from __future__ import annotations
 
+import functools
+import inspect
 import sys
+from collections.abc import Callable
+from dataclasses import Field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from twilight.base.errors import TwilightError
 from twilight.base.extras import require
 from twilight.cli import options
 from twilight.cli.options import argument, flag, option
 from twilight.cli.terminal import print_table, progress_bar
+from twilight.studies.validate.photographs.options import TO_THE_HORIZON, EstimateOptions
 
 DISC_AWAY_DEG = 0.5
 """A disc so far [deg] from the scene's sun is worth a sentence; on coarse panoramas it is found to some 0.3 deg."""
@@ -18,20 +25,94 @@ DISC_AWAY_DEG = 0.5
 NEEDED = ("colour", "matplotlib", "xarray")
 """Extras with which a photograph is compared with a sky."""
 
+Settings = Annotated[list[str] | None, option("KEY=VALUE", "Any key of the scene; may be repeated.", "--set")]
+Folder = Annotated[Path | None, option("DIR", "Folder for the files; made where it is missing.")]
 
+
+def of_options(*left_out: str, **defaults: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A command with the fields of `EstimateOptions` as options, which it gets as its argument `asked`; left_out:
+    fields without an option; defaults: other ones than the fields' own."""
+    chosen = [one for one in fields(EstimateOptions) if one.metadata["metavar"] and one.name not in left_out]
+
+    def with_options(command: Callable[..., None]) -> Callable[..., None]:
+        own = [p for p in inspect.signature(command, eval_str=True).parameters.values() if p.name != "asked"]
+        made = {one: _parameter(one, defaults.get(one.name, one.default)) for one in chosen}
+
+        @functools.wraps(command)
+        def asking(**given: Any) -> None:
+            said = {one.name: _value(one, given.pop(p.name)) for one, p in made.items()}
+            command(**given, asked=EstimateOptions(**said))
+
+        last = [p for p in own if p.annotation in (Settings, Folder)]
+        order = [*(p for p in own if p not in last), *made.values(), *last]
+        order = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in order]
+        setattr(asking, "__signature__", inspect.Signature(order))  # noqa: B010
+        asking.__annotations__ = {p.name: p.annotation for p in order}
+        return asking
+
+    return with_options
+
+
+def _parameter(one: Field[Any], default: Any) -> inspect.Parameter:
+    """The parameter of a command for a field: `sun_azimuth_deg` is --sun-azimuth, what is on by default has a --no-."""
+    name, says, metavar = one.name.removesuffix("_deg"), one.metadata["says"], one.metadata["metavar"]
+    dashed, kind = name.replace("_", "-"), {"DEG": float, "NAMES": str, "DEG,...": str}.get(metavar, Path)
+    if metavar == "yes" and default is True:
+        annotation, default = Annotated[bool, flag(f"--no-{dashed}", f"Do not {says[0].lower()}{says[1:]}")], False
+    elif metavar == "yes":
+        says = says if default is None else f"{says.partition(';')[0].rstrip('.')}."
+        names = f"--{dashed}/--no-{dashed}" if default is None else f"--{dashed}"
+        annotation = Annotated[bool | None if default is None else bool, flag(names, says)]  # type: ignore[assignment]
+    else:
+        default = ",".join(default) if metavar == "NAMES" else default
+        said = f"{says[:-1]}, with commas between." if metavar == "NAMES" else says
+        annotation = Annotated[kind | None if default is None else kind, option(metavar, said, f"--{dashed}")]  # type: ignore[valid-type]
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+
+def _value(one: Field[Any], given: Any) -> Any:
+    """What a field is set to by what was typed."""
+    metavar = one.metadata["metavar"]
+    if metavar == "yes" and one.default is True:
+        return not given
+    if metavar == "NAMES":
+        return [name.strip() for name in given.split(",") if name.strip() not in ("", "none")]
+    if metavar == "DEG,..." and given is not None:
+        return options.parse_numbers(given, "--sun-elevation", -18.0, 90.0)
+    return given
+
+
+def open_photograph(image: Path, asked: EstimateOptions) -> Any:
+    """The `Photograph` of a file; errors: TwilightError for options out of range and files that are wrong."""
+    from twilight.studies.validate.photographs.picture import read_photograph
+
+    options.check_range(asked.sun_azimuth_deg, "--sun-azimuth", -360.0, 360.0)
+    photograph = read_photograph(image, asked)
+    taken = photograph.camera
+    if asked.camera is None and taken.projection == "latlong":
+        print(
+            f"twilight: no --camera: {image.name} is taken for a panorama of the whole sphere, "
+            f"{taken.image.width_px} x {taken.image.height_px}, north unknown, {taken.response}",
+            file=sys.stderr,
+        )
+    return photograph
+
+
+@of_options(
+    "sun_elevation_deg",
+    "types",
+    "parameters",
+    "tone_curve",
+    "brightness",
+    "colour",
+    "refine",
+    white_balance=False,
+    **TO_THE_HORIZON,
+)
 def photo(
-    image: Image,
+    image: Annotated[Path, argument("IMAGE", "HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW.")],
     config: Annotated[str, option("CLIMATE_OR_CONFIG", "The scene to compare with; several suns are tried in turn.")],
-    camera: CameraFile = None,
-    field_of_view: FieldOfView = None,
-    white_balance: WhiteBalance = False,
-    sun_azimuth: Azimuth = None,
-    profile: Skyline = None,
-    mask: MaskImage = None,
-    no_automatic_mask: NoAutomaticMask = False,
-    min_elevation: MinElevation = 0.0,
-    glare: Glare = 6.0,
-    resolution: Resolution = 2.0,
+    asked: EstimateOptions,
     polariser: Annotated[
         float | None,
         option("DEG", "The photograph was taken through a polariser: its axis from the vertical, clockwise."),
@@ -46,37 +127,25 @@ def photo(
     """
     require("validate photo", *NEEDED)
     chosen, names = options.settings_of(settings)
-    from twilight.studies.validate.photographs.options import EstimateOptions
     from twilight.studies.validate.photographs.series import with_file
 
-    asked = EstimateOptions(
-        camera=camera,
-        field_of_view_deg=field_of_view,
-        sun_azimuth_deg=sun_azimuth,
-        profile=profile,
-        mask=mask,
-        automatic_mask=not no_automatic_mask,
-        min_elevation_deg=min_elevation,
-        glare_deg=glare,
-        resolution_deg=resolution,
-    )
     photograph = open_photograph(image, asked)
-    chosen["texture"] = {"resolution_deg": resolution}
+    chosen["texture"] = {"resolution_deg": asked.resolution_deg}
     names["texture"] = "--resolution"
     if polariser is not None:
         chosen["output.polariser_deg"], names["output.polariser_deg"] = polariser, "--polariser"
     loaded = options.load_one_scene(config, chosen, names, "validate photo")
     options.check_polarised(loaded)
-    loaded, said = with_file(image.name, photograph, loaded)
+    loaded, said = with_file(photograph, loaded)
     for line in said:
         print(line)
     folder = options.output_folder(output, "photo", image.stem, "photo")
     folder.mkdir(parents=True, exist_ok=True)
-    compare_with_sky(image, photograph, loaded, sun_azimuth, white_balance, folder)
+    compare_with_sky(photograph, loaded, asked.sun_azimuth_deg, bool(asked.white_balance), folder)
 
 
 def compare_with_sky(
-    image: Path, photograph: Any, config: Any, sun_azimuth: float | None, white_balance: bool, folder: Path
+    photograph: Any, config: Any, sun_azimuth: float | None, white_balance: bool, folder: Path
 ) -> None:
     from twilight.base.progress import part_of
     from twilight.engine import frames
@@ -109,7 +178,7 @@ def compare_with_sky(
                 best = (misfit, sky, comparison, azimuth)
         bar("drawing", 0.92)
         _, sky, comparison, azimuth = best
-        facts = {"photograph": image.name, "scene": config.title, "sun_azimuth_deg": azimuth, "sun_azimuth": note}
+        facts = {"photograph": photograph.name, "scene": config.title, "sun_azimuth_deg": azimuth, "sun_azimuth": note}
         lines = (f"scene: {config.title}, sun {sky.sun_elevation_deg:+.2f} deg", note)
         write_report(folder, comparison, sky, facts, lines)
         if count_suns(config) > 1:
@@ -122,7 +191,7 @@ def compare_with_sky(
     elif _disc_differs(photograph, sun_azimuth, sky):
         print(_disc_differs(photograph, sun_azimuth, sky))
     print(note)
-    for cause, fraction in comparison.photo.mask.taken.items():
+    for cause, fraction in comparison.photo.taken.items():
         print(f"masked, {cause}: {100 * fraction:.1f} % of the sky")
     for line in summary(comparison.figures):
         print(line)
@@ -181,119 +250,72 @@ def _cells(figures: dict[str, Any]) -> list[str]:
     ]
 
 
-def response(
-    images: Annotated[list[Path], argument("IMAGE...", "Photographs of one still scene with different exposures.")],
-    times: Annotated[
-        str | None, option("SECONDS,...", "Exposure times, one each; unset: from the files' EXIF.")
-    ] = None,
-    merge: Annotated[Path | None, option("FILE.exr", "Also write the series as one linear picture.")] = None,
-    curve: Annotated[
-        str | None, option("linear|srgb|EXPONENT|FILE.csv", "With --merge: a known response, instead of recovering it.")
-    ] = None,
-    output: Annotated[Path | None, option("FILE.csv", "The recovered curve; unset: response.csv.")] = None,
+@of_options()
+def estimate(
+    images: Annotated[
+        list[Path],
+        argument("IMAGE...", "HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW; several: one evening, one still camera."),
+    ],
+    asked: EstimateOptions,
+    config: Annotated[
+        str, option("CLIMATE_OR_CONFIG", "All that is not estimated; its sun counts where it is given.")
+    ] = "continental-average",
+    settings: Settings = None,
+    output: Folder = None,
 ) -> None:
-    """Recover a camera's response curve from a bracketed series, and merge the series into one linear picture."""
-    from twilight.base.whole_files import check_file
-    from twilight.io.stored_image import read_samples, write_exr
-    from twilight.studies.camera.response import load_response, merge_bracket, recover_response, write_response
+    """Estimate aerosol, ozone, ground albedo and, where it is not given, the sun's elevation from photographs.
 
-    if curve is not None and (merge is None or output is not None):
-        raise TwilightError("--curve: is for --merge, and takes no --output, for there is nothing to recover")
-    options.check_suffix(merge, "--merge", ".exr")
-    options.check_suffix(output, "--output", ".csv")
-    target = output or Path("response.csv")
-    for path in (target, merge):
-        if path is not None:
-            check_file(path)
-    pictures = [read_samples(path) for path in images]
-    seconds = _times(times, images, pictures)
-    recovers = curve is None and not (merge is not None and all(picture.linear for picture in pictures))
-    if output is not None and not recovers:
-        raise TwilightError("--output: the pictures are linear, and there is no curve to recover")
-    if recovers:
-        recovered = recover_response(pictures, seconds)
-        write_response(target, recovered)
-        print(f"rms of ln(exposure): {recovered.residual:.4f} over {recovered.pairs} samples")
-        print(f"wrote {target}")
-        undo: Any = recovered
-    else:
-        undo = None if curve is None else load_response(_number_or_text(curve))
-    if merge is not None:
-        light, saturated = merge_bracket(pictures, seconds, undo)
-        write_exr(merge, light)
-        print(f"wrote {merge}; {100 * saturated.mean():.2g} % of its pixels are saturated in every exposure")
+    Fits skies of the solver compact, behind the horizon typical (--set horizon=clean: a clean one), and compares the
+    best with the photographs.  Says first where that does not fit, and what they cannot tell.  Writes estimate.json,
+    climate.yaml, which holds what was told, and what `twilight validate photo` writes, of several pictures in a folder
+    each.
+    """
+    from twilight.api.photographs import estimate_with
+    from twilight.base.progress import part_of
+    from twilight.base.whole_files import check_folder, whole_file
 
+    require("validate estimate", *NEEDED)
+    from twilight.studies.validate.photographs.figure import write_json, write_report
 
-def _number_or_text(text: str) -> float | str:
-    try:
-        value = float(text)
-    except ValueError:
-        return text
-    if not 0.1 <= value <= 10.0:
-        raise TwilightError(f"--curve: the exponent {value:g} must be from 0.1 to 10")
-    return value
-
-
-def _times(text: str | None, images: list[Path], pictures: list[Any]) -> list[float]:
-    if text is not None:
-        try:
-            seconds = [_seconds(part) for part in text.split(",")]
-        except (ValueError, ZeroDivisionError):
-            raise TwilightError(
-                f"--times: {text} must be seconds with commas between them, e.g. 1/60,1/15,0.25"
-            ) from None
-        if len(seconds) != len(images):
-            raise TwilightError(f"--times: gives {len(seconds)} times for {len(images)} pictures")
-        return seconds
-    missing = [path for path, picture in zip(images, pictures, strict=True) if picture.exposure_time_s is None]
-    if missing:
-        raise TwilightError(f"{missing[0]}: does not say its exposure time; give --times")
-    return [picture.exposure_time_s for picture in pictures]
+    chosen, names = options.settings_of(settings)
+    loaded = options.load_one_scene(config, chosen, names, "validate estimate")
+    asked = replace(asked, scene=loaded, name=[image.name for image in images])
+    photographs = [open_photograph(image, asked) for image in images]
+    folder = options.output_folder(output, "estimate", images[0].stem, "photo")
+    check_folder(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    with progress_bar() as bar:
+        estimated = estimate_with(photographs, replace(asked, progress=part_of(bar, 0.0, 0.9)))
+        bar("comparing", 0.9)
+        write_json(folder / "estimate.json", estimated.facts())
+        with whole_file(folder / "climate.yaml") as temporary:
+            temporary.write_text(estimated.climate_yaml(), encoding="utf-8")
+        others = estimated.other_suns()
+        for k, shown in enumerate(estimated.shown):
+            where = folder if len(images) == 1 else folder / f"{k + 1:02d}-{Path(shown.name).stem}"
+            where.mkdir(parents=True, exist_ok=True)
+            sky, comparison = estimated.compared(shown)
+            facts = {"photograph": shown.name, "scene": estimated.given.title, "sun_azimuth_deg": shown.sun_azimuth_deg}
+            lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {estimated.best.aerosol_type}", *estimated.about)
+            write_report(where, comparison, sky, facts, lines, others)
+    for line in estimated.sentences():
+        print(line)
+    _print_tables(estimated)
+    print(f"wrote estimate.json, climate.yaml and the comparison to {folder}/")
 
 
-def _seconds(text: str) -> float:
-    """`1/60` or `0.25` as a number; ValueError for anything else."""
-    above, slash, below = text.partition("/")
-    return float(above) / (float(below) if slash else 1.0)
-
-
-Image = Annotated[Path, argument("IMAGE", "HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW.")]
-CameraFile = Annotated[
-    Path | None,
-    option("CAMERA.yaml", "Projection, lens, orientation, response; unset: a panorama (2:1), or what the file says."),
-]
-FieldOfView = Annotated[
-    float | None, option("DEG", "Across the width of a picture whose file does not say the focal length in 35 mm.")
-]
-WhiteBalance = Annotated[bool, flag("--white-balance", "Free gains of red, green and blue besides the exposure.")]
-Azimuth = Annotated[
-    float | None,
-    option("DEG", "In the camera's azimuths; unset: the scene's if the camera's azimuth is known, else found."),
-]
-Skyline = Annotated[
-    Path | None, option("FILE.csv", "Skyline: azimuth_deg,elevation_deg; below it is no sky.", "--profile")
-]
-MaskImage = Annotated[
-    Path | None, option("IMAGE", "Picture of the photograph's size, bright where there is sky.", "--mask")
-]
-NoAutomaticMask = Annotated[bool, flag("--no-automatic-mask", "Do not look for ground, trees, buildings and clouds.")]
-MinElevation = Annotated[float, option("DEG", "Compare nothing below.")]
-Glare = Annotated[float, option("DEG", "Radius about a risen sun that is masked.")]
-Resolution = Annotated[float, option("DEG", "Cells of the comparison; must divide 90.")]
-Settings = Annotated[list[str] | None, option("KEY=VALUE", "Any key of the scene; may be repeated.", "--set")]
-Folder = Annotated[Path | None, option("DIR", "Folder for the files; made where it is missing.")]
-
-
-def open_photograph(image: Path, asked: Any) -> Any:
-    """The `Photograph` of an `EstimateOptions`; errors: TwilightError for options out of range and files that are
-    wrong."""
-    options.check_range(asked.sun_azimuth_deg, "--sun-azimuth", -360.0, 360.0)
-    photograph = asked.photograph(image)
-    taken = photograph.camera
-    if asked.camera is None and taken.projection == "latlong":
-        print(
-            f"twilight: no --camera: {image.name} is taken for a panorama of the whole sphere, "
-            f"{taken.image.width_px} x {taken.image.height_px}, north unknown, {taken.response}",
-            file=sys.stderr,
-        )
-    return photograph
+def _print_tables(estimated: Any) -> None:
+    types = [[e.aerosol_type, f"{e.misfit:.3g}", f"{e.chi2_above_best:.3g}"] for e in estimated.types]
+    print_table(["type", "misfit", "chi2 above best"], types, right=(1, 2))
+    rows = [
+        [
+            p.name,
+            f"{p.value:.4g}",
+            f"{p.low:.4g} to {p.high:.4g}",
+            f"{p.low_95:.4g} to {p.high_95:.4g}",
+            p.unit,
+            "yes" if p.constrained else "no",
+        ]
+        for p in estimated.best.parameters
+    ]
+    print_table(["parameter", "value", "68 %", "95 %", "unit", "told"], rows, right=(1,))

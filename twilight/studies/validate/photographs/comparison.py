@@ -16,7 +16,14 @@ from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
 from twilight.sky import colour
 from twilight.sky.sky import Sky
-from twilight.studies.validate.photographs.picture_sky import OBSERVER, Cells, PhotoSky, simulated_sky
+from twilight.studies.validate.photographs.picture_sky import (
+    FLOOR,
+    OBSERVER,
+    Frame,
+    PhotoSky,
+    components,
+    simulated_sky,
+)
 
 CHROMATICITY_SCALE = 0.01
 """Difference in u', v' that weighs as much as LOG_SCALE in ln(luminance) in ``residual_vector``."""
@@ -30,8 +37,10 @@ PROFILE_HALF_WIDTH_DEG = 3.0
 """Distance from a meridian [deg] within which its profile is a mean."""
 
 
-def tone_shapes(t: np.ndarray, middle: float) -> np.ndarray:
-    """The shapes t, t^2, s(t) of a tone curve (`Curve`) at t (...,), (3, ...)."""
+def tone_shapes(t: np.ndarray, middle: float, count: int = 3) -> np.ndarray:
+    """The first shapes t, t^2, s(t) of a tone curve (`Curve`) at t (...,), (count, ...)."""
+    if count < 3:
+        return np.stack([t, t**2][:count])
     whole = np.exp(middle) / WHITE
     part = np.exp(np.minimum(t + middle, 0.0)) / WHITE
     return np.stack([t, t**2, np.log((1.0 - whole) / (1.0 - part)) - whole / (1.0 - whole) * t])
@@ -43,12 +52,15 @@ class Curve:
 
     s is the shoulder by which light becomes white, -ln(1 - c / WHITE), less its value and slope in the middle: with it
     three numbers hold curves of phones and films to 1 %, where a cubic of t is off by 3 to 9 %.
-    numbers: g1, g2, g3.  Monotone between the t about 0 at which the slope is `LEAST_SLOPE`; what is brighter, or
-    darker, goes on straight from there.
+    numbers: g1, g2, g3, or g1 alone: a contrast.  Monotone between the t about 0 at which the slope is `LEAST_SLOPE`;
+    what is brighter, or darker, goes on straight from there.  colours: part of ln R/G and of ln B/G, about
+    middle_colours, that is the picture's saturation and not the light's.
     """
 
     middle: float
     numbers: tuple[float, ...]
+    colours: float = 0.0
+    middle_colours: tuple[float, float] = (0.0, 0.0)
 
     @property
     def contrast(self) -> float:
@@ -68,15 +80,19 @@ class Curve:
 
     def _bent(self, t: np.ndarray) -> np.ndarray:
         """ln c - ln(light)."""
-        return np.tensordot(self.numbers, tone_shapes(t, self.middle), 1)
+        return np.tensordot(self.numbers, tone_shapes(t, self.middle, len(self.numbers)), 1)
 
     def undo(self, xyz: np.ndarray) -> np.ndarray:
         """XYZ (..., 3) of light from XYZ of what was stored."""
         rgb = colour.xyz_to_linear_rgb(xyz, OBSERVER)
         with np.errstate(divide="ignore", invalid="ignore"):
-            t = np.log(np.maximum(rgb, 1e-30)) - self.middle
+            t = np.log(np.maximum(rgb, np.maximum(FLOOR * xyz[..., 1:2], 1e-30))) - self.middle
         at = np.clip(t, *self.turns)
         light = rgb * np.exp(-self._bent(at))
+        if self.colours:
+            _, *beside = components(np.maximum(np.nan_to_num(xyz), 1e-30))
+            for channel, ratio, middle in zip((0, 2), beside, self.middle_colours, strict=True):
+                light[..., channel] *= np.exp(-self.colours * (ratio - middle))
         return light @ np.linalg.inv(spectrum.xyz_to_rgb_matrix(OBSERVER)).T
 
 
@@ -99,7 +115,7 @@ class Balance:
         return self.exposure * ((xyz if self.curve is None else self.curve.undo(xyz)) @ matrix.T)
 
 
-def balance(photo: PhotoSky | Cells, simulated: PhotoSky | Cells, white_balance: bool = False) -> Balance:
+def balance(photo: PhotoSky | Frame, simulated: PhotoSky | Frame, white_balance: bool = False) -> Balance:
     """One free exposure and, on request, one free white balance (a gain for red, green and blue).
 
     The gains make the weighted mean of ln(channel) the same in both, over cells where all channels are positive; the
@@ -219,7 +235,7 @@ def meridian_profile(
     photo_xyz, simulated_xyz (e, a, 3) on the fine grid; only cells that are clear count, in both.
     """
     elevation = np.radians(photo.fine_elevation_deg)[:, None]
-    azimuth = np.radians(photo.fine_azimuth_deg - azimuth_deg)[None, :]
+    azimuth = np.radians(photo.columns_deg - azimuth_deg)[None, :]
     off = np.degrees(np.arcsin(np.cos(elevation) * np.sin(azimuth)))
     along = np.degrees(np.arctan2(np.sin(elevation), np.cos(elevation) * np.cos(azimuth)))
     n = 2 * photo.elevation_deg.size
@@ -285,8 +301,8 @@ def _quantile(values: np.ndarray, weight: np.ndarray, q: float) -> float:
 
 
 def residual_vector(
-    photo: PhotoSky | Cells,
-    simulated: PhotoSky | Cells | np.ndarray,
+    photo: PhotoSky | Frame,
+    simulated: PhotoSky | Frame | np.ndarray,
     *,
     white_balance: bool = False,
     with_colour: bool = True,

@@ -14,8 +14,9 @@ import numpy as np
 
 from twilight.base.progress import Progress, silent
 from twilight.studies.validate.photographs.air import AEROSOL, SUN, SUN_DEG, Airs, Design, Skies
-from twilight.studies.validate.photographs.fit import Errors, Fit, Frame, Freedom
+from twilight.studies.validate.photographs.fit import Errors, Fit, Freedom
 from twilight.studies.validate.photographs.intervals import DRAWN, LARGEST_MISFIT, AirEstimate, described, plain
+from twilight.studies.validate.photographs.picture_sky import Frame
 
 SEARCHED_DEG = np.array(
     [-18, -16, -14, -12, -10, -8.5, -7, -6, -5, -4, -3, -2, -1, 0, 1, 2.5, 4, 6, 9, 12, 16, 20, 25, 30, 37, 45, 55, 65,

@@ -136,18 +136,18 @@ def _draw_profile(axes: Any, profile: MeridianProfile, line_colour: str, label: 
 def _pictures(comparison: Comparison, others: Sequence[tuple[str, Sky]]) -> tuple[list[np.ndarray], tuple]:
     """Display values (rows, columns, 3), bottom row first, the sun in the middle, cut to the photograph: the
     photograph, the sky alone and behind the ground, and other skies, each of these at an exposure of its own."""
-    panorama, mask = comparison.photo.panorama, comparison.photo.mask
-    half = panorama.azimuth_deg.size // 2
-    order = np.roll(np.arange(panorama.azimuth_deg.size), half)
-    first = -180.0 + (panorama.azimuth_deg[0] - 0.5 * panorama.step_deg)
-    covered = panorama.covered
+    seen = comparison.photo
+    half = seen.columns_deg.size // 2
+    order = np.roll(np.arange(seen.columns_deg.size), half)
+    first = -180.0 + (seen.columns_deg[0] - 0.5 * seen.step_deg)
+    covered = seen.covered
     columns, rows = (
         slice(int(shown[0]), int(shown[-1]) + 1)
         for shown in (np.flatnonzero(np.asarray(covered.any(axis=0))[order]), np.flatnonzero(covered.any(axis=1)))
     )
     to_xyz = np.linalg.inv(colour.spectrum.xyz_to_rgb_matrix(OBSERVER))
-    photo = comparison.balance.apply(panorama.rgb @ to_xyz.T)
-    above = np.asarray(panorama.elevation_deg > 0)
+    photo = comparison.balance.apply(seen.rgb @ to_xyz.T)
+    above = np.asarray(seen.rows_deg > 0)
 
     def alone(fine: np.ndarray) -> np.ndarray:
         xyz = np.full_like(photo, np.nan)
@@ -155,23 +155,23 @@ def _pictures(comparison: Comparison, others: Sequence[tuple[str, Sky]]) -> tupl
         return xyz
 
     sky = comparison.simulated.fine_xyz
-    ground = foreground(photo[above], sky, mask.foreground[above], panorama.step_deg)[..., None]
+    ground = foreground(photo[above], sky, seen.foreground[above], seen.step_deg)[..., None]
     behind = photo.copy()
     behind[above] = np.where(ground > 0.0, ground * np.nan_to_num(photo[above]) + (1.0 - ground) * sky, sky)
     behind[~covered] = np.nan
     ev100 = _exposure(comparison.simulated)
     shown = [(photo, ev100), (alone(sky), ev100), (behind, ev100)]
     for _, other in others:
-        seen = simulated_sky(other, comparison.photo)
-        shown.append((alone(seen.fine_xyz), _exposure(seen)))
+        computed = simulated_sky(other, seen)
+        shown.append((alone(computed.fine_xyz), _exposure(computed)))
     out = []
     for xyz, ev in shown:
         image = colour.tone_map(colour.xyz_to_linear_rgb(np.nan_to_num(xyz), OBSERVER), ev)
         image[~np.isfinite(xyz[..., 1])] = 0.75
         out.append(image[:, order][rows, columns])
-    left, right = (first + panorama.step_deg * np.array([columns.start, columns.stop])).tolist()
-    bottom = panorama.elevation_deg[rows.start] - 0.5 * panorama.step_deg
-    top = panorama.elevation_deg[rows.stop - 1] + 0.5 * panorama.step_deg
+    left, right = (first + seen.step_deg * np.array([columns.start, columns.stop])).tolist()
+    bottom = seen.rows_deg[rows.start] - 0.5 * seen.step_deg
+    top = seen.rows_deg[rows.stop - 1] + 0.5 * seen.step_deg
     return out, (left, right, bottom, top)
 
 
@@ -243,7 +243,7 @@ def write_report(
 
     facts: of the photograph, its name among them; lines: for the picture.
     """
-    said = {"sun_elevation_deg": sky.sun_elevation_deg, **facts, "masked": comparison.photo.mask.taken}
+    said = {"sun_elevation_deg": sky.sun_elevation_deg, **facts, "masked": comparison.photo.taken}
     said |= {"figures": comparison.figures, "computed_sky": sky.provenance}
     write_figure(folder / "comparison.png", comparison, title=facts["photograph"], lines=lines, others=others)
     write_json(folder / "figures.json", said)

@@ -12,27 +12,27 @@ between suns, and of the sky itself (haze in streaks, thin cloud, stitching), co
 amplitude that the picture itself says (the one of `AMPLITUDES` that makes what is left most likely).
 Together they have a covariance C, and
 
-    chi^2 = r^T C^-1 r + sum over the angles of the camera ((angle - as told) / its error)^2,
+    chi^2 = r^T C^-1 r + sum over what is fitted of the camera ((value - as told) / its error)^2,
 
-so that exposure, colours and curve are marginalised exactly and the angles are fitted.
+so that exposure, colours and curve are marginalised exactly; the angles are fitted, and so are the contrasts of a
+picture of floats that somebody developed: its ln G, and its ln R/G and ln B/G, differ over the sky 1 + contrast and
+1 + saturation times as much as the light's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
 from twilight.numerics import spectrum
-from twilight.numerics.directions import azimuth_elevation, camera_axes, direction
-from twilight.sky import colour
+from twilight.numerics.directions import direction
 from twilight.studies.validate.photographs.air import SUN, Parameter, Skies, towards
 from twilight.studies.validate.photographs.comparison import Curve, residual_vector, tone_shapes
-from twilight.studies.validate.photographs.picture_sky import OBSERVER, Cells
+from twilight.studies.validate.photographs.picture_sky import Frame, components
 
 NOISE_LN = (0.007, 0.005, 0.005)
 """Standard errors of one cell in ln G, ln R/G, ln B/G: noise, 8 bits, texture."""
@@ -47,8 +47,6 @@ EIGHT_BITS_LN = (0.03, 0.016, 0.016)
 """The same of pictures in 8 bits, whose gains, curve and `INFLATED` stand for the rest."""
 CAMERA_DEG = 45.0
 """Angle over which they are correlated [deg]."""
-YCBCR = np.array([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])
-"""Luma and chroma of JPEG (JFIF 1.02) from stored red, green, blue; each is a whole number."""
 STEPS = (0.2, 0.6, 0.6)
 """Standard errors of luma and chroma by that, in steps; of luma, noise leaves less.  Twice those of one rounding."""
 INFLATED = 1.25
@@ -72,14 +70,15 @@ UNKNOWN_LN = 10.0
 """Standard deviation of an exposure of which nothing is known."""
 WHITE_BALANCE_LN = (0.01, 0.25)
 """Standard deviations of ln R/G and ln B/G of a whole picture: as the camera balanced it, and free."""
+CONTRAST, SATURATION = 0.15, 0.25
+"""Standard errors of the contrasts of brightness and of colour, of a picture of floats whose making is not known: of
+clear panoramas (`benchmarks/holdout.py`) that said they were linear they are 0.9 to 1.15 and 0.7 to 1.35."""
 CURVE = (0.3, 0.05, 1.0)
 """Standard deviations of g1, g2 and g3: a phone's picture has 0.7 to 1.4 times the contrast of sRGB, and a shoulder."""
 LENS_LN = (-0.04, 0.03)
 """Mean and standard deviation of ln G in the corner of a lens's picture whose vignetting is not known: lenses darken
 corners, never light them up, and phones undo most of it.  With a mean of 0 a darkening of 6 % turned the camera up by
 0.25 deg and made 3 % more haze and 25 DU more ozone."""
-FLOOR = 0.03
-"""Part of the luminance below which a channel counts as that: colours beyond Rec. 709."""
 REACH = 4.0
 """Standard errors of an angle within which it is sought."""
 STRAINED = 3.0
@@ -90,12 +89,14 @@ AT_BOUND = 5e-3
 """Distance to a bound, as a fraction of a parameter's range, within which a value counts as at the bound."""
 ANGLES = {"heading": "deg", "pitch": "deg", "roll": "deg", "zoom": "%"}
 """Angles by which a camera may have been held otherwise than told, and how much wider it may have seen; units."""
+OF_CAMERA = {**ANGLES, "contrast": "1", "saturation": "1"}
+"""All that is fitted of a camera, and the units."""
 
 
 @dataclass(frozen=True)
 class Freedom:
     """What besides the air may differ: gains of the colours, a tone curve; what counts: brightness, colours; standard
-    errors of the camera's angles [deg] and of the width of its view [%], 0: as told."""
+    errors of the camera's angles [deg], of the width of its view [%] and of its contrasts, 0: as told."""
 
     white_balance: bool = False
     curve: bool = False
@@ -105,76 +106,21 @@ class Freedom:
     pitch: float = 0.0
     roll: float = 0.0
     zoom: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """One photograph of a fit.
-
-    cells: azimuths from the sun.  camera_deg: azimuth (from the sun), elevation and roll of the camera as told.
-    sun_deg: true elevation, None where it is sought.  lens (n,): squared angle off the axis, 1 in the corner; None: no
-    lens.  log_exposure: ln of cd m^-2 of the picture's 1, and its standard error; None: unknown.  eight_bits: of sRGB.
-    """
-
-    cells: Cells
-    camera_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    sun_deg: float | None = None
-    lens: np.ndarray | None = None
-    log_exposure: tuple[float, float] | None = None
-    eight_bits: bool = False
-
-    @cached_property
-    def own(self) -> np.ndarray:
-        """Directions (n, 3) in the camera's axes."""
-        return direction(self.cells.azimuth_deg, self.cells.elevation_deg) @ camera_axes(*self.camera_deg).T
-
-    @cached_property
-    def components(self) -> np.ndarray:
-        """(3, n) of the photograph."""
-        return components(self.cells.xyz, self.cells.colour_known)
-
-    def rounded(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """What one whole step of luma and of either chroma is in ln G, ln R/G and ln B/G (3, n), and those (n,)."""
-        green, red, blue = self.components + np.array([[0.0], [1.0], [1.0]]) * self.components[0]
-        light = np.exp([red, green, blue])
-        stored = 255.0 * colour.srgb_encode(light)
-        per_step = 0.01 / (255.0 * colour.srgb_encode(1.01 * light) - stored)
-        for of_rgb, to_rgb in zip(YCBCR, np.linalg.inv(YCBCR).T, strict=True):
-            r, g, b = to_rgb[:, None] * per_step
-            yield np.array([g, r - g, b - g]), of_rgb @ stored
-
-    def turned(self, heading: float, pitch: float, roll: float, zoom: float) -> tuple[np.ndarray, np.ndarray]:
-        """Elevations and azimuths from the sun (n,) [deg] of the cells with the camera turned by these angles, and its
-        view wider by so many per cent."""
-        if heading == pitch == roll == zoom == 0.0:
-            return self.cells.elevation_deg, self.cells.azimuth_deg
-        azimuth, elevation, tilt = self.camera_deg
-        own = self.own * (1.0 + 0.01 * zoom, 1.0, 1.0 + 0.01 * zoom)
-        a, e = azimuth_elevation(own @ camera_axes(azimuth + heading, elevation + pitch, tilt + roll))
-        return e, a
-
-
-def components(xyz: np.ndarray, colour_known: bool = True) -> np.ndarray:
-    """ln G, ln R/G, ln B/G (3, ..., n) of XYZ (..., n, 3); of a grey photograph ln Y thrice."""
-    if not colour_known:
-        return np.log(np.repeat(xyz[None, ..., 1], 3, axis=0))
-    rgb = colour.xyz_to_linear_rgb(xyz, OBSERVER)
-    floor = 2.0 * FLOOR * xyz[..., 1:2]
-    red, green, blue = np.moveaxis(np.log(0.5 * (rgb + np.hypot(rgb, floor))), -1, 0)
-    return np.stack([green, red - green, blue - green])
+    contrast: float = 0.0
+    saturation: float = 0.0
 
 
 class Errors:
     """The covariance of one or more photographs, and what of a difference is the camera's."""
 
     def __init__(self, frames: Sequence[Frame], freedom: Freedom, solver_error: float, suns_deg: Sequence[float]):
-        counts = [frame.cells.elevation_deg.size for frame in frames]
+        counts = [frame.elevation_deg.size for frame in frames]
         n = sum(counts)
         self.frame = np.repeat(np.arange(len(frames)), counts)
-        coloured = freedom.with_colour and all(frame.cells.colour_known for frame in frames)
+        coloured = freedom.with_colour and all(frame.colour_known for frame in frames)
         used = [freedom.brightness or not coloured, coloured, coloured]
         self.used = np.repeat(used, n)
-        where = [direction(f.cells.azimuth_deg, f.cells.elevation_deg) for f in frames]
+        where = [direction(f.azimuth_deg, f.elevation_deg) for f in frames]
         away = np.degrees(np.arccos(np.clip(np.concatenate(where) @ np.concatenate(where).T, -1.0, 1.0)))
         near, wide = np.exp(-away / SKY_DEG), np.exp(-0.5 * (away / SOLVER_DEG) ** 2)
         smooth = np.exp(-away / CAMERA_DEG)
@@ -213,12 +159,13 @@ class Errors:
             constant = np.zeros((3, n))
             constant[k] = 1.0
             modes.append(("white balance", constant.ravel(), WHITE_BALANCE_LN[freedom.white_balance]))
-        lens = np.concatenate([np.zeros(f.cells.elevation_deg.size) if f.lens is None else f.lens for f in frames])
+        lens = np.concatenate([np.zeros(f.elevation_deg.size) if f.lens is None else f.lens for f in frames])
         if lens.any():
             modes.append(("lens", np.concatenate([lens, none, none]), LENS_LN[1]))
         self.expected = LENS_LN[0] * np.concatenate([lens, none, none])
         shown = np.concatenate([frame.components for frame in frames], axis=1)
-        self.middle = float(shown[0].mean())
+        middle = shown.mean(axis=1)
+        self.middle, self.middle_colours = float(middle[0]), (float(middle[1]), float(middle[2]))
         if freedom.curve:
             green, red, blue = shown[0], shown[0] + shown[1], shown[0] + shown[2]
             shapes = tone_shapes(np.stack([green, red, blue]) - self.middle, self.middle)
@@ -276,14 +223,14 @@ class Fit:
         if not suns:
             ends = skies.sun_elevations_deg
             self.parameters.append(Parameter(SUN, "sun.elevation_deg", "deg", (ends[0], ends[-1])))
-        for name, unit in ANGLES.items():
+        for name, unit in OF_CAMERA.items():
             error = getattr(freedom, name)
             if error > 0.0:
                 self.parameters.append(Parameter(name, "", unit, (-REACH * error, REACH * error)))
         bounds = [p.scaled(np.array([p.nodes[0], p.nodes[-1]])) for p in self.parameters]
         self.low, self.high = np.array(bounds).T
-        self.angles = np.array([p.name in ANGLES for p in self.parameters])
-        self.corrections = [np.zeros((f.cells.elevation_deg.size, 3)) for f in frames]
+        self.angles = np.array([p.name in OF_CAMERA for p in self.parameters])
+        self.corrections = [np.zeros((f.elevation_deg.size, 3)) for f in frames]
         self.x, self.chi2, self.jacobian = np.full(self.low.size, 0.5), np.inf, np.zeros((0, 0))
 
     def values(self, x: np.ndarray | None = None) -> dict[str, float]:
@@ -313,7 +260,7 @@ class Fit:
         for frame in self.frames:
             sky = self._under(of_air, values[SUN] if frame.sun_deg is None else frame.sun_deg)
             elevation, azimuth = self.where(frame, values)
-            spread = np.asarray(frame.cells.spread_deg, float)
+            spread = np.asarray(frame.spread_deg, float)
             if not spread.any():
                 made.append(np.zeros((elevation.size, 3)))
                 continue
@@ -334,8 +281,9 @@ class Fit:
             of_suns = spectrum.hermite_matrix(suns, sun) if suns.size > 1 else np.ones((len(weights), 1))
             both = (weights[:, :, None] * of_suns[:, None, :]).reshape(len(weights), -1)
             log_xyz = (both @ of_nodes.reshape(both.shape[1], -1)).reshape(len(weights), *correction.shape)
-            sky.append(components(np.exp(log_xyz + correction), frame.cells.colour_known))
-        return self.shown + self.known - np.moveaxis(np.concatenate(sky, axis=-1), 0, 1).reshape(len(weights), -1)
+            sky.append(components(np.exp(log_xyz + correction), frame.colour_known))
+        developed = self._developed(np.moveaxis(np.concatenate(sky, axis=-1), 0, 1), best)
+        return self.shown + self.known - developed.reshape(len(weights), -1)
 
     def _under(self, of_air: np.ndarray, sun: float) -> np.ndarray:
         same = np.flatnonzero(self.skies.sun_elevations_deg == sun)
@@ -344,10 +292,20 @@ class Fit:
     def difference(self, x: np.ndarray) -> np.ndarray:
         """ln photograph - ln computed (3 n,), with the exposures that are known."""
         sky = [
-            components(np.exp(log_xyz), frame.cells.colour_known)
+            components(np.exp(log_xyz), frame.colour_known)
             for frame, log_xyz in zip(self.frames, self.log_xyz(x), strict=True)
         ]
-        return self.shown + self.known - np.concatenate(sky, axis=1).ravel()
+        return self.shown + self.known - self._developed(np.concatenate(sky, axis=1), self.values(x)).ravel()
+
+    def _developed(self, sky: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
+        """Components (..., 3, n) of computed light with the contrasts of the picture."""
+        contrast, saturation = values.get("contrast", 0.0), values.get("saturation", 0.0)
+        if contrast == saturation == 0.0:
+            return sky
+        middle = sky.mean(axis=-1, keepdims=True)
+        return np.asarray(
+            middle + np.array([[1.0 + contrast], [1.0 + saturation], [1.0 + saturation]]) * (sky - middle)
+        )
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         """Residuals at x, whose sum of squares is chi^2."""
@@ -361,38 +319,19 @@ class Fit:
         found = min((self.from_start(start) for start in starts), key=lambda one: one[1])
         self.x, self.chi2, self.jacobian = found
 
-    def from_start(
-        self, start: np.ndarray, fixed: Mapping[int, float] | None = None
-    ) -> tuple[np.ndarray, float, np.ndarray]:
-        """(x, chi^2, Jacobian of the free ones) from a start, with some of x held."""
-        fixed = fixed or {}
-        free = [i for i in range(start.size) if i not in fixed]
+    def from_start(self, start: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+        """(x, chi^2, Jacobian) from a start."""
 
-        def full(part: np.ndarray) -> np.ndarray:
-            x = start.copy()
-            for i, value in fixed.items():
-                x[i] = value
-            x[free] = part
-            return x
-
-        if not free:
-            r = self.residuals(full(np.zeros(0)))
-            return full(np.zeros(0)), float(r @ r), np.zeros((r.size, 0))
-
-        def residuals(part: np.ndarray) -> np.ndarray:
-            return self.residuals(full(part))
-
-        def jacobian(part: np.ndarray) -> np.ndarray:
+        def jacobian(x: np.ndarray) -> np.ndarray:
             # differences over a fixed step, inwards: relative ones mean nothing for a value near 0, at a bound
-            here, steps = residuals(part), np.where(part < 0.5, STEP, -STEP)
-            return np.stack(
-                [(residuals(part + h * e) - here) / h for h, e in zip(steps, np.eye(part.size), strict=True)], -1
-            )
+            here, steps = self.residuals(x), np.where(x < 0.5, STEP, -STEP)
+            moved = [(self.residuals(x + h * e) - here) / h for h, e in zip(steps, np.eye(x.size), strict=True)]
+            return np.stack(moved, -1)
 
-        inside = np.clip(start[free], 0.01, 0.99)
-        found = least_squares(residuals, inside, jacobian, bounds=(0.0, 1.0), xtol=1e-3, ftol=1e-4, max_nfev=40)
-        x = full(found.x)
-        return np.where(x < AT_BOUND, 0.0, np.where(x > 1.0 - AT_BOUND, 1.0, x)), float(2.0 * found.cost), found.jac
+        inside = np.clip(start, 0.01, 0.99)
+        found = least_squares(self.residuals, inside, jacobian, bounds=(0.0, 1.0), xtol=1e-3, ftol=1e-4, max_nfev=40)
+        x = np.where(found.x < AT_BOUND, 0.0, np.where(found.x > 1.0 - AT_BOUND, 1.0, found.x))
+        return x, float(2.0 * found.cost), found.jac
 
     def camera(self) -> dict[str, np.ndarray]:
         """What the camera most likely did at the best, by kind of mode."""
@@ -407,9 +346,13 @@ class Fit:
         return any(one is not None and abs(at) > STRAINED * one[1] for one, at in zip(told, found, strict=True))
 
     def curve(self) -> Curve | None:
-        """The camera's tone curve at the best; None where it is not free."""
-        found = self.camera().get("curve")
-        return None if found is None else Curve(self.errors.middle, tuple(float(g) for g in found))
+        """The camera's tone curve at the best, with its saturation; None where neither is free."""
+        found, values = self.camera().get("curve"), self.values()
+        numbers = () if found is None else tuple(float(g) for g in found)
+        if "contrast" not in values:
+            return Curve(self.errors.middle, numbers) if numbers else None
+        own, of_colours = (1.0 / (1.0 + values[name]) for name in ("contrast", "saturation"))
+        return Curve(self.errors.middle, (1.0 - own,), own - of_colours, self.errors.middle_colours)
 
     def misfit(self) -> float:
         """Sum of squares of `photo.residual_vector` at the best, the tone curve undone, the mean of all frames."""
@@ -417,7 +360,7 @@ class Fit:
         coloured = bool(self.errors.used[-1])
         free = {"white_balance": self.freedom.white_balance and coloured, "with_colour": coloured}
         for frame, log_xyz in zip(self.frames, self.log_xyz(self.x), strict=True):
-            cells = frame.cells if curve is None else replace(frame.cells, xyz=curve.undo(frame.cells.xyz))
-            r = residual_vector(cells, np.exp(log_xyz), **free)
+            shown = frame if curve is None else replace(frame, xyz=curve.undo(frame.xyz))
+            r = residual_vector(shown, np.exp(log_xyz), **free)
             found.append(float(r @ r))
         return float(np.mean(found))

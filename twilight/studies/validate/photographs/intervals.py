@@ -16,15 +16,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from twilight.studies.validate.photographs.air import AEROSOL, Parameter
+from twilight.studies.validate.photographs.air import AEROSOL, SUN, Parameter
 from twilight.studies.validate.photographs.comparison import Curve
-from twilight.studies.validate.photographs.fit import REACH, Fit
+from twilight.studies.validate.photographs.fit import CONTRAST, REACH, SATURATION, STRAINED, Fit
 
 UNCONSTRAINED = 0.6
 """Standard deviation over that of a uniform distribution beyond which a photograph does not tell a parameter."""
 
 LARGEST_MISFIT = 1.0
 """Q beyond which a fit does not fit: 10 % in luminance, or 0.01 in u', v', over the whole sky."""
+
+DARKEST_DEG = -15.0
+"""Sun that was sought and found below which there is no fit [deg]: the sun's light is less than that of a night, and a
+grey cloud resembles it."""
 
 DRAWN = 1500
 """Airs that are drawn for intervals."""
@@ -104,8 +108,15 @@ class AirEstimate:
 
     @property
     def fits(self) -> bool:
-        """Whether the sky is about as the photograph shows it, and as bright as its exposure says."""
-        return self.misfit <= LARGEST_MISFIT and not self.strained
+        """Whether the sky is about as the photograph shows it, as bright as its exposure says, and lit by the sun."""
+        lit = self.values.get(SUN, 0.0) >= DARKEST_DEG
+        return self.misfit <= LARGEST_MISFIT and not self.strained and not self.overdrawn and lit
+
+    @property
+    def overdrawn(self) -> bool:
+        """Whether the picture's contrasts are further from those of light than pictures' are."""
+        told = (("contrast", CONTRAST), ("saturation", SATURATION))
+        return any(abs(self.values.get(name, 0.0)) > STRAINED * error for name, error in told)
 
 
 def plain(fit: Fit, best: Fit) -> AirEstimate:
@@ -234,8 +245,8 @@ def _pulled(fit: Fit) -> np.ndarray:
     free = (fit.x > 0.0) & (fit.x < 1.0)
     slopes = errors.of_cells(errors.amplitude) @ (errors.whitening.T @ fit.jacobian[:n])
     weighted = errors.whitening.T @ (errors.whitening @ fit.difference(fit.x)[errors.used])
-    azimuth = np.concatenate([(f.cells.azimuth_deg + 180.0) % 360.0 for f in fit.frames])
-    elevation = np.concatenate([f.cells.elevation_deg for f in fit.frames])
+    azimuth = np.concatenate([(f.azimuth_deg + 180.0) % 360.0 for f in fit.frames])
+    elevation = np.concatenate([f.elevation_deg for f in fit.frames])
     region = np.zeros(azimuth.size, int)
     for where, count in zip((azimuth, elevation), REGIONS, strict=True):
         rank = np.argsort(np.argsort(where, kind="stable"), kind="stable")

@@ -15,7 +15,7 @@ that the camera is taken to have looked lower than it did; `SKYLINE_ERROR_DEG` s
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import replace
 from os.path import isfile
 from pathlib import Path
 from typing import NamedTuple
@@ -30,7 +30,7 @@ from twilight.base.errors import TwilightError
 from twilight.io.stored_image import StoredImage, read_samples
 from twilight.sky.colour import REC709_LUMINANCE
 from twilight.studies.camera.model import CameraModel
-from twilight.studies.validate.photographs.panorama import Panorama
+from twilight.studies.validate.photographs.picture_sky import PhotoSky
 
 PROFILE_COLUMNS = {"azimuth_deg": (-360.0, 360.0, "-360 to 360"), "elevation_deg": (-90.0, 90.0, "-90 to 90")}
 """Columns of an elevation profile, and the numbers that they may hold."""
@@ -63,23 +63,8 @@ SUN_DISC_DEG = 0.27
 FOREGROUND = {"below the horizon", "below the profile", "mask image", "ground, trees, buildings"}
 
 
-@dataclass(frozen=True, eq=False)
-class Mask:
-    """Which fine cells of a panorama are clear sky, and what took the others.
-
-    valid (E, A).
-    foreground (E, A): ground, trees, buildings, whichever way they were found.
-    taken: fraction of the sky above the horizon (by solid angle) that each cause took; a cell with several causes
-        counts for the one that is listed before the others.
-    """
-
-    valid: np.ndarray
-    foreground: np.ndarray
-    taken: dict[str, float]
-
-
-def make_mask(
-    panorama: Panorama,
+def masked(
+    sky: PhotoSky,
     *,
     profile: tuple[np.ndarray, np.ndarray] | None = None,
     image: np.ndarray | None = None,
@@ -87,44 +72,40 @@ def make_mask(
     min_elevation_deg: float = 0.0,
     sun: tuple[float, float] | None = None,
     glare_deg: float = SUN_GLARE_DEG,
-) -> Mask:
-    """The mask of a panorama.
+) -> PhotoSky:
+    """The same with its mask.
 
-    profile: (azimuth_deg, elevation_deg) in the camera's azimuths below which there is no sky (``read_profile``).
-    image (E, A): a mask picture on the panorama's grid (``panorama.mask_image_on``).
+    profile: (azimuth_deg, elevation_deg) in the camera's azimuths below which there is no sky (`read_profile`).
+    image (e, a): a mask picture on its grid (`picture_sky.mask_image_on`).
     automatic: also look for edges and clouds.
-    sun: apparent (azimuth_deg, elevation_deg) of the sun relative to the panorama's origin; its glare is masked where
+    sun: apparent (azimuth_deg, elevation_deg) of the sun relative to the origin; its glare is masked where
     the disc is not wholly below the horizon.
     """
-    rows, columns = panorama.elevation_deg, panorama.azimuth_deg
+    rows, columns = sky.rows_deg, sky.columns_deg
     causes: dict[str, np.ndarray] = {
-        "outside the photograph": ~panorama.covered,
+        "outside the photograph": ~sky.covered,
         "below the horizon": rows[:, None] < min_elevation_deg,
     }
     with np.errstate(invalid="ignore"):
-        dark = ~(panorama.luminance > 0)
-    causes["saturated or black"] = dilate(panorama.saturated, panorama, GROW_DEG) | dark
+        dark = ~(sky.luminance > 0)
+    causes["saturated or black"] = dilate(sky.saturated, sky, GROW_DEG) | dark
     if sun is not None and sun[1] > -SUN_DISC_DEG:
         causes["glare of the sun"] = separation_deg(rows[:, None], columns[None, :], sun[1], sun[0]) < glare_deg
     if profile is not None:
-        edge = np.interp(columns + panorama.origin_deg, *_around(*profile))
-        causes["below the profile"] = rows[:, None] < edge[None, :] + 0.5 * panorama.step_deg
+        edge = np.interp(columns + sky.origin_deg, *_around(*profile))
+        causes["below the profile"] = rows[:, None] < edge[None, :] + 0.5 * sky.step_deg
     if image is not None:
         causes["mask image"] = ~image
     if automatic:
         known = causes["outside the photograph"] | causes["saturated or black"]
         glare = causes.get("glare of the sun", np.zeros_like(known))
-        sky = find_sky(panorama, ignore=known | glare)
-        causes["ground, trees, buildings"] = ~sky
+        clear = find_sky(sky, ignore=known | glare)
+        causes["ground, trees, buildings"] = ~clear
         aureole = None
         if sun is not None:
             aureole = separation_deg(rows[:, None], columns[None, :], sun[1], sun[0]) < AUREOLE_DEG
-        causes["clouds"] = find_clouds(panorama, sky & ~known & ~glare, aureole)
-    return _collect(causes, rows)
-
-
-def _collect(causes: dict[str, np.ndarray], rows: np.ndarray) -> Mask:
-    shape = np.broadcast_shapes(*(cause.shape for cause in causes.values()))
+        causes["clouds"] = find_clouds(sky, clear & ~known & ~glare, aureole)
+    shape = sky.covered.shape
     foreground = np.zeros(shape, bool)
     for name in FOREGROUND & causes.keys():
         foreground |= causes[name]
@@ -136,7 +117,7 @@ def _collect(causes: dict[str, np.ndarray], rows: np.ndarray) -> Mask:
         if fraction > 0 and name != "below the horizon":
             taken[name] = fraction
         valid &= ~cause
-    return Mask(valid, foreground, taken)
+    return replace(sky, valid=valid, foreground=foreground, taken=taken)
 
 
 def separation_deg(elevation_deg, azimuth_deg, other_elevation_deg, other_azimuth_deg) -> np.ndarray:
@@ -151,59 +132,57 @@ def separation_deg(elevation_deg, azimuth_deg, other_elevation_deg, other_azimut
 # Automatic ------------------------------------------------------------------------------------------------------
 
 
-def find_sky(panorama: Panorama, ignore: np.ndarray | None = None) -> np.ndarray:
+def find_sky(sky: PhotoSky, ignore: np.ndarray | None = None) -> np.ndarray:
     """Cells (E, A) that are connected with the top of the photograph without crossing an edge.
 
     ignore (E, A): cells that are no sky and no edge either (saturated, the sun's glare): the sky goes on behind them.
     """
-    ignore = np.zeros(panorama.covered.shape, bool) if ignore is None else ignore
-    rows = panorama.elevation_deg
+    ignore = np.zeros(sky.covered.shape, bool) if ignore is None else ignore
+    rows = sky.rows_deg
     with np.errstate(divide="ignore", invalid="ignore"):
-        logarithm = np.log(np.maximum(panorama.rgb, 1e-12 * np.nanmax(panorama.rgb)))
-    distance = max(1, round(EDGE_STEP_DEG / panorama.step_deg))
-    roughness = np.zeros(rows.shape + panorama.azimuth_deg.shape)
+        logarithm = np.log(np.maximum(sky.rgb, 1e-12 * np.nanmax(sky.rgb)))
+    distance = max(1, round(EDGE_STEP_DEG / sky.step_deg))
+    roughness = np.zeros(rows.shape + sky.columns_deg.shape)
     for axis in (0, 1):
         second = np.abs(_shift(logarithm, distance, axis) + _shift(logarithm, -distance, axis) - 2 * logarithm)
         second = second.max(axis=-1)
         if axis == 1:  # towards the zenith columns are closer together: compare over the same angle, at least in part
             second *= np.clip(np.cos(np.radians(rows)), 0.2, None)[:, None]
         roughness = np.fmax(roughness, second)
-    upper = panorama.covered & ~ignore & (rows[:, None] > 0.5 * float(rows[panorama.covered.any(axis=1)].max()))
+    upper = sky.covered & ~ignore & (rows[:, None] > 0.5 * float(rows[sky.covered.any(axis=1)].max()))
     noise = float(np.median(roughness[upper])) if upper.any() else 0.0
     limit = float(np.clip(EDGE_OVER_NOISE * noise, EDGE, 3.0 * EDGE))
-    edge = _larger_than((roughness > limit) & ~ignore, panorama, EDGE_SMALLEST_SQUARE_DEG)
-    smooth = (panorama.covered | ignore) & ~edge & (rows[:, None] > -2.0)
+    edge = _larger_than((roughness > limit) & ~ignore, sky, EDGE_SMALLEST_SQUARE_DEG)
+    smooth = (sky.covered | ignore) & ~edge & (rows[:, None] > -2.0)
     labels, _ = ndimage.label(smooth)
     labels = join_across_north(labels)
-    highest = [labels[i] for i in range(rows.size - 1, -1, -1) if smooth[i].any()][
-        : max(1, round(10 / panorama.step_deg))
-    ]
+    highest = [labels[i] for i in range(rows.size - 1, -1, -1) if smooth[i].any()][: max(1, round(10 / sky.step_deg))]
     if not highest:
         return np.zeros_like(smooth)
     seeds = np.concatenate([row[row > 0] for row in highest])
     main = np.bincount(seeds).argmax()
-    ground = dilate(labels != main, panorama, GROW_DEG)
+    ground = dilate(labels != main, sky, GROW_DEG)
     # below what is dark against the sky of its height stands what carries it: a smooth roof below its edge
     with np.errstate(invalid="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # rows without sky
-        level = np.nanmedian(np.where(ground, np.nan, panorama.luminance), axis=1)
-        dark = ground & ~ignore & (panorama.luminance < DARK_GROUND * level[:, None])
-    dark = _larger_than(dark, panorama, EDGE_SMALLEST_SQUARE_DEG)
+        level = np.nanmedian(np.where(ground, np.nan, sky.luminance), axis=1)
+        dark = ground & ~ignore & (sky.luminance < DARK_GROUND * level[:, None])
+    dark = _larger_than(dark, sky, EDGE_SMALLEST_SQUARE_DEG)
     return ~(ground | (np.cumsum(dark[::-1], axis=0)[::-1] > 0))
 
 
-def find_clouds(panorama: Panorama, sky: np.ndarray, aureole: np.ndarray | None = None) -> np.ndarray:
-    """Cells (E, A) of ``sky`` that are redder or brighter than the sky to their left and right.
+def find_clouds(sky: PhotoSky, clear: np.ndarray, aureole: np.ndarray | None = None) -> np.ndarray:
+    """Cells (E, A) of ``clear`` that are redder or brighter than the sky to their left and right.
 
     aureole (E, A): where that says nothing.  The sky varies smoothly along a parallel; a cloud does not.
     """
-    if not sky.any():
-        return np.zeros_like(sky)
+    if not clear.any():
+        return np.zeros_like(clear)
     with np.errstate(divide="ignore", invalid="ignore"):
-        luminance = np.log(np.where(sky, panorama.luminance, np.nan))
-        redness = np.log(np.where(sky, panorama.rgb[..., 0] / panorama.rgb[..., 2], np.nan))
-    found = np.zeros_like(sky)
-    size = max(1, round(1.0 / panorama.step_deg))
+        luminance = np.log(np.where(clear, sky.luminance, np.nan))
+        redness = np.log(np.where(clear, sky.rgb[..., 0] / sky.rgb[..., 2], np.nan))
+    found = np.zeros_like(clear)
+    size = max(1, round(1.0 / sky.step_deg))
     for values, limit in ((redness, CLOUD_REDDER), (luminance, CLOUD_BRIGHTER)):
         if aureole is not None:
             values = np.where(aureole, np.nan, values)
@@ -213,38 +192,38 @@ def find_clouds(panorama: Panorama, sky: np.ndarray, aureole: np.ndarray | None 
         with np.errstate(invalid="ignore", divide="ignore"):
             smooth = np.where(known, total / fraction, np.nan)
             for distance in CLOUD_DISTANCES_DEG:
-                found |= smooth - _beside(smooth, panorama, distance) > limit
-    found &= sky
-    return dilate(_larger_than(found, panorama, CLOUD_SMALLEST_SQUARE_DEG), panorama, GROW_DEG) & sky
+                found |= smooth - _beside(smooth, sky, distance) > limit
+    found &= clear
+    return dilate(_larger_than(found, sky, CLOUD_SMALLEST_SQUARE_DEG), sky, GROW_DEG) & clear
 
 
-def _larger_than(found: np.ndarray, panorama: Panorama, square_deg: float) -> np.ndarray:
+def _larger_than(found: np.ndarray, sky: PhotoSky, square_deg: float) -> np.ndarray:
     """The connected parts of ``found`` (E, A) that are at least that large."""
     labels, count = ndimage.label(found, np.ones((3, 3)))
     labels = join_across_north(labels)
-    area = np.cos(np.radians(panorama.elevation_deg))[:, None] * panorama.step_deg**2 * np.ones(found.shape)
+    area = np.cos(np.radians(sky.rows_deg))[:, None] * sky.step_deg**2 * np.ones(found.shape)
     large = ndimage.sum_labels(area, labels, np.arange(count + 1)) >= square_deg
     large[0] = False
     return large[labels]
 
 
-def _beside(values: np.ndarray, panorama: Panorama, distance_deg: float) -> np.ndarray:
+def _beside(values: np.ndarray, sky: PhotoSky, distance_deg: float) -> np.ndarray:
     """Mean of the values at an angle to the left and to the right along the parallel, (E, A)."""
     out = np.full_like(values, np.nan)
-    for i, elevation in enumerate(panorama.elevation_deg):
-        cells = round(distance_deg / panorama.step_deg / max(np.cos(np.radians(elevation)), 1e-3))
+    for i, elevation in enumerate(sky.rows_deg):
+        cells = round(distance_deg / sky.step_deg / max(np.cos(np.radians(elevation)), 1e-3))
         if cells <= values.shape[1] // 8:  # nearer the zenith a parallel is no longer straight
             out[i] = 0.5 * (np.roll(values[i], cells) + np.roll(values[i], -cells))
     return out
 
 
-def dilate(mask: np.ndarray, panorama: Panorama, radius_deg: float) -> np.ndarray:
+def dilate(mask: np.ndarray, sky: PhotoSky, radius_deg: float) -> np.ndarray:
     """``mask`` grown by an angle; wider in columns towards the zenith, wrapped in azimuth."""
-    steps = round(radius_deg / panorama.step_deg)
+    steps = round(radius_deg / sky.step_deg)
     if steps < 1 or not mask.any():
         return mask.copy()
     grown = mask.copy()
-    flat = np.maximum(np.cos(np.radians(panorama.elevation_deg)), 0.02)
+    flat = np.maximum(np.cos(np.radians(sky.rows_deg)), 0.02)
     for i in range(-steps, steps + 1):
         moved = np.zeros_like(mask)
         moved[max(i, 0) : mask.shape[0] + min(i, 0)] = mask[max(-i, 0) : mask.shape[0] + min(-i, 0)]

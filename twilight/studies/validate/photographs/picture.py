@@ -12,7 +12,7 @@ import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,12 +33,12 @@ from twilight.studies.camera.exif import (
     Stated,
     read_stated,
 )
-from twilight.studies.camera.model import CameraModel, ImageSize, Lens, Orientation
+from twilight.studies.camera.model import CameraModel, ImageSize, Lens, Orientation, read_camera
 from twilight.studies.camera.response import load_response
 from twilight.studies.validate.photographs import mask as masks
 from twilight.studies.validate.photographs.mask import SKYLINE_ERROR_DEG, TILT_ERROR_DEG, find_horizon, separation_deg
-from twilight.studies.validate.photographs.panorama import Panorama, make_panorama, mask_image_on
-from twilight.studies.validate.photographs.picture_sky import OBSERVER, PhotoSky, photo_sky
+from twilight.studies.validate.photographs.options import EstimateOptions
+from twilight.studies.validate.photographs.picture_sky import OBSERVER, PhotoSky, fine_sky, in_cells, mask_image_on
 from twilight.studies.validate.photographs.sun_azimuth import SunAzimuth, burnt_disc, find_sun_azimuth
 
 FINE_CELL_DEG = 0.5
@@ -61,13 +61,17 @@ SPECTRUM_NM = (450.0, 550.0, 620.0)
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """A photograph and how it is to be masked.
+    """A picture: its pixels, its camera, its time and place, and where its sun stands.
 
-    picture: linear (``stored_image.read_image``).  camera: with its orientation; azimuths count from its own where that
+    picture: linear (`stored_image.read_image`).  camera: with its orientation; azimuths count from its own where that
     is unknown.  cell_deg: cells of the comparison.  profile, mask_image (H, W), automatic, min_elevation_deg,
-    glare_deg: see ``mask.make_mask``.  errors_deg: standard errors of the camera's azimuth (from north), elevation and
+    glare_deg: see `mask.masked`.  errors_deg: standard errors of the camera's azimuth (from north), elevation and
     roll, 0: as told.  zoom_error: of the width of the view [%].  balanced: its colours are of the camera as described,
     else of who knows what white.  stated: what the file says.  remarks: sentences on where the camera is from.
+
+    Of the sun, once it is placed: its true elevation, NaN where it is sought between between_deg; its azimuth in the
+    camera's azimuths and the standard error of that; sentences on where these are from; its azimuth from north, where
+    the camera's is known too.
     """
 
     picture: StoredImage
@@ -83,6 +87,19 @@ class Photograph:
     balanced: bool = True
     stated: Stated = STATES_NOTHING
     remarks: tuple[str, ...] = ()
+    name: str = "photograph"
+    sun_elevation_deg: float = np.nan
+    sun_azimuth_deg: float = np.nan
+    between_deg: tuple[float, float] = (np.nan, np.nan)
+    heading_error_deg: float = 0.0
+    sun_remarks: tuple[str, ...] = ()
+    by_time_deg: float | None = None
+
+    def told(self, **facts: Any) -> Photograph:
+        """The same with other words on its name or its sun; what was computed of its pixels stays."""
+        made = replace(self, **facts)
+        made.__dict__.update({key: self.__dict__[key] for key in ("sun", "_seen") if key in self.__dict__})
+        return made
 
     @property
     def developed(self) -> bool:
@@ -117,16 +134,16 @@ class Photograph:
     @cached_property
     def sun(self) -> SunAzimuth:
         """Where the sun is, from the photograph alone: in a view of less than half the horizon by its burnt disc first,
-        for such a piece may look symmetrical about anything.  Errors: TwilightError as ``find_sun_azimuth``."""
+        for such a piece may look symmetrical about anything.  Errors: TwilightError as `find_sun_azimuth`."""
         return self._sun(True)
 
     def _sun(self, by_disc: bool) -> SunAzimuth:
-        panorama, mask = self._masked(0.0, None)
-        wide = float(panorama.covered.any(axis=0).mean()) > WIDE_VIEW
-        disc = burnt_disc(panorama) if by_disc and not wide else None
+        sky = self._masked(0.0, None)
+        wide = float(sky.covered.any(axis=0).mean()) > WIDE_VIEW
+        disc = burnt_disc(sky) if by_disc and not wide else None
         if disc is not None:
             return disc
-        found = find_sun_azimuth(panorama, mask.valid, by_disc)
+        found = find_sun_azimuth(sky, sky.valid, by_disc)
         if wide or found.method != "symmetry":
             return found
         return replace(found, uncertainty_deg=max(found.uncertainty_deg, NARROW_ERROR_DEG))
@@ -138,14 +155,14 @@ class Photograph:
     def seen(self, sun_azimuth_deg: float, apparent_sun_elevation_deg: float | None) -> PhotoSky:
         """The photograph on the grid of a computed sky whose sun is there; azimuth in the camera's azimuths.
 
-        Errors: TwilightError as ``photo.photo_sky``.
+        Errors: TwilightError as `in_cells`.
         """
         key = (sun_azimuth_deg, apparent_sun_elevation_deg)
         if key not in self._seen:
             sun = None if apparent_sun_elevation_deg is None else (0.0, apparent_sun_elevation_deg)
-            panorama, mask = self._masked(sun_azimuth_deg, sun)
+            sky = in_cells(self._masked(sun_azimuth_deg, sun))
             self._seen.clear()  # the last one is asked for again
-            self._seen[key] = photo_sky(panorama, mask, self.cell_deg)
+            self._seen[key] = sky
         return self._seen[key]
 
     def sky(
@@ -162,28 +179,26 @@ class Photograph:
         wavelength_nm: of the spectra, straight lines between `SPECTRUM_NM` that have the photograph's colours.
         """
         azimuth = self.sun.azimuth_deg if sun_azimuth_deg is None else sun_azimuth_deg
-        panorama = make_panorama(self.picture, self.camera, self.cell_deg, self._k, azimuth)
-        xyz = np.nan_to_num(panorama.rgb) @ np.linalg.inv(spectrum.xyz_to_rgb_matrix(OBSERVER)).T
-        first = int(np.searchsorted(panorama.azimuth_deg, 0.0))
-        columns = np.mod(np.roll(panorama.azimuth_deg, -first), 360.0)
+        sky = fine_sky(self.picture, self.camera, self.cell_deg, self._k, azimuth)
+        xyz = np.nan_to_num(sky.rgb) @ np.linalg.inv(spectrum.xyz_to_rgb_matrix(OBSERVER)).T
+        first = int(np.searchsorted(sky.columns_deg, 0.0))
+        columns = np.mod(np.roll(sky.columns_deg, -first), 360.0)
         wavelength = np.asarray(wavelength_nm, float)
         factor = spectra_of(np.roll(cd_per_m2 * xyz, -first, axis=1), wavelength)
         made = {"solver": "photograph", "scale": f"1 = {cd_per_m2:g} cd m^-2"}
-        return Sky(wavelength, panorama.elevation_deg, columns, factor, sun_elevation_deg, provenance=made)
+        return Sky(wavelength, sky.rows_deg, columns, factor, sun_elevation_deg, provenance=made)
 
-    def _masked(self, origin_deg: float, sun: tuple[float, float] | None) -> tuple[Panorama, masks.Mask]:
-        panorama = make_panorama(self.picture, self.camera, self.cell_deg, self._k, origin_deg)
-        image = None if self.mask_image is None else mask_image_on(panorama, self.mask_image, self.camera)
-        mask = masks.make_mask(
-            panorama,
+    def _masked(self, origin_deg: float, sun: tuple[float, float] | None) -> PhotoSky:
+        sky = fine_sky(self.picture, self.camera, self.cell_deg, self._k, origin_deg)
+        return masks.masked(
+            sky,
             profile=self.profile,
-            image=image,
+            image=None if self.mask_image is None else mask_image_on(sky, self.mask_image, self.camera),
             automatic=self.automatic,
             min_elevation_deg=self.min_elevation_deg,
             sun=sun,
             glare_deg=self.glare_deg,
         )
-        return panorama, mask
 
 
 def _wider(field_deg: float, percent: float) -> float:
@@ -252,40 +267,31 @@ def place_sun(
     return PlacedSun(sun.azimuth_deg, sun.uncertainty_deg, note + other, light)
 
 
-def read_photograph(
-    path: str | Path,
-    camera: CameraModel | None,
-    *,
-    cell_deg: float = 2.0,
-    profile: str | Path | None = None,
-    mask_image: str | Path | None = None,
-    automatic: bool = True,
-    min_elevation_deg: float = 0.0,
-    glare_deg: float = masks.SUN_GLARE_DEG,
-    field_of_view_deg: float | None = None,
-) -> Photograph:
+def read_photograph(path: str | Path, how: EstimateOptions | None = None) -> Photograph:
     """Read a photograph, undo the camera's response, and read the files of its mask.
 
-    camera: None for a latitude-longitude panorama of the whole sphere, whose north is unknown, and for a picture whose
-    file says its focal length in 35 mm, or with field_of_view_deg across its width; whole numbers are then sRGB.
+    Without a camera it is a latitude-longitude panorama of the whole sphere, whose north is unknown, or a picture whose
+    file says its focal length in 35 mm or whose field of view is given; whole numbers are then sRGB.
     Errors: TwilightError for any file that is missing or wrong, and for options that cannot be.
     """
-    if not 0.25 <= cell_deg <= 10.0:
-        raise TwilightError(f"resolution: {cell_deg:g} deg must be from 0.25 to 10 deg and divide 90 deg")
-    if not 0.0 <= glare_deg <= 60.0:
-        raise TwilightError(f"glare: {glare_deg:g} deg must be from 0 to 60 deg")
-    if not 0.0 <= min_elevation_deg < 90.0:
-        raise TwilightError(f"min_elevation: {min_elevation_deg:g} deg must be from 0 to below 90 deg")
-    skyline = None if profile is None else masks.read_profile(profile)
-    shown = None if mask_image is None else masks.read_mask_image(mask_image)
+    how = how or EstimateOptions()
+    if not 0.25 <= how.resolution_deg <= 10.0:
+        raise TwilightError(f"resolution: {how.resolution_deg:g} deg must be from 0.25 to 10 deg and divide 90 deg")
+    if not 0.0 <= how.glare_deg <= 60.0:
+        raise TwilightError(f"glare: {how.glare_deg:g} deg must be from 0 to 60 deg")
+    if not 0.0 <= how.min_elevation_deg < 90.0:
+        raise TwilightError(f"min_elevation: {how.min_elevation_deg:g} deg must be from 0 to below 90 deg")
+    skyline = None if how.profile is None else masks.read_profile(how.profile)
+    shown = None if how.mask is None else masks.read_mask_image(how.mask)
+    camera = how.camera if how.camera is None or isinstance(how.camera, CameraModel) else read_camera(how.camera)
     stated = read_stated(path)
     for doubt in stated.doubts:
         warnings.warn(f"{path}: {doubt}", TwilightWarning, stacklevel=2)
     unknown = camera is None
-    by_focal_length = unknown and field_of_view_deg is None
+    by_focal_length = unknown and how.field_of_view_deg is None
     if camera is None:
         samples = read_samples(path)
-        camera = _camera(Path(path), samples, stated, field_of_view_deg)
+        camera = _camera(Path(path), samples, stated, how.field_of_view_deg)
         picture = as_light(path, samples, load_response(camera.response))
         errors = (COMPASS_ERROR_DEG, ANGLE_ERROR_DEG, ANGLE_ERROR_DEG)
     else:
@@ -297,8 +303,10 @@ def read_photograph(
             TwilightWarning,
             stacklevel=2,
         )
-    made = Photograph(picture, camera, cell_deg, skyline, shown, automatic, min_elevation_deg, glare_deg, stated=stated)
-    made = replace(made, balanced=not unknown)
+    made = Photograph(
+        picture, camera, how.resolution_deg, skyline, shown, how.automatic_mask, how.min_elevation_deg, how.glare_deg,
+        balanced=not unknown, stated=stated, name=Path(path).name,
+    )  # fmt: skip
     if camera.projection == "latlong":
         return made
     if by_focal_length:
@@ -353,7 +361,7 @@ APART_DEG = 15.0
 """Distance of two such lights that are not one [deg]."""
 
 
-def check_upright(name: str, photograph: Photograph) -> None:
+def check_upright(photograph: Photograph) -> None:
     """TwilightError for a picture that stands on its head: below brighter, and smoother, than above."""
     light = photograph.picture.samples @ REC709_LUMINANCE.astype(np.float32)
     step = max(1, light.shape[1] // 200)
@@ -364,19 +372,21 @@ def check_upright(name: str, photograph: Photograph) -> None:
     rough = [float(np.median(np.abs(np.diff(half, axis=1)))) for half in logarithms]
     if level[1] - level[0] > np.log(UPSIDE_DOWN) and rough[0] > ROUGH and rough[0] > 2.0 * rough[1]:
         raise TwilightError(
-            f"{name}: its lower half is brighter and smoother than its upper: it stands on its head, or shows no sky; "
-            "turn it"
+            f"{photograph.name}: its lower half is brighter and smoother than its upper: it stands on its head, or "
+            "shows no sky; turn it"
         )
 
 
-def check_sky(name: str, photograph: Photograph, seen: PhotoSky) -> list[str]:
+def check_sky(photograph: Photograph, seen: PhotoSky) -> list[str]:
     """Sentences of warning about the sky of a photograph.  Errors: TwilightError for one that is of no use."""
-    shown = seen.panorama.covered & (seen.panorama.elevation_deg > 0.0)[:, None]
-    weight = np.cos(np.radians(seen.panorama.elevation_deg))[:, None] * shown
-    sky = weight * ~seen.mask.foreground
-    saturated = float((sky * seen.panorama.saturated).sum() / max(float(sky.sum()), 1e-12))
+    shown = seen.covered & (seen.rows_deg > 0.0)[:, None]
+    weight = np.cos(np.radians(seen.rows_deg))[:, None] * shown
+    sky = weight * ~seen.foreground
+    saturated = float((sky * seen.saturated).sum() / max(float(sky.sum()), 1e-12))
     if saturated > MOST_SATURATED:
-        raise TwilightError(f"{name}: is over-exposed: {saturated:.0%} of its sky is at the end of its scale")
+        raise TwilightError(
+            f"{photograph.name}: is over-exposed: {saturated:.0%} of its sky is at the end of its scale"
+        )
     lines = []
     if saturated > MUCH_SATURATED:
         lines.append(f"{saturated:.0%} of the sky is over-exposed and left out: intervals are wider")
@@ -385,10 +395,10 @@ def check_sky(name: str, photograph: Photograph, seen: PhotoSky) -> list[str]:
         luminance = float(np.nanmedian(seen.xyz[..., 1][seen.counts])) * float(np.exp(exposure[0]))
         if luminance < NIGHT_CD_PER_M2:
             raise TwilightError(
-                f"{name}: by exposure time, aperture and sensitivity its sky has {luminance:.1g} cd/m^2: a night, or "
-                "moonlight; the air is estimated by the sun's light down to -15 deg"
+                f"{photograph.name}: by exposure time, aperture and sensitivity its sky has {luminance:.1g} cd/m^2: a "
+                "night, or moonlight; the air is estimated by the sun's light down to -15 deg"
             )
-    count = _lights(seen.panorama, seen.panorama.saturated & shown & ~seen.mask.foreground)
+    count = _lights(seen, seen.saturated & shown & ~seen.foreground)
     if count > 1:
         lines.append(
             f"{count} lights in the sky are at the end of the scale, more than {APART_DEG:g} deg apart: reflections or "
@@ -397,14 +407,14 @@ def check_sky(name: str, photograph: Photograph, seen: PhotoSky) -> list[str]:
     return lines
 
 
-def _lights(panorama: Panorama, saturated: np.ndarray) -> int:
+def _lights(sky: PhotoSky, saturated: np.ndarray) -> int:
     """How many large saturated lights stand far from each other."""
     labels, count = ndimage.label(saturated, np.ones((3, 3)))
     if count < 2:
         return count
     rows, columns = np.indices(saturated.shape)
-    elevation, azimuth = panorama.elevation_deg[rows], panorama.azimuth_deg[columns]
-    area = ndimage.sum_labels(np.cos(np.radians(elevation)) * panorama.step_deg**2, labels, np.arange(1, count + 1))
+    elevation, azimuth = sky.rows_deg[rows], sky.columns_deg[columns]
+    area = ndimage.sum_labels(np.cos(np.radians(elevation)) * sky.step_deg**2, labels, np.arange(1, count + 1))
     kept: list[tuple[float, float]] = []
     for label in 1 + np.argsort(-area):
         if area[label - 1] < LAMP_SQUARE_DEG:

@@ -26,8 +26,8 @@ from twilight.studies.validate.photographs.air import (
 from twilight.studies.validate.photographs.comparison import CHROMATICITY_SCALE, LOG_SCALE, Comparison
 from twilight.studies.validate.photographs.comparison import compare as compare_photo
 from twilight.studies.validate.photographs.estimate import EQUIVALENT
-from twilight.studies.validate.photographs.fit import ANGLES, Freedom
-from twilight.studies.validate.photographs.intervals import AirEstimate, Estimated
+from twilight.studies.validate.photographs.fit import ANGLES, CONTRAST, OF_CAMERA, SATURATION, Freedom
+from twilight.studies.validate.photographs.intervals import DARKEST_DEG, AirEstimate, Estimated
 from twilight.studies.validate.photographs.picture import Photograph
 
 OTHER_SUNS = {"the same air at noon (sun at 60 deg)": 60.0, "the same air with the sun at -6 deg": -6.0}
@@ -50,49 +50,35 @@ WORDS = {
 }
 """Parameters in words."""
 
+OF_COLOURS = (
+    "colours that change over the sky otherwise than ozone makes them: the picture's saturation, its tone curve"
+)
 AT_BOUND = {
-    "aerosol": "air that is clearer, or hazier, than any that was tried",
-    "ozone": "colours that change over the sky by more than ozone does: another cause beyond the horizon, of the white "
-    "balance or of the tone curve",
-    "albedo": "a low sky that is brighter beside the zenith than any computed, which no ground does",
-    SUN: "a sun beyond those searched",
+    "aerosol": ("air that is clearer than any that was tried", "air that is hazier than any that was tried"),
+    "ozone": (OF_COLOURS, OF_COLOURS),
+    "albedo": (
+        "a low sky that is darker beside the zenith than above any ground, or a picture with more contrast than light",
+        "a low sky that is brighter beside the zenith than above any ground: thin haze, a picture with less contrast",
+    ),
+    SUN: ("a lower sun than those searched", "a higher sun than those searched"),
 }
-"""What a best value at the end of what was tried stands for."""
+"""What a best value at the lower and the upper end of what was tried stands for."""
 STRAINED = 3.0
 """Standard errors of an angle beyond which what was told of it is doubted."""
-
-
-@dataclass(frozen=True, eq=False)
-class Shown:
-    """One photograph of an estimate, its camera as it is known so far.
-
-    sun_elevation_deg: true, NaN where it is sought between between_deg; sun_azimuth_deg: in the camera's azimuths, and
-    its standard error.  remarks: sentences on where these are from.  by_time_deg: the sun's azimuth from north, where
-    the camera's is known too.
-    """
-
-    name: str
-    photograph: Photograph
-    sun_elevation_deg: float
-    sun_azimuth_deg: float
-    between_deg: tuple[float, float] = (np.nan, np.nan)
-    heading_error_deg: float = 0.0
-    remarks: tuple[str, ...] = ()
-    by_time_deg: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """The air that makes the sky of one photograph, or of a series.
 
-    shown: the photographs
+    shown: the photographs, their sun and camera as they were found
     given: the scene as it was given
     types: the best air of every aerosol type, the best first; best: the one that is taken, of the scene's own type
         where that cannot be told from the best
     remarks: sentences on where sun and camera are from
     """
 
-    shown: tuple[Shown, ...]
+    shown: tuple[Photograph, ...]
     given: Config
     types: list[AirEstimate]
     best: AirEstimate
@@ -109,7 +95,7 @@ class Estimate:
     @property
     def photograph(self) -> Photograph:
         """The first photograph."""
-        return self.shown[0].photograph
+        return self.shown[0]
 
     @property
     def sun_elevation_deg(self) -> float:
@@ -135,7 +121,7 @@ class Estimate:
     def settings(self) -> dict[str, Any]:
         """Dotted keys of what the photograph told of the climate; empty where the fit does not fit."""
         design = Design(OTHERS)
-        told = {p.name: p.value for p in self.best.parameters if p.constrained and p.name not in (SUN, *ANGLES)}
+        told = {p.name: p.value for p in self.best.parameters if p.constrained and p.name not in (SUN, *OF_CAMERA)}
         return climate_settings(design, told, self.best.aerosol_type) if "aerosol" in told else {}
 
     @property
@@ -162,14 +148,14 @@ class Estimate:
             return []
         return [f"beyond the horizon: {described(usual_horizon(self.given))}"]
 
-    def compared(self, shown: Shown) -> tuple[Sky, Comparison]:
+    def compared(self, shown: Photograph) -> tuple[Sky, Comparison]:
         """The computed sky of one of the photographs, and the photograph beside it."""
         return self._first if shown is self.shown[0] else self._beside(shown)
 
-    def _beside(self, shown: Shown, numpy_only_sun: bool = False) -> tuple[Sky, Comparison]:
+    def _beside(self, shown: Photograph, numpy_only_sun: bool = False) -> tuple[Sky, Comparison]:
         scene = with_settings(self.scene, {"sun": {"elevation_deg": shown.sun_elevation_deg}})
         sky = run(resolve(scene), numpy_only_sun=numpy_only_sun)
-        seen = shown.photograph.seen(shown.sun_azimuth_deg, sky.apparent_sun_elevation_deg)
+        seen = shown.seen(shown.sun_azimuth_deg, sky.apparent_sun_elevation_deg)
         white_balance = self.freedom.white_balance and seen.colour_known
         return sky, compare_photo(seen, sky, white_balance=white_balance, curve=self.best.curve)
 
@@ -207,7 +193,7 @@ class Estimate:
         """What the photograph tells and what it does not, in words; where a fit does not fit, that comes first."""
         if not self.fits:
             return self.about
-        told = [sentence_of(p) for p in self.best.parameters if p.name not in ANGLES]
+        told = [sentence_of(p) for p in self.best.parameters if p.name not in OF_CAMERA]
         told[0] += self._above()
         return [*self.about, *told, *self._types(), *self._camera(), self._bands()]
 
@@ -235,10 +221,20 @@ class Estimate:
                     f"{WORDS[name].partition(',')[0]}: {p.value:+.1f} {p.unit} from what was told to {error:.1f}, "
                     "which the sky contradicts: one of the two is wrong"
                 )
-        curve = self.best.curve
-        if curve is not None:
-            lines.append(f"tone curve: {curve.contrast:.2f} times the contrast of sRGB")
-        names = {"white balance": "the white balance", "curve": "the tone curve", "orientation": "the camera's angles"}
+        if self.freedom.curve and self.best.curve is not None:
+            lines.append(f"tone curve: {self.best.curve.contrast:.2f} times the contrast of sRGB")
+        said = [
+            f"{1.0 + held[name].value:.2f} +- {0.5 * (held[name].high - held[name].low):.2f} of {what}"
+            for name, what in (("contrast", "brightness"), ("saturation", "colour"))
+            if name in held
+        ]
+        if said:
+            lines.append(f"contrast: over the sky the picture has {', '.join(said)} times that of light")
+        names = {
+            "white balance": "the white balance",
+            "curve": "the tone curve",
+            "orientation": "its angles and contrasts",
+        }
         dear = [f"{names[k]} {c:.1f}" for k, c in self.best.costs.items() if k in names and c >= 1.05]
         if dear:
             lines.append(f"the haze's interval is so many times wider for not knowing: {', '.join(dear)}")
@@ -305,7 +301,7 @@ class Estimate:
                     "name": one.name,
                     "sun_elevation_deg": one.sun_elevation_deg,
                     "sun_azimuth_deg": one.sun_azimuth_deg,
-                    "orientation": one.photograph.camera.orientation.model_dump(),
+                    "orientation": one.camera.orientation.model_dump(),
                 }
                 for one in self.shown
             ],
@@ -336,6 +332,18 @@ def _misfit(best: AirEstimate) -> str:
             "darker than exposure, aperture and ISO say; its values are no estimate (a wrong sun, clouds, a curve that "
             "is not known)"
         )
+    if best.overdrawn:
+        brightness, colours = (1.0 + best.values.get(name, 0.0) for name in ("contrast", "saturation"))
+        return (
+            f"THE FIT DOES NOT FIT: nearest comes a sky of which the picture has {brightness:.1f} times the contrast, "
+            f"in colours {colours:.1f} times (pictures keep it to {CONTRAST:g} and {SATURATION:g}); its values are no "
+            "estimate (clouds, an overcast sky, a picture that was painted over)"
+        )
+    if best.values.get(SUN, 0.0) < DARKEST_DEG:
+        return (
+            f"THE FIT DOES NOT FIT: nearest comes the sun at {best.values[SUN]:.1f} deg, whose light is no more than "
+            "that of a night; its values are no estimate (an overcast or cloudy sky, a picture that was painted over)"
+        )
     return (
         f"THE FIT DOES NOT FIT: its misfit is {best.misfit:.2g}, and 1 is a sky off by {100 * LOG_SCALE:.0f} % in "
         f"luminance or by {CHROMATICITY_SCALE:g} in u', v'; its values are no estimate (clouds that were not masked, a "
@@ -358,8 +366,9 @@ def sentence_of(p: Estimated) -> str:
         told = f"tells only that it is more than {p.low_95:.3g}{unit}"
     elif p.high_95 < high and p.low_95 <= low:
         told = f"tells only that it is less than {p.high_95:.3g}{unit}"
-    at = next((end for end, most in ((low, p.value <= low), (high, p.value >= high)) if most), None)
-    means = (
-        "" if at is None else f"; the best is the end of what was tried, {at:g}, and may stand for {AT_BOUND[p.name]}"
-    )
+    end = next((k for k, met in enumerate((p.value <= low, p.value >= high)) if met), None)
+    means = ""
+    if end is not None and p.name in AT_BOUND:
+        stands = AT_BOUND[p.name][end]
+        means = f"; the best is the end of what was tried, {p.bounds[end]:g}, and may stand for {stands}"
     return f"{words}: the picture {told}{means}"

@@ -14,7 +14,7 @@ from twilight.base.threads import one_blas_thread
 from twilight.config.scene import Config
 from twilight.config.sun import SunAt, SunElevation, SunElevations
 from twilight.engine import run
-from twilight.numerics.directions import azimuth_elevation, camera_axes, direction
+from twilight.numerics.directions import azimuth_elevation, camera_axes
 from twilight.scene import resolve
 from twilight.scene.usual import completed, usual_horizon
 from twilight.sky import colour
@@ -29,11 +29,11 @@ from twilight.studies.validate.photographs.air import (
     with_settings,
 )
 from twilight.studies.validate.photographs.estimate import Options, Refine, find_air, first_look
-from twilight.studies.validate.photographs.fit import ANGLES, Frame, Freedom
+from twilight.studies.validate.photographs.fit import ANGLES, CONTRAST, SATURATION, Freedom
 from twilight.studies.validate.photographs.options import EstimateOptions
 from twilight.studies.validate.photographs.picture import Photograph, check_sky, check_upright, place_sun
-from twilight.studies.validate.photographs.picture_sky import OBSERVER, Cells
-from twilight.studies.validate.photographs.report import Estimate, Shown
+from twilight.studies.validate.photographs.picture_sky import OBSERVER, Frame
+from twilight.studies.validate.photographs.report import Estimate
 
 MOST_CELLS = 160
 """Directions that a fit takes, of one photograph or of all."""
@@ -54,9 +54,7 @@ LEAST_HEADING_DEG = 0.3
 """Least standard error of a sun's azimuth that was found in the picture [deg]."""
 
 
-def at_the_camera(
-    names: Sequence[str], photographs: Sequence[Photograph], given: Config
-) -> tuple[Config, bool, list[str]]:
+def at_the_camera(photographs: Sequence[Photograph], given: Config) -> tuple[Config, bool, list[str]]:
     """The scene seen from where the camera stood; whether its altitude is known; sentences on that.
 
     By the scene where that gives one, else by Exif, else on the ground where the scene says how high that is.
@@ -71,19 +69,19 @@ def at_the_camera(
         altitude_km, by = ground_km, "on the ground"
     else:
         note = (
-            f"camera: {names[0]} does not say its altitude; taken for the sea's level, and the haze's interval holds "
-            "what may lie below it (--set observer.altitude_km)"
+            f"camera: {photographs[0].name} does not say its altitude; taken for the sea's level, and the haze's "
+            "interval holds what may lie below it (--set observer.altitude_km)"
         )
         return given, False, [note]
     note = f"camera: {1e3 * altitude_km:.0f} m above the sea, {by}"
     return with_settings(given, {"observer.altitude_km": altitude_km}), True, [note]
 
 
-def with_file(name: str, photograph: Photograph, given: Config) -> tuple[Config, list[str]]:
+def with_file(photograph: Photograph, given: Config) -> tuple[Config, list[str]]:
     """The scene with the file's time and place and the camera's altitude, where the scene says none; sentences."""
     given, remarks = with_time(photograph, given)
     if photograph.stated.altitude_m is not None:
-        given, _, above = at_the_camera([name], [photograph], given)
+        given, _, above = at_the_camera([photograph], given)
         remarks += above
     return given, remarks
 
@@ -124,20 +122,15 @@ def _known(elevation_deg: float) -> tuple[float, float]:
 
 
 @one_blas_thread()
-def estimate_air(
-    names: Sequence[str],
-    photographs: Sequence[Photograph],
-    given: Config,
-    says: EstimateOptions,
-) -> Estimate:
+def estimate_air(photographs: Sequence[Photograph], given: Config, says: EstimateOptions) -> Estimate:
     """Fit photographs of one camera, held the same, and one air, behind the horizon that the scene has.
 
     Errors: TwilightError for whatever cannot be done.
     """
     solver = solvers.load(given.chosen_solver[0] if says.refine else "compact")
     given = completed(given.model_copy(update={"horizon": usual_horizon(given, solver)}))
-    given, altitude_known, above = at_the_camera(names, photographs, given)
-    shown = [placed(*one, given, says) for one in zip(names, photographs, _suns(photographs, says), strict=True)]
+    given, altitude_known, above = at_the_camera(photographs, given)
+    shown = [placed(*one, given, says) for one in zip(photographs, _suns(photographs, says), strict=True)]
     low, high = shown[0].between_deg
     if len(shown) > 1:
         if any(np.ptp(one.between_deg) > 0.0 for one in shown):
@@ -146,13 +139,14 @@ def estimate_air(
                 "given, or by its disc"
             )
         shown = of_one_camera(shown)
-    remarks = list(dict.fromkeys([*(note for one in shown for note in one.remarks), *above]))
+    remarks = list(dict.fromkeys([*(note for one in shown for note in (*one.remarks, *one.sun_remarks)), *above]))
     design = Design(tuple(p for p in OTHERS if p.name in says.parameters))
     own = None if given.climate.aerosol is None else given.climate.aerosol.type
     order = sorted(dict.fromkeys(says.types), key=lambda name: name != own)
     airs = Airs(given, design, part_of(says.progress, 0.05, 0.75))
-    developed = any(one.photograph.developed for one in shown)
-    unknown = not all(one.photograph.balanced for one in shown)
+    developed = any(one.developed for one in shown)
+    unknown = not all(one.balanced for one in shown)
+    rendered = unknown and not developed and says.white_balance is not False
     heading = max(one.heading_error_deg for one in shown)
     free = Freedom(
         white_balance=developed or unknown if says.white_balance is None else says.white_balance,
@@ -160,9 +154,11 @@ def estimate_air(
         brightness=says.brightness,
         with_colour=says.colour,
         heading=np.hypot(heading, LEAST_HEADING_DEG) if heading > 0.0 else 0.0,
-        pitch=shown[0].photograph.errors_deg[1],
-        roll=shown[0].photograph.errors_deg[2],
-        zoom=shown[0].photograph.zoom_error,
+        pitch=shown[0].errors_deg[1],
+        roll=shown[0].errors_deg[2],
+        zoom=shown[0].zoom_error,
+        contrast=CONTRAST if rendered else 0.0,
+        saturation=SATURATION if rendered and says.colour else 0.0,
     )
     refined: Refine | None = None
     if says.refine:
@@ -200,11 +196,11 @@ def _suns(photographs: Sequence[Photograph], says: EstimateOptions) -> list[floa
     return [_known(sun)[0] for sun in says.suns_deg]
 
 
-def placed(name: str, photograph: Photograph, told_deg: float | None, given: Config, says: EstimateOptions) -> Shown:
+def placed(photograph: Photograph, told_deg: float | None, given: Config, says: EstimateOptions) -> Photograph:
     """A photograph with what it says of its sun and its camera."""
-    check_upright(name, photograph)
+    check_upright(photograph)
     low, high, at = sun_range(given)
-    remarks = list(photograph.remarks)
+    remarks: list[str] = []
     if told_deg is not None:
         low = high = told_deg
     else:
@@ -229,16 +225,22 @@ def placed(name: str, photograph: Photograph, told_deg: float | None, given: Con
             apart = "" if nearest == found else f", of those searched the nearest to it ({found:.2f})"
             remarks.append(f"the sun's height: {nearest:g}{f' +- {off:.1f}' if off else ''} deg by {by}{apart}")
             low, high = max(low, nearest - reach), min(high, nearest + reach)
-    remarks += check_sky(name, photograph, photograph.seen(azimuth, low if low == high else None))
+    remarks += check_sky(photograph, photograph.seen(azimuth, low if low == high else None))
     by_time = None if photograph.camera.orientation.azimuth_deg is None else known_azimuth
-    sun = low if low == high else np.nan
-    return Shown(name, photograph, sun, azimuth, (low, high), error, tuple(remarks), by_time)
+    return photograph.told(
+        sun_elevation_deg=low if low == high else np.nan,
+        sun_azimuth_deg=azimuth,
+        between_deg=(low, high),
+        heading_error_deg=error,
+        sun_remarks=tuple(remarks),
+        by_time_deg=by_time,
+    )
 
 
-def of_one_camera(shown: list[Shown]) -> list[Shown]:
+def of_one_camera(shown: list[Photograph]) -> list[Photograph]:
     """The pictures of a series, whose camera was not moved: it is held in all as those say that know best."""
-    errors = np.array([one.photograph.errors_deg for one in shown])
-    held = [one.photograph.camera.orientation for one in shown]
+    errors = np.array([one.errors_deg for one in shown])
+    held = [one.camera.orientation for one in shown]
     angles = np.array([[one.elevation_deg, one.roll_deg] for one in held])
     least = errors.min(axis=0)
     elevation, roll = (
@@ -248,19 +250,17 @@ def of_one_camera(shown: list[Shown]) -> list[Shown]:
     made = []
     for one, (pitch, tilt) in zip(shown, angles, strict=True):
         turn = 0.0 if elevation is None else elevation - pitch
-        photograph = one.photograph.turned(turn, 0.0 if roll is None else roll - tilt, tuple(least))
+        turned = one.turned(turn, 0.0 if roll is None else roll - tilt, tuple(least))
         azimuth = one.sun_azimuth_deg if off is None else (one.by_time_deg or 0.0) + off
         error_deg = one.heading_error_deg if off is None else error
-        made.append(
-            replace(one, photograph=photograph, sun_azimuth_deg=float(azimuth % 360.0), heading_error_deg=error_deg)
-        )
+        made.append(turned.told(sun_azimuth_deg=float(azimuth % 360.0), heading_error_deg=error_deg))
     if elevation is not None:
         note = f"camera: held alike in all pictures, {elevation:.1f} deg above the horizontal"
-        made[0] = replace(made[0], remarks=(*made[0].remarks, note))
+        made[0] = made[0].told(sun_remarks=(*made[0].sun_remarks, note))
     return made
 
 
-def _by_best_compass(shown: list[Shown]) -> tuple[float | None, float]:
+def _by_best_compass(shown: list[Photograph]) -> tuple[float | None, float]:
     """How far the compass is off by the pictures that know best, and its error then [deg]; None where north or the time
     of a picture is not known."""
     least = min(one.heading_error_deg for one in shown)
@@ -273,19 +273,22 @@ def _by_best_compass(shown: list[Shown]) -> tuple[float | None, float]:
     return (float(np.median(off)), least) if off and known else (None, least)
 
 
-def _frame(shown: Shown, most: int, known: bool, told: Frame | None = None) -> Frame:
+def _frame(photograph: Photograph, most: int, known: bool, told: Frame | None = None) -> Frame:
     """A photograph cut into the cells of a fit; told: the same with the camera that its angles count from."""
-    photograph, sun = shown.photograph, shown.sun_elevation_deg
-    cells = Cells.of(photograph.seen(shown.sun_azimuth_deg, sun if np.isfinite(sun) else None), most)
-    held = photograph.camera.orientation
-    camera = ((held.azimuth_deg or 0.0) - shown.sun_azimuth_deg, held.elevation_deg, held.roll_deg)
+    sun, held = photograph.sun_elevation_deg, photograph.camera.orientation
+    camera = ((held.azimuth_deg or 0.0) - photograph.sun_azimuth_deg, held.elevation_deg, held.roll_deg)
+    frame = Frame.of(
+        photograph.seen(photograph.sun_azimuth_deg, sun if np.isfinite(sun) else None),
+        most,
+        camera_deg=camera,
+        sun_deg=sun if known else None,
+        log_exposure=photograph.log_exposure,
+        eight_bits=photograph.developed and photograph.picture.bits == 8,
+    )
     if told is not None:
-        own = direction(cells.azimuth_deg, cells.elevation_deg) @ camera_axes(*camera).T
-        azimuth, elevation = azimuth_elevation(own @ camera_axes(*told.camera_deg))
-        cells, camera = replace(cells, elevation_deg=elevation, azimuth_deg=azimuth), told.camera_deg
-    eight = photograph.developed and photograph.picture.bits == 8
-    cells = cells.below_white() if eight else cells
-    frame = Frame(cells, camera, sun if known else None, None, photograph.log_exposure, eight)
+        azimuth, elevation = azimuth_elevation(frame.own @ camera_axes(*told.camera_deg))
+        frame = replace(frame, elevation_deg=elevation, azimuth_deg=azimuth, camera_deg=told.camera_deg)
+    frame = frame.below_white() if frame.eight_bits else frame
     if photograph.camera.projection == "latlong":
         return frame
     corner = float(photograph.camera.angle_off_axis(np.array([0.0, 0.0])))
@@ -294,15 +297,14 @@ def _frame(shown: Shown, most: int, known: bool, told: Frame | None = None) -> F
     return replace(frame, lens=(off / corner) ** 2)
 
 
-def _found(shown: Shown, values: Mapping[str, float]) -> Shown:
+def _found(photograph: Photograph, values: Mapping[str, float]) -> Photograph:
     """A photograph with its camera and sun as they were found."""
     heading, pitch, roll, zoom = (values.get(name, 0.0) for name in ANGLES)
-    photograph = shown.photograph
     if pitch or roll or zoom:
         photograph = photograph.turned(pitch, roll, photograph.errors_deg, zoom)
-    sun = values.get(SUN, shown.sun_elevation_deg)
-    azimuth = float((shown.sun_azimuth_deg - heading) % 360.0)
-    return replace(shown, photograph=photograph, sun_elevation_deg=float(sun), sun_azimuth_deg=azimuth)
+    sun = values.get(SUN, photograph.sun_elevation_deg)
+    azimuth = float((photograph.sun_azimuth_deg - heading) % 360.0)
+    return photograph.told(sun_elevation_deg=float(sun), sun_azimuth_deg=azimuth)
 
 
 def _by_the_scene(

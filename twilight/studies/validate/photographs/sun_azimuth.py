@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from twilight.base.errors import TwilightError
 from twilight.studies.validate.photographs.mask import join_across_north, separation_deg
-from twilight.studies.validate.photographs.panorama import Panorama
+from twilight.studies.validate.photographs.picture_sky import PhotoSky
 
 LEAST_OVERLAP = 0.1
 """Fraction of the clear sky that must have a mirror image for a trial azimuth to count."""
@@ -69,32 +69,32 @@ class SunAzimuth:
         return self.elevation_deg - 1.0 / np.tan(np.radians(h + 7.31 / (h + 4.4))) / 60.0
 
 
-def find_sun_azimuth(panorama: Panorama, valid: np.ndarray, by_disc: bool = True) -> SunAzimuth:
-    """The sun's azimuth in a photograph; valid (E, A): cells of clear sky (``mask.make_mask`` without a sun).
+def find_sun_azimuth(sky: PhotoSky, valid: np.ndarray, by_disc: bool = True) -> SunAzimuth:
+    """The sun's azimuth in a photograph; valid (E, A): cells of clear sky (`mask.masked` without a sun).
     by_disc: False where what shines is known not to be the sun.
 
     The uncertainty of the symmetry is the scatter of what bands of elevation say one by one, at least a quarter of a
     cell.  Errors: TwilightError where too little of the sky has a mirror image, or the sky has no meridian of symmetry
     that stands out.
     """
-    rows = panorama.elevation_deg
+    rows = sky.rows_deg
     above = valid & (rows[:, None] > 0)
     if not above.any():
         raise TwilightError("sun azimuth: no clear sky is left after masking; give --sun-azimuth")
     with np.errstate(divide="ignore", invalid="ignore"):
-        logarithm = np.log(panorama.luminance)
+        logarithm = np.log(sky.luminance)
     bands = _bands(above)
     costs, overlaps = np.array([_mirror_cost(logarithm, above, rows, band) for band in bands]).swapaxes(0, 1)
     total = _mean_cost(costs, overlaps, _all_weight(above, rows))
     n = total.size
     if not np.isfinite(total).any():
         raise TwilightError("sun azimuth: too little of the photograph has a mirror image; give --sun-azimuth")
-    best = _towards_the_light(total, logarithm, above, panorama)
-    symmetry = _axis_deg(panorama, best + _vertex(total, best))
+    best = _towards_the_light(total, logarithm, above, sky)
+    symmetry = _axis_deg(sky, best + _vertex(total, best))
     scatter = _scatter(costs, overlaps, best, above, rows)
-    uncertainty = float(np.hypot(scatter, 0.25 * panorama.step_deg))
+    uncertainty = float(np.hypot(scatter, 0.25 * sky.step_deg))
     contrast = np.nanmedian(total) / total[best % n]
-    disc = _find_disc(panorama, symmetry) if by_disc else None
+    disc = _find_disc(sky, symmetry) if by_disc else None
     if disc is not None:
         return disc
     if contrast < 1.5 or uncertainty > LARGEST_UNCERTAINTY_DEG or n < 8:
@@ -105,26 +105,26 @@ def find_sun_azimuth(panorama: Panorama, valid: np.ndarray, by_disc: bool = True
     return SunAzimuth(symmetry, uncertainty, "symmetry", symmetry)
 
 
-def burnt_disc(panorama: Panorama) -> SunAzimuth | None:
+def burnt_disc(sky: PhotoSky) -> SunAzimuth | None:
     """The sun by the largest round patch of the sky at the end of the picture's scale, or None."""
-    there = panorama.saturated & (panorama.elevation_deg > -1.0)[:, None]
+    there = sky.saturated & (sky.rows_deg > -1.0)[:, None]
     labels = labelled(there)
     if not labels.any():
         return None
-    area = np.bincount(labels.ravel(), (np.cos(np.radians(panorama.elevation_deg))[:, None] * there).ravel())
-    return _of_patch(panorama, labels == int(area.argmax()), None)
+    area = np.bincount(labels.ravel(), (np.cos(np.radians(sky.rows_deg))[:, None] * there).ravel())
+    return _of_patch(sky, labels == int(area.argmax()), None)
 
 
-def _of_patch(panorama: Panorama, there: np.ndarray, symmetry_deg: float | None) -> SunAzimuth | None:
+def _of_patch(sky: PhotoSky, there: np.ndarray, symmetry_deg: float | None) -> SunAzimuth | None:
     """The sun in the middle of a round patch (E, A); None for one that is not round, too small or too large."""
     rows, columns = np.nonzero(there)
-    n, step = panorama.azimuth_deg.size, panorama.step_deg
+    n, step = sky.columns_deg.size, sky.step_deg
     offset = (columns - columns[0] + n // 2) % n - n // 2
-    weight = np.cos(np.radians(panorama.elevation_deg[rows]))
+    weight = np.cos(np.radians(sky.rows_deg[rows]))
     radius = float(step * np.sqrt(weight.sum() / np.pi))
-    elevation = float(np.average(panorama.elevation_deg[rows], weights=weight))
+    elevation = float(np.average(sky.rows_deg[rows], weights=weight))
     across = float(np.average(offset, weights=weight))
-    azimuth = float(panorama.origin_deg + panorama.azimuth_deg[columns[0]] + step * across) % 360.0
+    azimuth = float(sky.origin_deg + sky.columns_deg[columns[0]] + step * across) % 360.0
     high, wide = np.ptp(rows) * step, np.ptp(offset) * step * np.cos(np.radians(elevation))
     if not LEAST_PATCH_DEG <= radius <= LARGEST_PATCH_DEG or max(high, wide) > 4.0 * radius + step or n < 8:
         return None
@@ -179,7 +179,7 @@ def _mean_cost(costs: np.ndarray, overlaps: np.ndarray, all_weight: float) -> np
     return np.maximum(mean, 1e-9)
 
 
-def _towards_the_light(total: np.ndarray, logarithm: np.ndarray, above: np.ndarray, panorama: Panorama) -> int:
+def _towards_the_light(total: np.ndarray, logarithm: np.ndarray, above: np.ndarray, sky: PhotoSky) -> int:
     """The best axis k: of the axes that are nearly as symmetric as the best, the one with the brightest low sky.
 
     An axis k is that of k / 2 and of k / 2 + A / 2, the two ends of the meridian: k runs over A values, and the end is
@@ -188,12 +188,12 @@ def _towards_the_light(total: np.ndarray, logarithm: np.ndarray, above: np.ndarr
     n = total.size
     finite = np.where(np.isfinite(total), total, np.inf)
     k = int(finite.argmin())
-    rows = panorama.elevation_deg
+    rows = sky.rows_deg
     low = above & (rows[:, None] < max(30.0, float(rows[above.any(axis=1)].min()) + 10.0))
     ends = []
     for end in (k, k + n):
-        axis_deg = panorama.azimuth_deg[0] + 0.5 * end * panorama.step_deg
-        near = low & (separation_deg(0.0, panorama.azimuth_deg, 0.0, axis_deg)[None, :] < 45.0)
+        axis_deg = sky.columns_deg[0] + 0.5 * end * sky.step_deg
+        near = low & (separation_deg(0.0, sky.columns_deg, 0.0, axis_deg)[None, :] < 45.0)
         ends.append(logarithm[near].mean() if near.any() else -np.inf)
     return k if ends[0] >= ends[1] else k + n
 
@@ -210,9 +210,9 @@ def _vertex(total: np.ndarray, best: int, half_width: int = 8) -> float:
     return float(np.clip(-b / (2 * a), -half_width, half_width)) if a > 0 else 0.0
 
 
-def _axis_deg(panorama: Panorama, k: float) -> float:
+def _axis_deg(sky: PhotoSky, k: float) -> float:
     """Azimuth of the axis k in the camera's azimuths, [0, 360)."""
-    return float(np.mod(panorama.origin_deg + panorama.azimuth_deg[0] + 0.5 * k * panorama.step_deg, 360.0))
+    return float(np.mod(sky.origin_deg + sky.columns_deg[0] + 0.5 * k * sky.step_deg, 360.0))
 
 
 def _scatter(costs: np.ndarray, overlaps: np.ndarray, best: int, above: np.ndarray, rows: np.ndarray) -> float:
@@ -237,31 +237,29 @@ def _scatter(costs: np.ndarray, overlaps: np.ndarray, best: int, above: np.ndarr
     return float(np.sqrt((m - 1) / m * ((found - np.mean(found)) ** 2).sum()))
 
 
-def _find_disc(panorama: Panorama, symmetry_deg: float) -> SunAzimuth | None:
+def _find_disc(sky: PhotoSky, symmetry_deg: float) -> SunAzimuth | None:
     """The sun's disc, or the aureole at the end of the scale, near the meridian, or None."""
-    light = np.where(np.isfinite(panorama.luminance), panorama.luminance, 0.0)
-    light = np.where(panorama.elevation_deg[:, None] > -1.0, light, 0.0)
-    light[panorama.saturated] = light.max() * 1.5
-    azimuth = panorama.azimuth_deg + panorama.origin_deg
+    light = np.where(np.isfinite(sky.luminance), sky.luminance, 0.0)
+    light = np.where(sky.rows_deg[:, None] > -1.0, light, 0.0)
+    light[sky.saturated] = light.max() * 1.5
+    azimuth = sky.columns_deg + sky.origin_deg
     from_meridian = np.abs(np.mod(azimuth - symmetry_deg + 180.0, 360.0) - 180.0)
     near = np.where(from_meridian[None, :] < DISC_NEAR_DEG, light, 0.0)
     row, column = np.unravel_index(int(near.argmax()), near.shape)
     peak = near[row, column]
     labels = labelled(light >= (1.0 - 1e-6) * peak)
     level = labels == labels[row, column]
-    if float((np.cos(np.radians(panorama.elevation_deg)) @ level).sum()) * panorama.step_deg**2 > LARGEST_DISC_SQUARE:
-        return _of_patch(panorama, level, symmetry_deg)
-    away = separation_deg(
-        panorama.elevation_deg[:, None], azimuth[None, :], panorama.elevation_deg[row], azimuth[column]
-    )
-    ring = (away > 5.0) & (away < 8.0) & (light > 0) & (panorama.elevation_deg[:, None] > 0)
+    if float((np.cos(np.radians(sky.rows_deg)) @ level).sum()) * sky.step_deg**2 > LARGEST_DISC_SQUARE:
+        return _of_patch(sky, level, symmetry_deg)
+    away = separation_deg(sky.rows_deg[:, None], azimuth[None, :], sky.rows_deg[row], azimuth[column])
+    ring = (away > 5.0) & (away < 8.0) & (light > 0) & (sky.rows_deg[:, None] > 0)
     if not ring.any() or not np.log(peak / np.median(light[ring])) > DISC_CONTRAST:
         return None
     disc = (away < 3.0) & (light > 0.5 * peak)
-    weight = light * disc * np.cos(np.radians(panorama.elevation_deg))[:, None]
+    weight = light * disc * np.cos(np.radians(sky.rows_deg))[:, None]
     offset = np.mod(azimuth - azimuth[column] + 180.0, 360.0) - 180.0
     found = azimuth[column] + float((weight * offset[None, :]).sum() / weight.sum())
-    elevation = float((weight * panorama.elevation_deg[:, None]).sum() / weight.sum())
+    elevation = float((weight * sky.rows_deg[:, None]).sum() / weight.sum())
     spread = float(np.sqrt((weight * offset[None, :] ** 2).sum() / weight.sum() - (found - azimuth[column]) ** 2))
-    error = max(0.3 * panorama.step_deg, 0.3 * spread)
+    error = max(0.3 * sky.step_deg, 0.3 * spread)
     return SunAzimuth(float(np.mod(found, 360.0)), error, "disc", symmetry_deg, elevation, error)
