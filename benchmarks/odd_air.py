@@ -1,9 +1,10 @@
-"""Odd air against the reference solution: python benchmarks/odd_air.py [drawn LAST | layers | again NUMBER ...]
+"""Odd air against the reference solution: python benchmarks/odd_air.py [drawn LAST | layers | peaks | again NUMBER ...]
 
 `drawn` (200) writes results/odd_air.csv: cases drawn from all that the program permits (`tests/odd_airs.py`, whose
 `drawn(number)` makes a case of the table again), every fourth a clear climate; cases that the table has stay.  `again`
 solves cases anew with sixteen times the samples.  `layers` writes results/sharp_layers.csv: single layers from 10 m to
-1 km, seen from below, from inside and from above.  Scalar theory, one wavelength.
+1 km, seen from below, from inside and from above.  `peaks` writes results/sharp_peaks.csv: aerosol of asymmetry 0.98
+about 15 deg from the sun, whose largest errors `zones` warns of.  Scalar theory, one wavelength.
 
 The reference takes a number of samples that costs SAMPLING_S processor seconds.  Where too few of its paths find light
 it has no value, and neither has the row.  z: difference over the reference's standard error, to which TOLERATED of the
@@ -18,7 +19,7 @@ import resource
 import sys
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any
@@ -31,7 +32,9 @@ sys.path.insert(0, str(results.ROOT / "benchmarks" / "builders"))
 from clear_air_airs import drawn_climate, load_climate_document
 from layered_sky import layered
 from odd_airs import OddAir, drawn, seen
+from stability_media import Air, medium_of
 
+from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.scene.medium import climate_medium
 from twilight.solvers import compact, montecarlo, zones
@@ -47,7 +50,7 @@ LAYER_COLUMNS = (
 )
 CLEAR_EVERY = 4
 """Of so many numbers one is a clear climate, which `compact` knows too."""
-SAMPLING_S = 2.0
+SAMPLING_S = 1.0
 """Processor seconds of the reference's samples; its importance function takes some 3 more."""
 PILOT = 16
 """Samples of a direction in the run that tells what one costs."""
@@ -59,6 +62,14 @@ LIMIT_S = 25.0
 """Processor seconds of `zones`, and of the reference solution, after which it is stopped."""
 TOLERATED = 0.03
 """Error of `draft` that counts as none: it is off by as much at 95 % in ordinary air (`zones_error.csv`)."""
+Directions = Sequence[tuple[float, float]]
+"""Elevations and azimuths [deg]."""
+PEAK_DEPTHS = (0.5, 1.0)
+PEAK_VIEWS: dict[float, Directions] = {
+    15.0: ((0.5, 0.0), (15.0, 15.5), (30.0, 0.0)),
+    40.0: ((25.0, 0.0), (40.0, 19.6), (55.0, 0.0)),
+}
+"""By the sun's elevation [deg]: directions 15 deg from it."""
 LAYER_SUNS_DEG = (30.0, -6.0)
 LAYERS: dict[str, tuple[float, float, float, float]] = {
     "jump, 10 m at 3 km, depth 2": (3.0, 0.01, 2.0, 0.0),
@@ -202,40 +213,60 @@ def solve_drawn(numbers: Sequence[int], sampling_s: float) -> None:
         print(*rows[0][:2], *([row[8], row[9]] for row in rows), rows[0][-1], sep="\t", flush=True)
 
 
+def beside(what: str, medium: Medium, seen: Mapping[tuple[float, float], Directions]) -> list[list]:
+    """The rows of a medium: directions by altitude [km] and sun [deg], each in `draft` and `standard`."""
+    altitudes_km, suns_deg = zip(*seen, strict=True)
+    fields = [
+        zones.prepare(
+            medium,
+            replace(zones.QUALITIES[quality], polarisation=False),
+            observer_altitude_km=max(altitudes_km),
+            sun_elevations_deg=sorted(set(suns_deg)),
+        )
+        for quality in ("draft", "standard")
+    ]
+    settings = montecarlo.MonteCarloSettings(target_stderr=0.01, max_samples=MOST, polarisation=False)
+    exact = {km: montecarlo.prepare(medium, settings, observer_altitude_km=km) for km in set(altitudes_km)}
+    rows = []
+    for (km, sun), views in seen.items():
+        e, a = np.transpose(views)
+        found = exact[km].radiance_with_error(sun, e, a)
+        value, error = found.radiance[:, 0], found.standard_error[:, 0]
+        skies = [f.radiance(sun, e, a, observer_altitude_km=km)[:, 0] for f in fields]
+        for d in range(value.size):
+            numbers = [f"{sun:g}", f"{km:g}", f"{e[d]:g}", f"{a[d]:g}", f"{value[d]:.5g}"]
+            numbers += [f"{100.0 * error[d] / value[d]:.2f}"]
+            rows.append([what, *numbers, *(f"{100.0 * (sky[d] / value[d] - 1.0):.2f}" for sky in skies)])
+            print(*rows[-1], sep="\t", flush=True)
+    return rows
+
+
 def solve_layers() -> None:
     """Write the table of single layers."""
     rows = []
     for what, (base, thickness, depth, ramp) in LAYERS.items():
-        medium = layered(base, thickness, depth, ramp)
         below, inside, above = (3.0, 20.0, 90.0), (-20.0, 0.5, 20.0), (-90.0, -20.0, 10.0)
         altitudes_km = 0.0, base + 0.5 * thickness, base + thickness + 5.0
-        fields = [
-            zones.prepare(
-                medium,
-                replace(zones.QUALITIES[quality], polarisation=False),
-                observer_altitude_km=max(altitudes_km),
-                sun_elevations_deg=LAYER_SUNS_DEG,
-            )
-            for quality in ("draft", "standard")
-        ]
-        settings = montecarlo.MonteCarloSettings(target_stderr=0.01, max_samples=MOST, polarisation=False)
-        for altitude_km, views in zip(altitudes_km, (below, inside, above), strict=True):
-            exact = montecarlo.prepare(medium, settings, observer_altitude_km=altitude_km)
-            for sun in LAYER_SUNS_DEG:
-                found = exact.radiance_with_error(sun, views, 40.0)
-                value, error = found.radiance[:, 0], found.standard_error[:, 0]
-                skies = [f.radiance(sun, views, 40.0, observer_altitude_km=altitude_km)[:, 0] for f in fields]
-                for d, view in enumerate(views):
-                    numbers = [f"{sun:g}", f"{altitude_km:g}", f"{view:g}", "40", f"{value[d]:.5g}"]
-                    numbers += [f"{100.0 * error[d] / value[d]:.2f}"]
-                    rows.append([what, *numbers, *(f"{100.0 * (sky[d] / value[d] - 1.0):.2f}" for sky in skies)])
-                    print(*rows[-1], sep="\t", flush=True)
+        views = {km: [(e, 40.0) for e in up] for km, up in zip(altitudes_km, (below, inside, above), strict=True)}
+        seen = {(km, sun): views[km] for km in altitudes_km for sun in LAYER_SUNS_DEG}
+        rows += beside(what, layered(base, thickness, depth, ramp), seen)
     results.write(results.FOLDER / "sharp_layers.csv", LAYER_COLUMNS, rows)
+
+
+def solve_peaks() -> None:
+    """Write the table of aerosol that scatters sharply forward."""
+    rows = []
+    for depth in PEAK_DEPTHS:
+        medium = medium_of(Air(aerosol=depth, asymmetry=0.98))
+        rows += beside(f"asymmetry 0.98, depth {depth:g}", medium, {(0.0, sun): v for sun, v in PEAK_VIEWS.items()})
+    results.write(results.FOLDER / "sharp_peaks.csv", LAYER_COLUMNS, rows)
 
 
 def main(arguments: list[str]) -> None:
     if arguments[:1] == ["layers"]:
         solve_layers()
+    elif arguments[:1] == ["peaks"]:
+        solve_peaks()
     elif arguments[:1] == ["again"]:
         solve_drawn([int(a) for a in arguments[1:]], 16.0 * SAMPLING_S)
     else:

@@ -1,7 +1,7 @@
 """Tables of skies beside the fields that they are made of: their errors, and what they and what reads them cost.
 
     python benchmarks/tables.py [AIR ...]
-    python benchmarks/tables.py raised
+    python benchmarks/tables.py raised [AIR ...]
 
 Writes results/tables.csv, a row for each quantity: errors of radiance at 95 % and at most in 1,000 directions from
 0.3 deg above the horizon, 0.3 deg and more from the sun's disc, of `field.table(sun)` and of the table of many suns
@@ -13,8 +13,8 @@ and the table is printed, not written.
 hold, beside `field.radiance` at `draft`, three wavelengths, scalar, in 1,200 directions: three quarters within 0.02 to
 5 deg of the visible horizon (above and, from high up, below), the others from nadir to zenith; all about the sun,
 opposite to it and anywhere, but not within 0.3 deg of its disc and 0.002 deg of edges of layers.  Beside them what the
-table says itself, its nodes and its processor seconds.  Each air is tried at every other altitude under one of the suns
-in turn, and where it was worst.
+sky says itself, its table's nodes and processor seconds.  Each air is tried at every other altitude under one
+of the suns in turn, and where it was worst.  AIR: these alone are tried; rows of others stay as they are.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ import results
 
 import twilight
 from twilight.base import cache
-from twilight.engine.one_sun import SunLight
+from twilight.engine.one_sun import SunLight, interpolation_error
 from twilight.engine.sun_tables import SunTables
 from twilight.engine.table import row_breaks
 from twilight.io import write_outputs
@@ -56,7 +56,11 @@ HIGHEST_BETWEEN_DEG = 3.0
 EVERY_BETWEEN = 3
 """One pair of suns in so many."""
 SCENE = {"quality": "draft"}
-RAISED_AIRS = ("continental-clean", "continental-average", "desert", "pure-air", "urban", "maritime-clean")
+RAISED_AIRS = (
+    *("continental-clean", "continental-average", "desert", "pure-air", "urban", "maritime-clean"),
+    *("continental-polluted", "maritime-polluted", "maritime-tropical", "arctic", "antarctic"),
+    *("volcanic-extreme", "volcanic-stratosphere"),
+)
 RAISED_KM = (0.0, 0.3, 1.03, 4.0, 10.0, 12.0, 100.0, 400.0)
 RAISED_SUNS_DEG = (30.0, 2.0, -4.0, -12.0)
 RAISED_TOO = {"continental-clean": [(10.0, -3.0), (35.0, -4.0), (400.0, -4.0)]}
@@ -152,23 +156,27 @@ def speed(air: str = "continental-average") -> Iterator[Row]:
         yield ("speed", air, "", f"10,000 moments of illuminance and cct, {which} [processor s]", f"{seconds:.2f}")
 
 
-def raised() -> None:
-    """Skies of raised observers, written row by row."""
-    rows = []
+def raised(airs: list[str]) -> None:
+    """Skies of raised observers, written air by air."""
+    path = results.FOLDER / "raised_observers.csv"
+    rows = [tuple(row.values()) for row in results.read_rows(path) if airs and row["air"] not in airs]
     for n, air in enumerate(RAISED_AIRS):
+        if airs and air not in airs:
+            continue
         field = twilight.solve(air, **SCENE, **RAISED_SCENE)
-        suns = RAISED_SUNS_DEG[n // 2 :] + RAISED_SUNS_DEG[: n // 2]
-        turn = list(zip(RAISED_KM[n % 2 :: 2], suns, strict=True))
+        first = n // 2 % len(RAISED_SUNS_DEG)
+        turn = list(zip(RAISED_KM[n % 2 :: 2], RAISED_SUNS_DEG[first:] + RAISED_SUNS_DEG[:first], strict=True))
         for km, sun in RAISED_TOO.get(air, []) + turn:
             rows.append((air, f"{km:g}", f"{sun:g}", *seen_from(field, km, sun)))
             print(*rows[-1], flush=True)
-            results.write(results.FOLDER / "raised_observers.csv", RAISED_COLUMNS, rows)
+        results.write(path, RAISED_COLUMNS, rows, command="python benchmarks/tables.py raised")
 
 
 def seen_from(field: Any, km: float, sun: float) -> tuple[str, ...]:
     """Errors of a raised observer's sky and of its own word [%], its table's nodes and processor seconds."""
     table, seconds = timed(lambda: field.table(sun, km))
-    sky = SunLight(None, [table]).sky(field.medium, plain_grid(table), field.direct(sun, km), sun, km)
+    light = SunLight(None, [table])
+    sky = light.sky(field.medium, plain_grid(table), field.direct(sun, km), sun, km)
     low = float(table.elevation_deg[0])
     elevation, azimuth = at_horizon(sun, horizon_dip_deg(field.medium, km) if low < 0.0 else 0.0, RAISED_DIRECTIONS)
     away = np.degrees(scattering_angle_rad(table.apparent_sun_deg[0], elevation, azimuth))
@@ -179,14 +187,14 @@ def seen_from(field: Any, km: float, sun: float) -> tuple[str, ...]:
     truth = field.radiance(sun, elevation, azimuth, km)
     # light below a thousandth of the brightest counts as so bright
     error = np.abs(sky.sample(elevation, azimuth) - truth) / np.maximum(truth, FAINT * truth.max(axis=0))
-    found = (np.percentile(error, 95), error.max(), table.error, table.worst)
+    found = (np.percentile(error, 95), error.max(), *(interpolation_error(light, sky) or ()))
     nodes = (str(table.elevation_deg.size), str(table.azimuth_deg.size))
     return (*(f"{100.0 * x:.3f}" for x in found), *nodes, f"{seconds:.2f}")
 
 
 def main() -> None:
-    if sys.argv[1:] == ["raised"]:
-        raised()
+    if sys.argv[1:2] == ["raised"]:
+        raised(sys.argv[2:])
         return
     with tempfile.TemporaryDirectory() as folder:
         os.environ[cache.FOLDER_VARIABLE] = folder

@@ -8,6 +8,7 @@ from closed_sky import closed
 
 import twilight
 from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.engine.sun_tables import SunTables
 
 
 @pytest.fixture
@@ -42,6 +43,26 @@ def test_the_sky_of_another_sun_asks_the_solver_for_nothing(field, monkeypatch):
         off = np.abs(sky.sun_normalised_radiance / exact - 1.0)
         assert np.percentile(off, 95) < 0.003 and off.max() < 0.01
     assert np.array_equal(first.direct_irradiance, field.direct(-4.0).irradiance)
+
+
+@pytest.mark.parametrize(
+    ("air", "suns", "most"),
+    [("pure-air", (-2.9, -1.02), 0.04), ("desert", (0.9, 1.44), 0.02)],
+    ids=["the edge of the Earth's shadow", "beside a low sun"],
+)
+def test_suns_between_those_of_a_table_have_the_light_of_the_field(air, suns, most):
+    """Films and pages were off by a factor of 2 opposite to the sun in pure air, and by 10 % beside a low one."""
+    field = twilight.solve(air, solver="compact", wavelength_nm=[700.0])
+    tables, random = SunTables(field), np.random.default_rng(3)
+    for sun in suns:
+        table = tables.under(sun)
+        if air == "desert":
+            away, about = random.uniform(0.57, 2.5, 300), random.uniform(0.0, np.pi, 300)
+            e, a = table.apparent_sun_deg[0] + away * np.sin(about), away * np.cos(about)
+        else:
+            e, a = random.uniform(0.5, 4.5, 300), random.normal(180.0, 25.0, 300)
+        error = np.abs(table.light(e, a) / field.radiance(sun, e, a) - 1.0)
+        assert error.max() < most, (sun, error.max())
 
 
 def test_another_observer_is_asked_for(field, monkeypatch):

@@ -11,7 +11,7 @@ from twilight.engine.table import BREAKS_APART_DEG, fill, first_columns, first_r
 from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
 from twilight.scene.medium import climate_medium
-from twilight.sky.plain_grid import plain_grid
+from twilight.sky.plain_grid import grid_error, plain_grid
 from twilight.sky.table import SkyTable, join, split, stack
 from twilight.transport.rays import horizon_dip_deg
 from twilight.transport.scattered_once import BOUNDARY_KM, ScatteredOnce, ShellsBelow
@@ -120,9 +120,10 @@ def test_plain_rows_beside_breaks_stay_in_order_and_do_not_swing():
     none = Once()
     none.log_phase = None
     none.light = lambda *_: None
-    for away in (3e-5, 4e-4, 1e-3, 1.9e-3, 5e-3, 0.04):
-        rows = np.concatenate([np.linspace(-90.0, -3.0, 20), [-2.0 - away, -2.0, -2.0, -2.0 + away]])
-        rows = np.concatenate([rows, [-2.0 + max(2.5 * away, BREAKS_APART_DEG)] * 2, np.linspace(-1.5, 90.0, 60)])
+    near = (3e-5, 4e-4, 1e-3, 1.04e-3, 1.9e-3, 5e-3, 0.04)
+    for away, above in [*zip(near, near, strict=True), (1.04e-3, 8e-3), (8e-3, 1.04e-3)]:
+        rows = np.concatenate([np.linspace(-90.0, -3.0, 20), [-2.0 - away, -2.0, -2.0, -2.0 + above]])
+        rows = np.concatenate([rows, [-2.0 + max(2.5 * above, BREAKS_APART_DEG)] * 2, np.linspace(-1.5, 90.0, 60)])
         table = fill(on(step), none, SUN_DEG, rows, first_columns(25), refine=False)
         plain, columns = plain_grid(table)
         assert np.diff(plain).min() > 0.0, away
@@ -251,6 +252,20 @@ def test_straight_lines_do_between_the_rows_of_a_plain_grid():
     error = np.abs(0.5 * (light[1:] + light[:-1]) / table.on_grid(e, columns) - 1.0)
     assert np.percentile(error, 95) < 4e-3
     assert columns[0] == 0.0 and columns[-1] < 360.0 and np.diff(columns).min() > 0.0
+
+
+def test_the_error_of_a_grid_is_that_of_its_samples():
+    """A file would state the error of the table that it was read from, beside samples that are 24 % off it."""
+    table = fill(on(peaked_light), Once(), SUN_DEG, first_rows(0.0, ()))
+    rows, columns = plain_grid(table)
+    e, a = random_directions(2000)
+    e, a = (x[np.degrees(scattering_angle_rad(SUN_DEG + 0.1, e, a)) > 0.6] for x in (e, a))
+    for grid in ((rows, columns), (rows[::6], columns), (rows, columns[::8])):
+        samples = SkyTable.of_samples(*grid, table.on_grid(*grid))
+        off = np.abs(samples.light(e, a) / table.light(e, a) - 1.0)
+        usual, largest = grid_error(table, *grid)
+        assert 0.3 * np.percentile(off, 95) < usual < 6.0 * np.percentile(off, 95)
+        assert 0.3 * off.max() < largest < 6.0 * off.max()
 
 
 def test_cubics_do_not_cross_a_node_that_stands_twice():

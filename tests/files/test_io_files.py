@@ -17,7 +17,7 @@ from twilight import __version__
 from twilight.base.errors import TwilightError
 from twilight.io import read_sky, whole_file, write_outputs, write_sky
 from twilight.io.provenance import configuration_hash, provenance_fields, provenance_from_fields
-from twilight.io.series import write_series
+from twilight.io.series import on_one_grid, write_series
 from twilight.sky.sky import Sky
 
 
@@ -209,3 +209,18 @@ def test_outputs_are_written_together(tmp_path):
     assert sorted(names) == sorted(p.name for p in (tmp_path / "new" / "folder").iterdir())
     paths = write_outputs(glow_sky(), tmp_path, files=("rgb",), renderer="radiance", width=16)
     assert [p.name for p in paths] == ["sky.rgb.exr", "sky.rgb.hdr"]
+
+
+def test_skies_on_one_grid_keep_their_edges():
+    """In the series of a hill light 0.05 deg above its horizon was the ground's: rows closer than 0.08 deg were one."""
+    skies = []
+    for shift in (0.0, 0.013):
+        rows = np.concatenate([np.linspace(-90.0, -3.0, 30), [-2.01, -2.0003, -1.9997, -1.99, -1.97 + shift]])
+        rows = np.concatenate([rows, -1.9 + shift + 91.8 * np.linspace(0.0, 1.0, 40) ** 2])
+        rows, columns = rows[rows <= 90.0], np.arange(0.0, 360.0, 30.0)
+        light = np.where(rows < -2.0, 0.02, 1.0) * np.exp(0.01 * rows)
+        light = np.broadcast_to(light[:, None, None], (rows.size, columns.size, 1)).copy()
+        skies.append(Sky(np.array([550.0]), rows, columns, light, -3.0 + shift))
+    e = -2.0 + np.array([-0.4, -0.03, -0.005, 0.005, 0.03, 0.06, 0.4])
+    for before, after in zip(skies, on_one_grid(skies), strict=True):
+        np.testing.assert_allclose(after.sample(e, 40.0), before.sample(e, 40.0), rtol=2e-3)

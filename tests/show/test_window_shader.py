@@ -26,7 +26,7 @@ from twilight.studies.export.prague import write_folder
 
 MOST_LINES = 200
 """Of a shader: what its page in the manual promises."""
-MOST_BYTES = 7.5e6
+MOST_BYTES = 8e6
 """Of the shader's two files of numbers [bytes]: what its page in the manual promises."""
 SMALL = {"rows_deg": first_rows(-90.0, [0.0], 17), "columns_deg": first_columns(13)}
 """Nodes of tables."""

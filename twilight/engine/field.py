@@ -21,7 +21,7 @@ from twilight.base.progress import Progress, part_of, silent
 from twilight.base.threads import one_blas_thread
 from twilight.config import Config
 from twilight.engine.block import Answer, Block, check_question, join
-from twilight.engine.one_sun import SunLight, warn_of_black, warn_of_error
+from twilight.engine.one_sun import SunLight, interpolation_error, warn_of_black, warn_of_error
 from twilight.engine.problem import Problem, plan
 from twilight.engine.sun_tables import SunTables
 from twilight.engine.sunbeam import Direct, join_direct, make_disc
@@ -291,7 +291,7 @@ class Field:
         direct = self.direct(sun_elevation_deg, altitude)
         sky = light.sky(self.medium, grid, direct, sun_elevation_deg, altitude, **facts)
         without_night = "a field has no light of the night: render with night.airglow=1 has, or give night_radiance"
-        warn_of_error(light, sky, stacklevel=2)
+        warn_of_error(interpolation_error(light, sky), sky, stacklevel=2)
         warn_of_black(self.scene, sky, "" if sky.night_radiance is not None else without_night, stacklevel=2)
         return sky
 

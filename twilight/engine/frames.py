@@ -16,7 +16,15 @@ from twilight.base.progress import PhasedProgress, Progress, silent
 from twilight.config.sun import SunAt
 from twilight.engine.field import Field, parts
 from twilight.engine.mapped_ground import land_of
-from twilight.engine.one_sun import SunLight, equal_grid, is_above_air, shared_grid, warn_of_black, warn_of_error
+from twilight.engine.one_sun import (
+    SunLight,
+    equal_grid,
+    interpolation_error,
+    is_above_air,
+    shared_grid,
+    warn_of_black,
+    warn_of_error,
+)
 from twilight.engine.problem import check_size, plan
 from twilight.engine.sunbeam import Direct, join_direct, make_disc
 from twilight.engine.view import (
@@ -240,8 +248,12 @@ class _Result:
             by_body = one.sky.on(grid, one.body.azimuth_deg).radiance
             parts[one.body.name] = by_body * (one.body.irradiance_factor(sky.wavelength_nm) * solar)
         left_out = (*scene.omissions, *self.lights.left_out, *faint)
-        sky = replace(sky, lights=parts, provenance=self._provenance(scene, sun, left_out, set_up_s))
-        warn_of_error(sunlit.sky, sky, stacklevel=3)
+        record = self._provenance(scene, sun, left_out, set_up_s)
+        error = interpolation_error(sunlit.sky, sky)
+        if error is not None:
+            record["interpolation_error"], record["largest_interpolation_error"] = error
+        sky = replace(sky, lights=parts, provenance=record)
+        warn_of_error(error, sky, stacklevel=3)
         return Frame(sun.name, sky, None if scene.observer.view is None else self._view(scene, sky, glows))
 
     def _glows(self, scene: Scene, sky: Sky) -> tuple[list[Glow], list[Omission]]:
@@ -317,10 +329,6 @@ class _Result:
             record["field_from_disk"] = True  # its run time leaves out solving it
         if self.convergence:
             record["convergence"] = self.convergence
-        sunlight = self.lit[0].sky
-        if sunlight is not None and sunlight.tables:
-            record["interpolation_error"] = max(table.error for table in sunlight.tables)
-            record["largest_interpolation_error"] = max(table.worst for table in sunlight.tables)
         if self.facts:
             record["model"] = self.facts
         return record

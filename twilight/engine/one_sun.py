@@ -14,7 +14,7 @@ from twilight.engine.sunbeam import Direct
 from twilight.engine.table import HIGH_FROM_KM, fill, first_rows, row_breaks
 from twilight.numerics.directions import texture_centres
 from twilight.scene.scene import Scene
-from twilight.sky.plain_grid import plain_grid
+from twilight.sky.plain_grid import grid_error, plain_grid
 from twilight.sky.sky import Sky
 from twilight.sky.table import SkyTable
 from twilight.sky.table import join as join_tables
@@ -160,9 +160,18 @@ def is_above_air(scene: Scene, altitude_km: float) -> bool:
     return not table and altitude_km >= scene.medium.top_km
 
 
-def warn_of_error(light: SunLight, sky: Sky, stacklevel: int) -> None:
-    """TwilightWarning for a sky whose table ended at its limit of nodes before it held the light."""
-    usual, worst = (max((getattr(t, name) for t in light.tables), default=0.0) for name in ("error", "worst"))
+def interpolation_error(light: SunLight, sky: Sky) -> tuple[float, float] | None:
+    """Relative error, at 95 % of directions and at most, of a sky between its rows and columns: that of the tables and
+    that of the grid which was read from them.  None: of samples, which are compared with nothing."""
+    if not light.tables:
+        return None
+    usual, worst = grid_error(light.table, sky.elevation_deg, sky.azimuth_deg)
+    return usual + max(t.error for t in light.tables), worst + max(t.worst for t in light.tables)
+
+
+def warn_of_error(error: tuple[float, float] | None, sky: Sky, stacklevel: int) -> None:
+    """TwilightWarning for a sky whose nodes ended at their limit before they held the light."""
+    usual, worst = error or (0.0, 0.0)
     if worst > LARGEST_STATED_ERROR:
         warnings.warn(
             f"the sky of the sun at {sky.sun_elevation_deg:g} deg is interpolated between directions: it is off by "

@@ -20,7 +20,7 @@ from twilight.base.digest import code_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
 from twilight.engine.sunbeam import disc_strips
-from twilight.engine.table import first_columns, first_rows, row_breaks
+from twilight.engine.table import shared_columns, shared_rows, shows_shadow
 from twilight.numerics.directions import HEMISPHERE_COLUMNS, whole_hemisphere
 from twilight.numerics.spectrum import hermite_weights
 from twilight.scene.scene import Scene
@@ -42,7 +42,20 @@ WIDTH_DEG = 8.0
 """Distance from `CENTRE_DEG` over which they stay close [deg]."""
 
 SHADOW_DEG = (-3.2, 1.2)
-"""Suns between which others stand half-way [deg]: the Earth's shadow rises with a sharp edge, in pure air above all."""
+"""Suns between which others stand half-way [deg]: the Earth's shadow rises with a sharp edge."""
+
+EDGE_DEG = (-3.2, -0.5)
+"""Suns between which others stand closer in air without aerosol [deg]: the edge is a factor of 2 within 0.1 deg of
+elevation at -1 deg, and smooth at -3."""
+
+EDGE_STEP = 0.05 / 1.2**2
+"""Distance of those suns over the square of their elevation [deg^-1]: so the edge widens."""
+
+LEAST_EDGE_STEP_DEG = 0.03
+"""Their least distance [deg]."""
+
+MOST_EDGE_STEP_DEG = 0.18
+"""Their largest distance [deg]."""
 
 DARK_SUN_DEG = -40.0
 """Lowest sun of all [deg]."""
@@ -53,7 +66,7 @@ DEEP_STEP_DEG = 2.0
 ROW_COUNT = 45
 """Rows above the last break of a table: with COLUMN_COUNT 0.02 to 0.2 % at 95 % of the directions in clear air."""
 
-COLUMN_COUNT = 29
+COLUMN_COUNT = 31
 """Columns of a table, from the sun to its opposite."""
 
 
@@ -62,13 +75,20 @@ AUREOLE_SUN_DEG = 30.0
 field at suns of 1 to 60 deg, with 15 deg within 2.9 %."""
 
 
-def sun_nodes(lowest_deg: float = DARK_SUN_DEG, highest_deg: float = 90.0) -> np.ndarray:
-    """The suns at which fields are tabulated [deg], within a range whose ends are two of them."""
+def sun_nodes(lowest_deg: float = DARK_SUN_DEG, highest_deg: float = 90.0, shadow: bool = False) -> np.ndarray:
+    """The suns at which fields are tabulated [deg], within a range whose ends are two of them; shadow: whether the
+    Earth's shadow has a sharp edge."""
     low, high = (np.arcsinh((sun - CENTRE_DEG) / WIDTH_DEG) for sun in (LOWEST_SUN_DEG, 90.0))
     close = CENTRE_DEG + WIDTH_DEG * np.sinh(np.linspace(low, high, SUN_COUNT))
     between = 0.5 * (close[1:] + close[:-1])
     between = between[(between > SHADOW_DEG[0]) & (between < SHADOW_DEG[1])]
     every = np.sort(np.concatenate([np.arange(DARK_SUN_DEG, LOWEST_SUN_DEG, DEEP_STEP_DEG), close, between]))
+    if shadow:
+        edge = [EDGE_DEG[0]]
+        while edge[-1] < EDGE_DEG[1]:
+            step = np.clip(EDGE_STEP * edge[-1] ** 2, LEAST_EDGE_STEP_DEG, MOST_EDGE_STEP_DEG)
+            edge.append(edge[-1] + float(step))
+        every = np.sort(np.concatenate([every[(every < edge[0]) | (every > edge[-1])], edge]))
     inside = every[(every > lowest_deg + 1e-6) & (every < highest_deg - 1e-6)]
     return np.concatenate([[lowest_deg], inside, [highest_deg]])
 
@@ -125,11 +145,9 @@ class SunTables:
         self.solved = solved
         self.altitude_km = scene.altitude_km if altitude_km is None else altitude_km
         low, high = solved.sun_range_deg
-        self.suns_deg = sun_nodes(max(low, DARK_SUN_DEG), min(high, 90.0))
-        if rows_deg is None:
-            rows_deg = first_rows(*row_breaks(scene, self.altitude_km), ROW_COUNT)
-        self.rows_deg = rows_deg
-        self.columns_deg = first_columns(COLUMN_COUNT) if columns_deg is None else columns_deg
+        self.suns_deg = sun_nodes(max(low, DARK_SUN_DEG), min(high, 90.0), shows_shadow(scene))
+        self.rows_deg = shared_rows(scene, self.altitude_km, ROW_COUNT) if rows_deg is None else rows_deg
+        self.columns_deg = shared_columns(COLUMN_COUNT) if columns_deg is None else columns_deg
         self._made: dict[int, SkyTable] = {}
         self._lines: dict[int, np.ndarray] = {}
         self._surfaces: dict[tuple[str, float], np.ndarray] = {}

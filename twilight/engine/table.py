@@ -1,8 +1,9 @@
 """Fills a `SkyTable` with a field's light: nodes are added until interpolation between them is accurate enough.
 
 Rows are halved where the table's rule misses the light of the row between two others, then columns, the worst first
-where their number ends; whatever is computed for a test becomes a node.  From high up edges of light, that of the
-Earth's shadow above all, go slantwise over the sky: there the middles of cells are tried too.  In the end the table is
+where their number ends; whatever is computed for a test becomes a node.  From high up, and in air without aerosol,
+edges of light, that of the Earth's shadow above all, go slantwise over the sky: there the middles of cells are tried
+too.  In the end the table is
 compared with light at the visible horizon and the other edges, about the sun, opposite to it, over the sky, and in the
 middle of the worst cells.
 """
@@ -125,6 +126,17 @@ def row_breaks(scene: Scene, altitude_km: float) -> tuple[float, list[float]]:
     return -90.0, breaks
 
 
+AEROSOL_OVER_SHADOW = 0.02
+"""Aerosol optical depth, at the wavelength where it is least, from which on the edge of the Earth's shadow is smooth:
+in `maritime-clean` (0.09) shared rows hold it within 0.7 %."""
+
+SHADOW_HEIGHTS_DEG = (3.7, 1.9, 0.8)
+"""Heights above the horizon up to which the gaps of shared rows are halved in turn for that edge [deg]."""
+
+LEAST_SHADOW_DEG = 0.1
+"""Height from which on they are [deg]."""
+
+
 Light = Callable[[np.ndarray, np.ndarray], Answer]
 """What a table is filled with: the answer of rows (E,) and columns (A,) [deg], (E, A, W), under one sun."""
 
@@ -152,6 +164,29 @@ def beside_breaks(rows_deg: np.ndarray) -> np.ndarray:
 def first_columns(count: int = FIRST_COLUMNS) -> np.ndarray:
     """Columns from the sun to its opposite [deg], closest at the sun."""
     return 180.0 * np.linspace(0.0, 1.0, count) ** COLUMN_POWER
+
+
+def shared_columns(count: int) -> np.ndarray:
+    """Columns that many suns share [deg]: those of `first_columns`, and two more, halves of the gaps beside the sun."""
+    columns = first_columns(count - 2)
+    return np.sort(np.append(columns, _middles(columns[:3])))
+
+
+def shared_rows(scene: Scene, altitude_km: float, count: int, *, ground: bool = False) -> np.ndarray:
+    """Rows that many suns share [deg], so many above the last break, and more for a sharp edge of the Earth's shadow;
+    ground: whether it is seen from low down, too."""
+    low, breaks = with_ground(scene, altitude_km) if ground else row_breaks(scene, altitude_km)
+    rows = first_rows(low, breaks, count)
+    if shows_shadow(scene):
+        for top in SHADOW_HEIGHTS_DEG:
+            above = _middles(rows) - (breaks[-1] if breaks else low)
+            rows = np.sort(np.append(rows, _middles(rows)[(above > LEAST_SHADOW_DEG) & (above < top)]))
+    return rows
+
+
+def shows_shadow(scene: Scene) -> bool:
+    """Whether no aerosol hides the edge of the Earth's shadow opposite to the sun."""
+    return bool(scene.medium.optical_depth("aerosol").min() < AEROSOL_OVER_SHADOW)
 
 
 class _Samples:
@@ -243,7 +278,7 @@ def fill(
         else:
             look_again(axis)
     cells = np.zeros(0), np.zeros(0)
-    if breaks.size:
+    if breaks.size or once.log_phase is None:
         cells = _mended(samples, table, (most[0] + MORE_ROWS, most[1] + MORE_COLUMNS))
     return _checked(table(), light, breaks, cells)
 
@@ -332,7 +367,9 @@ def _checked(
     a = np.concatenate([away, 180.0 - away[::2], random.uniform(0.0, 180.0, CHECKS[1]), worst_of_cells[1]])
     e, a = np.unique(e.clip(rows[0], rows[-1])), np.unique(a.clip(columns[0], columns[-1]))
     error = _errors(table, light(e, a).radiance, e, a)
-    return replace(table, error=float(np.percentile(error, 95)), worst=float(error.max()))
+    # the worst places are no sample of directions
+    usual = error[~np.isin(e, worst_of_cells[0])][:, ~np.isin(a, worst_of_cells[1])]
+    return replace(table, error=float(np.percentile(usual, 95)), worst=float(error.max()))
 
 
 def _table(

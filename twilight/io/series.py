@@ -38,7 +38,7 @@ COLUMNS = (
 )
 
 CLOSEST_DEG = 0.08
-"""Rows and columns of skies on one grid that are closer are one [deg], as in `twilight.sky.plain_grid`."""
+"""Rows and columns of different skies on one grid that are closer are one [deg], as in `twilight.sky.plain_grid`."""
 
 _PER_SKY = (
     "sun_normalised_radiance",
@@ -209,21 +209,21 @@ def on_one_grid(skies: Sequence[Sky]) -> list[Sky]:
         for sky in skies
     ):
         return list(skies)
-    rows = _thinned(np.concatenate([sky.elevation_deg for sky in skies]))
+    rows = _merged([sky.elevation_deg for sky in skies])
     lowest = max(float(sky.elevation_edges_deg[0]) for sky in skies)
-    columns = _thinned(np.concatenate([sky.azimuth_deg for sky in skies]))
+    columns = _merged([sky.azimuth_deg for sky in skies])
     return [sky.resample(rows[rows >= lowest], columns) for sky in skies]
 
 
-def _thinned(angles_deg: np.ndarray) -> np.ndarray:
-    """Angles in their order, none closer than CLOSEST_DEG to the one before; the largest stays."""
-    kept: list[float] = []
-    for angle in np.unique(angles_deg).tolist():
-        if not kept or angle - kept[-1] >= CLOSEST_DEG:
-            kept.append(angle)
-    if kept[-1] < angles_deg.max():
-        kept[-1] = float(angles_deg.max())
-    return np.array(kept)
+def _merged(parts_deg: Sequence[np.ndarray]) -> np.ndarray:
+    """Angles of all parts in their order, but for those nearer to one of another part than CLOSEST_DEG and half the way
+    to the next of their own: rows beside a break stay."""
+    kept = parts_deg[0]
+    for part in parts_deg[1:]:
+        gap = np.minimum(np.diff(part, prepend=-np.inf), np.diff(part, append=np.inf))
+        near = np.abs(part[:, None] - kept).min(axis=1)
+        kept = np.union1d(kept, part[near > np.minimum(0.5 * gap, CLOSEST_DEG)])
+    return kept
 
 
 def number_files(folders: Sequence[Path], target: Path, names: Sequence[str] = NUMBERED) -> int:

@@ -90,7 +90,7 @@ def make_plan(config: Config, wavelength_nm: np.ndarray | None = None) -> Plan:
 
 def not_computed(config: Config) -> tuple[Omission, ...]:
     """What matters in this scene and is not computed all the same: polarisation, refraction where rays are straight,
-    what a formula does not take, and bands that the air lacks."""
+    phase functions where simpler ones stand for them, what a formula does not take, and bands that the air lacks."""
     omissions = []
     name, quality, settings = config.chosen_solver
     if not hasattr(settings, "polarisation"):
@@ -102,6 +102,11 @@ def not_computed(config: Config) -> tuple[Omission, ...]:
         omissions.append(Omission("the air", f"{name} is a formula of turbidity and ground albedo", "not known"))
     elif can.straight_rays and config.climate.refraction.model != "none":
         omissions.append(Omission("refraction", f"rays of {name} are straight", "9 to 23 % at -4 deg"))
+    if can.simple_phases:
+        reason = f"in {name} air scatters alike in all directions and aerosol by Henyey and Greenstein's function"
+        omissions.append(
+            Omission("phase functions", reason, "33 % of light scattered once by air (docs/three-papers.md)")
+        )
     wavelength_nm = wavelengths_of(config)
     if config.climate.medium is None and wavelength_nm is not None:
         low, high = WITHOUT_DATA_NM

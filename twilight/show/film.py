@@ -19,7 +19,7 @@ from twilight.config.pictures import View
 from twilight.config.scene import Config
 from twilight.engine import solve
 from twilight.engine.sun_tables import COLUMN_COUNT, ROW_COUNT, SunTables, suns_between
-from twilight.engine.table import first_columns, first_rows, with_ground
+from twilight.engine.table import shared_columns, shared_rows
 from twilight.io.journal import locked
 from twilight.io.picture import to_bytes
 from twilight.io.provenance import configuration_hash
@@ -131,8 +131,8 @@ class Animation:
         self._cached = scene is None
         self.scene = scene = resolve(config) if scene is None else scene
         check_altitudes(scene, None, config.title)
-        self._rows_deg = first_rows(*with_ground(scene, scene.altitude_km), nodes[0])
-        self._columns_deg = first_columns(nodes[1])
+        self._rows_deg = shared_rows(scene, scene.altitude_km, nodes[0], ground=True)
+        self._columns_deg = shared_columns(nodes[1])
         if output.suffix:
             check_file(output)
         else:

@@ -27,7 +27,7 @@ from twilight.base.progress import Progress, part_of
 from twilight.base.whole_files import whole_file
 from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG, SunTables
-from twilight.engine.table import first_columns
+from twilight.engine.table import shared_columns
 from twilight.show import tones
 from twilight.sky.table import SkyTable
 from twilight.transport.rays import horizon_dip_deg
@@ -96,7 +96,7 @@ class PageNodes:
     sky: int = 39
     limb: int = 43
     """Above the air alone, in place of `sky`."""
-    columns: int = 27
+    columns: int = 29
 
     def rises(self, *, space: bool = False) -> list[np.ndarray]:
         """Places of the rows in the parts, 0 to 1: of the ground, of the haze, and of the sky or the limb."""
@@ -111,7 +111,7 @@ class PageNodes:
     @property
     def columns_deg(self) -> np.ndarray:
         """Azimuths from the sun."""
-        return first_columns(self.columns)
+        return shared_columns(self.columns)
 
 
 def between_edges(rises: list[np.ndarray], edges: list[float]) -> np.ndarray:

@@ -13,7 +13,7 @@ from typing import Any
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG, ROW_COUNT, SunTables
-from twilight.engine.table import first_rows, with_ground
+from twilight.engine.table import shared_rows
 from twilight.numerics import spectrum
 from twilight.show.skies import check_altitudes
 from twilight.show.tones import Channels, layers, node_lines
@@ -84,7 +84,7 @@ def shader_sky(
     [altitude_km] = check_altitudes(solved.scene, None, name)
     channels = Channels(solved.medium.wavelength_nm, solar_spectrum)
     if tables is None:
-        rows = first_rows(*with_ground(solved.scene, altitude_km), ROW_COUNT)
+        rows = shared_rows(solved.scene, altitude_km, ROW_COUNT, ground=True)
         tables = SunTables(solved, altitude_km, rows_deg=rows)
     spectra = tables.between(LOWEST_SUN_DEG, 90.0, part_of(progress, 0.0, 0.9))
     header = {

@@ -17,7 +17,7 @@ from twilight.clear_air.entry import HIGHEST_OBSERVER_KM, SHIPPED, check_air, ch
 from twilight.clear_air.model import SUN_DEG
 from twilight.clear_air.of_medium import air_of
 from twilight.clear_air.shells import ABSORPTION, EXTINCTION, HIGH, Air
-from twilight.engine.table import first_columns, first_rows
+from twilight.engine.table import first_rows, shared_columns
 from twilight.numerics.spectrum import VISIBLE_NM, expand, hermite_matrix
 from twilight.scene.medium import climate_medium
 from twilight.scene.scene import Scene
@@ -29,7 +29,7 @@ from twilight.sky.tone import Light, scotopic_weights
 
 ROWS_DEG = first_rows(0.0, [], 45)
 """Elevations at which the page computes light [deg]; in between it reads it as a `SkyTable`."""
-COLUMNS_DEG = first_columns(29)
+COLUMNS_DEG = shared_columns(31)
 """Azimuths from the sun at which it does [deg]."""
 COLOUR_NM = VISIBLE_NM[::10]
 """Wavelengths at which the page has spectra to take their colours [nm]."""

@@ -32,8 +32,10 @@ LEAST_REST = 0.01
 """Part of the light seen that at least is not in A, whose spectrum is another one."""
 
 BESIDE_BREAK_DEG = 3e-4
-"""How far at most on either side of a break the rows of `plain_grid` stand [deg]: rows of plain samples that are no
-farther apart are a break."""
+"""How far at most on either side of a break the rows of `plain_grid` stand [deg]."""
+
+BREAK_OF_SAMPLES_DEG = 2.2 * BESIDE_BREAK_DEG
+"""Rows of plain samples that are closer are a break [deg]: no other row of `plain_grid` is as close to these two."""
 
 DIRECTIONS_AT_ONCE = 40_000
 """Directions that are read at once, which bounds the memory."""
@@ -295,7 +297,7 @@ class SkyTable:
     def of_signed(cls, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, values: np.ndarray) -> SkyTable:
         """The same of values of either sign, as of Stokes parameters that refer to the vertical."""
         rows, layer = elevation_deg, values
-        pair = np.flatnonzero(np.diff(rows) < 2.5 * BESIDE_BREAK_DEG)
+        pair = np.flatnonzero(np.diff(rows) < BREAK_OF_SAMPLES_DEG)
         if pair.size:
             rows = rows.astype(float)
             rows[pair] = rows[pair + 1] = 0.5 * (rows[pair] + rows[pair + 1])

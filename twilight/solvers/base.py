@@ -85,6 +85,8 @@ class Capabilities:
     screen: it takes a medium with something beyond the horizon that dims the direct beam (`Medium.screen`)
     finite_segments: the field is a `SegmentField`
     straight_rays: neither lines of sight nor the sunbeam are bent, whatever the refractive index of the medium
+    simple_phases: air scatters alike in all directions, whatever its depolarisation, and aerosol by Henyey and
+        Greenstein's function of its mean cosine
     wavelengths_at_once: most wavelengths of one `prepare`; the engine divides more into blocks of so many
     spectral_groups: a key for each wavelength of a medium under settings; wavelengths of different keys must not be
         solved in one block, where each would move the other's radiance; None: no wavelength moves another
@@ -106,6 +108,7 @@ class Capabilities:
     screen: bool = False
     finite_segments: bool = False
     straight_rays: bool = False
+    simple_phases: bool = False
     wavelengths_at_once: int = 32
     spectral_groups: Callable[[Medium, Any], Sequence[Hashable]] | None = None
     carried: Callable[[Any], bool] | None = None

@@ -7,6 +7,6 @@ In the order of the paper: `haber` (section 3), `grid` (4.1.2, 4.1.3), `ground` 
 from twilight.solvers.base import Capabilities
 from twilight.solvers.cells.haber import QUALITIES, CellsField, CellsSettings, cost, prepare
 
-CAPABILITIES = Capabilities(cost=cost)
+CAPABILITIES = Capabilities(simple_phases=True, cost=cost)
 
 __all__ = ["CAPABILITIES", "QUALITIES", "CellsField", "CellsSettings", "prepare"]

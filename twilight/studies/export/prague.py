@@ -25,7 +25,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of
 from twilight.base.whole_files import whole_folder
 from twilight.engine.sun_tables import AUREOLE_SUN_DEG, COLUMN_COUNT, ROW_COUNT
-from twilight.engine.table import first_columns, first_rows, row_breaks
+from twilight.engine.table import shared_columns, shared_rows
 from twilight.sky.table import DARKEST, SkyTable, stack
 from twilight.studies.export import prague_file
 from twilight.studies.export.prague_air import ChannelNodes, transmittance_of, transmittance_roots
@@ -190,8 +190,8 @@ class _Skies:
         self.maker, self.altitude_m = maker, altitude_m
         altitude_km = field.medium.bottom_km + 1e-3 * (altitude_m - SAFETY_M)
         self._horizon_deg = -horizon_dip_deg(field.medium, altitude_km)
-        rows = first_rows(*row_breaks(field.scene, altitude_km), ROW_COUNT)
-        columns = first_columns(COLUMN_COUNT)
+        rows = shared_rows(field.scene, altitude_km, ROW_COUNT)
+        columns = shared_columns(COLUMN_COUNT)
 
         def table(sun: float) -> SkyTable:
             nodes = {"rows_deg": rows, "columns_deg": columns}
