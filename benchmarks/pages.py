@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import results
@@ -102,7 +103,77 @@ def in_short() -> str:
     )
 
 
+def _zenith(name: str) -> str:
+    """Least and largest factor of a site's zenith, sun from 0 to -15 deg."""
+    return _range(
+        row["factor"] for row in _rows("photometry/levels.csv") if (row["climate"], row["site"]) == (AIR, name)
+    )
+
+
+def _range(values: Iterable[str | float]) -> str:
+    """Least to largest."""
+    numbers = sorted(float(value) for value in values)
+    return f"{numbers[0]:.2f} to {numbers[-1]:.2f}"
+
+
+AIR = "continental-average"
+"""The climate beside which photometers stand."""
+
+
+def measured_sets() -> str:
+    """Every measurement of real skies beside what is computed by default."""
+    levels = [row for row in _rows("photometry/levels.csv") if row["climate"] == AIR]
+    points = [row for row in _rows("photometry/points.csv") if row["climate"] == AIR]
+    meter = [
+        10.0 ** float(row["log10_ratio"])
+        for row in points
+        if row["quantity"].startswith("zenith, meter") and -12.0 <= float(row["sun_elevation_deg"]) <= -4.0
+    ]
+    moonlit = [
+        10.0 ** (-0.4 * float(row["difference_mag"]))
+        for row in _rows("moonlight.csv")
+        if float(row["phase_deg"]) <= 90.0 and float(row["moon_altitude_deg"]) < 45.0 and int(row["readings"]) >= 50
+    ]
+    evenings = [
+        row for row in _rows("red_twilight_fits.csv") if row["horizon"] == "typical" and row["session"] != "all"
+    ]
+    red, blue = ("/".join(row[f"{c}_over_recorded_median"] for row in evenings) for c in ("red", "blue"))
+    deep = next(row for row in _rows("deep_twilight.csv") if row["case"] == "typical, the site's ozone")
+    told = {row["case"]: row for row in _rows("deep_contrast.csv")}
+    contrast = "/".join(
+        f"{float(told['mountain'][f'{nm}_nm']) / float(told['measured'][f'{nm}_nm']):.2f}" for nm in (450, 540, 600)
+    )
+
+    def boss(*nm: int) -> str:
+        return "/".join(f"{float(deep[f'{w}_nm']):.2f}" for w in nm)
+
+    illuminance = _range(row["factor"] for row in levels if row["quantity"] == "illuminance")
+    rows = (
+        ("*levels*", "", "", ""),
+        ("illuminance of level ground", "+60 to -18", "many sites", illuminance),
+        ("luminance of the zenith", "0 to -15", "Maryland, 30 m", _zenith("Maryland")),
+        ("", "", "Sacramento Peak, 2.8 km", _zenith("Sacramento Peak")),
+        ("zenith, meter's band", "-4 to -12", "Cosmic Campground, 1.6 km; zero to 10 %", _range(meter)),
+        ("the same by moonlight", "moon below 45", "the same, clear quarter of the nights", _range(moonlit)),
+        ("*colours, shapes*", "", "", ""),
+        ("level ground, 650/550 nm", "0 to -6", "three rural evenings, clouds unknown", red),
+        ("450/550 nm", "", "", blue),
+        ("zenith, 420/450/530 over 500 nm", "-14 less -16", "Apache Point, 2.8 km, BOSS", boss(420, 450, 530)),
+        ("600/650", "", "", boss(600, 650)),
+        ("700/800/850", "", "", boss(700, 800, 850)),
+        (
+            "towards over away from the sun, blue/green/red",
+            "-14",
+            "Chile, 2.7 km, all-sky camera; `mountain`",
+            contrast,
+        ),
+    )
+    head = ["|quantity|sun [deg]|where, how well|computed over measured|", "|---|---|---|---|"]
+    return "\n".join(head + ["|" + "|".join(row) + "|" for row in rows])
+
+
 PARTS = {
+    "docs/how-true.md": {"measured sets": measured_sets},
     "docs/accuracy.md": {"errors of zones": errors, "times": times},
     "docs/three-papers.md": {"error budget": budget, "what leaving out costs": left_out},
     "README.md": {"in short": in_short},

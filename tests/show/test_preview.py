@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from twilight.clear_air.model import NUMBER
 from twilight.cli import preview, terminal
 from twilight.cli.app import app
 from twilight.config.load import load
@@ -78,7 +79,7 @@ def test_a_preview_is_written_said_and_taken_away(tmp_path, monkeypatch, capsys)
         said = capsys.readouterr().err
         assert str(path) in said and "is a preview" in said and "by its own estimate within" in said
         with Image.open(path) as picture:
-            assert "the model of clear air in place of pure-air" in picture.text["preview"]
+            assert f"model {NUMBER} of clear air in place of pure-air" in picture.text["preview"]
     assert not path.exists()
     with pytest.raises(KeyboardInterrupt), preview.show_preview(config, sun.name, path.parent):
         assert path.is_file()

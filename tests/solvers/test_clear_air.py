@@ -41,6 +41,7 @@ from twilight.config.load import load_climate
 from twilight.engine import solve
 from twilight.scene import resolve
 from twilight.scene.medium import climate_medium
+from twilight.show.sliders import model_text
 from twilight.solvers.zones.air_needs import degree_needed
 from twilight.solvers.zones.settings import QUALITIES
 
@@ -444,3 +445,21 @@ def test_nothing_is_compiled_for_a_picture(tmp_path):
     assert "compiles" not in done.stderr
     assert (tmp_path / "sky" / "sky.png").stat().st_size > 10_000
     assert not list(cache.rglob("*.nb[ci]"))
+
+
+PIXELS = {
+    "continental-average": (0.215857, 0.00929699, 0.00154637, 0.000125282, 4.21535e-07, 1.71555e-08),
+    "desert": (0.201649, 0.0115027, 0.00142214, 0.000143377, 3.62163e-07, 2.38344e-08),
+    "volcanic-stratosphere": (0.18913, 0.00875053, 0.0014296, 5.69319e-05, 5.73202e-07, 9.87999e-09),
+}
+"""Radiance of model 1 at 550 nm under suns of 20, -3 and -11 deg in two directions [sr^-1]."""
+
+
+@pytest.mark.parametrize("climate", PIXELS)
+def test_what_moves_a_pixel_raises_the_number_of_the_model(climate):
+    """Files of one number would hold other skies: raise `NUMBER`, here and in clear_air.js, and renew PIXELS."""
+    field = solve(resolve(scene(climate=climate)))
+    found = np.array([field.radiance(sun, [8.0, 70.0], [20.0, 150.0])[:, 2] for sun in (20.0, -3.0, -11.0)])
+    assert clear_air.model.NUMBER == 1 and "MODEL_NUMBER = 1;" in model_text()
+    assert found.ravel() == pytest.approx(np.array(PIXELS[climate]), rel=2e-4)
+    assert field.blocks[0].field.facts == {"clear_air_model": 1}

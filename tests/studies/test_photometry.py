@@ -12,6 +12,7 @@ from closed_sky import ClosedSky
 from montecarlo_media import hazy_earth
 from typer.testing import CliRunner
 
+import twilight
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
 from twilight.config import load
@@ -208,6 +209,14 @@ def test_tables_and_picture(tmp_path):
     assert lines[0].split(",") == list(report.POINT_COLUMNS) and len(lines) == 1 + len(points)
     assert sum(line.endswith(",,") for line in lines) == len(KOOMEN_SITES)
     assert (tmp_path / "picture.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.slow
+def test_the_mountains_sky_has_the_contrast_that_a_camera_saw_there():
+    """Haze above a mountain would be that of the land around: twice as much, the contrast 10 % too large."""
+    field = twilight.solve("mountain", solver="zones", wavelength_nm=[540.0], settings={"solver.quality": "draft"})
+    towards, away = field.radiance(-14.0, np.full(2, 30.0), np.array([0.0, 180.0]))[:, 0]
+    assert towards / away == pytest.approx(2.07, rel=0.03)  # all-sky camera, Chile, 2.7 km
 
 
 @pytest.mark.slow

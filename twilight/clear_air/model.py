@@ -13,6 +13,8 @@ import numpy as np
 from .shells import ABSORPTION, AIR, ALTITUDE_KM, EXTINCTION, HIGH, LOW, Air, single, summed
 
 FORMAT = "twilight clear air 3"
+NUMBER = 1
+"""Of the model: file, closed forms and numerics together; whatever moves a pixel raises it."""
 SUN_DEG = np.concatenate(
     [[-18, -16.5, -15, -13.5], np.arange(-12, 3), [3.5, 5, 7.5, 10, 15], np.arange(20.0, 91.0, 10.0)]
 )

@@ -45,9 +45,11 @@ class Preview:
     @property
     def sentence(self) -> str:
         """What it is, and how wrong."""
+        from twilight.clear_air.model import NUMBER  # start-up: numpy
+
         return (
-            f"the model of clear air in place of {self.climate}, by its own estimate within {100 * self.error:.2g} % "
-            "in 95 % of the directions"
+            f"model {NUMBER} of clear air in place of {self.climate}, by its own estimate within "
+            f"{100 * self.error:.2g} % in 95 % of the directions"
         )
 
 

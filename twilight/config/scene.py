@@ -80,9 +80,9 @@ class HorizonScreen(Section):
 
 
 TYPICAL: dict[str, Any] = {"heights_km": [8.0, 9.5], "transmission": [0.15, 1.0], "from_km": 300.0}
-"""`horizon: typical`: the screen with which three recorded evenings (Spitschan et al. 2016) have the change of 650/550
-and 450/550 nm from their sensor's day within 15 % in the median from 0 to -6 deg, the zenith 0.10 mag fainter at most;
-single evenings are 0.8 to 1.5 and 0.6 to 1.15 times off (docs/validation.md)."""
+"""`horizon: typical`: clouds and haze far beyond the horizon, as three recorded evenings have them (Spitschan et al.
+2016).  A joint fit to these, a meter of the zenith and the zenith in deep twilight allows 7 to 12 km, 0 to 0.65 and 0
+to 450 km (68 %; benchmarks/usual_screen.py), and holds this screen."""
 
 
 class Horizon(Section):

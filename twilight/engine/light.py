@@ -20,6 +20,7 @@ import numpy as np
 from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
+from twilight.clear_air.model import NUMBER
 from twilight.config.load import load
 from twilight.config.scene import Config
 from twilight.engine.field import Field, solve
@@ -222,7 +223,7 @@ def _solved(config: Config, progress: Progress | None) -> LightField:
     if not config.solver:
         try:
             quick = _field(config.model_copy(update={"solver": dict(AT_ONCE)}), progress)
-            return replace(quick, chosen="solver: compact, the model of all clear air, for none is named")
+            return replace(quick, chosen=f"solver: compact, model {NUMBER} of all clear air, for none is named")
         except TwilightError as error:
             why = f"solver: {solvers.DEFAULT}, for none is named and compact cannot serve here ({error})"
     return replace(_field(config, progress), chosen=why)

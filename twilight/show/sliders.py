@@ -14,7 +14,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightError
 from twilight.clear_air.entry import HIGHEST_OBSERVER_KM, SHIPPED, check_air, check_medium, shipped_model
-from twilight.clear_air.model import SUN_DEG
+from twilight.clear_air.model import NUMBER, SUN_DEG
 from twilight.clear_air.of_medium import air_of
 from twilight.clear_air.shells import ABSORPTION, EXTINCTION, HIGH, Air
 from twilight.engine.table import first_rows, shared_columns
@@ -89,7 +89,14 @@ def view_air(scene: Scene, *, name: str, start: dict[str, Any] | None = None) ->
         "altitude_km": [medium.bottom_km],
         "highest_km": medium.bottom_km + HIGHEST_OBSERVER_KM,
         "sun_deg": [float(SUN_DEG[0]), float(SUN_DEG[-1])],
-        "air": {"now": now, "most": most, "column": around, "columns": COLUMNS_DEG.tolist(), "screen": _screen(medium)},
+        "air": {
+            "now": now,
+            "most": most,
+            "column": around,
+            "columns": COLUMNS_DEG.tolist(),
+            "screen": _screen(medium),
+            "model": NUMBER,
+        },
         "worker": model_text() + program_text("sky_worker.js"),
     }
     nodes = {"sun_node_deg": [0.0], "spectrum_sun_deg": [0.0], "lift_deg": [[0.0]], "horizon_deg": [0.0]}

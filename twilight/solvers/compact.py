@@ -9,7 +9,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
 from twilight.base.sections import option, settings
 from twilight.clear_air.entry import ClearAir, checked_observer, skies
-from twilight.clear_air.model import SUN_DEG
+from twilight.clear_air.model import NUMBER, SUN_DEG
 from twilight.solvers.base import BareField, Capabilities, Cost, ModelError
 
 
@@ -70,6 +70,7 @@ class Field(BareField):
     def __init__(self, air: ClearAir, observer_altitude_km: float, polarisation: bool):
         self.air, self.medium, self._polarised = air, air.medium, polarisation
         self._altitude_km = checked_observer(self.medium, observer_altitude_km)
+        self.facts = {"clear_air_model": NUMBER}
 
     @property
     def polarised(self) -> bool:

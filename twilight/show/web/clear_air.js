@@ -1,4 +1,5 @@
 // The light of every clear sky: a port of model.py, skies.py and sky.py of twilight/clear_air (see shells.js).
+const MODEL_NUMBER = 1;
 const SUN_DEG = [-18, -16.5, -15, -13.5, ...steps(-12, 3, 1), 3.5, 5, 7.5, 10, 15, ...steps(20, 91, 10)];
 const ELEVATION_DEG = [0, 1, 2.5, 5, 8, 12, 17, 23, 30, 38, 47, 57, 68, 79, 90], AZIMUTH_DEG = [0, 6, 12, 20, 30, 45, 60, 80, 100, 120, 140, 160, 180];
 const NODES = ELEVATION_DEG.length * AZIMUTH_DEG.length, BASE_ELEVATION_DEG = [0, 3, 6, 10, 14].map((i) => ELEVATION_DEG[i]), BASE_AZIMUTH_DEG = [0, 6, 12].map((i) => AZIMUTH_DEG[i]);

@@ -26,7 +26,7 @@ function statusOf(sun) {
   if (moon) words.push(`moon ${minus(moon.elevation.toFixed(2))}°, ${azimuthText(moon.azimuth)}`);
   if (sun.shown !== sun.elevation && !inSpace()) words.push(`light of ${minus(sun.shown.toFixed(0))}°`);
   words.push(shot.adapted === undefined ? `EV100 ${minus(shot.ev.toFixed(1))}` : `eye adapted to ${shot.adapted.toPrecision(2)} cd m⁻²`);
-  if (HEAD.kind === "air") words.push(`radiance ±${(100 * sliders.error).toFixed(1)} %`);
+  if (HEAD.kind === "air") words.push(`radiance ±${(100 * sliders.error).toFixed(1)} %`, `model ${HEAD.air.model}`);
   return words.join(", ");
 }
 
