@@ -12,6 +12,7 @@ from typing import get_type_hints
 import numpy as np
 import pytest
 import typer
+from typer.testing import CliRunner
 
 import twilight
 from twilight.atmosphere.csv_columns import read_columns
@@ -63,6 +64,20 @@ def test_the_horizon_dips():
     assert high["sunset"].elevation_deg == pytest.approx(-0.8333 - 2.080, abs=0.01)
     assert abs((high["civil dusk"].time - low["civil dusk"].time).total_seconds()) <= 1.0
     assert (low["sunrise"].time - high["sunrise"].time).total_seconds() / 60.0 == pytest.approx(later, abs=0.3)
+
+
+def test_options_of_a_command_reach_what_it_calls(monkeypatch):
+    """The sunset of `light` from a mountain would be that of the sea: the altitude sets more than a key."""
+    given = {}
+
+    def asked(*args, **kwargs):
+        given.update(kwargs)
+        raise TwilightError("asked")
+
+    monkeypatch.setattr("twilight.api.light.light", asked)
+    words = "light urban --at sunset --latitude 48 --longitude 371.5 --altitude-km 3 --quality draft"
+    assert "asked" in CliRunner().invoke(app, [*words.split(), "--set", "ground.albedo=0.5"]).stderr
+    assert (given["altitude_km"], given["quality"], given["settings"]) == (3.0, "draft", {"ground.albedo": 0.5})
 
 
 def test_sunset_is_one_moment_everywhere():

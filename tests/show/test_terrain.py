@@ -21,7 +21,16 @@ from twilight.solvers.analytic import preetham
 from twilight.solvers.analytic.daylight import hemisphere
 from twilight.terrain.aerial_perspective import AerialPerspective, sunlit_air
 from twilight.terrain.heights import Heights, Standpoint, heights_of
-from twilight.terrain.march import ShadowGrid, TerrainAir, first_hits, height_at, shadow_over, sunlight_on_lines
+from twilight.terrain.march import (
+    Lines,
+    ShadowGrid,
+    SunlightSums,
+    TerrainAir,
+    first_hits,
+    height_at,
+    shadow_over,
+    sunlight_on_lines,
+)
 from twilight.terrain.scene import FormulaField, SunlitAir, Viewpoint, add_terrain
 from twilight.transport.beam import beam_at, prepare_beam
 from twilight.transport.scaling import species_phase
@@ -47,9 +56,9 @@ def wall(distance_km: float, altitude_km: float) -> Heights:
 def test_lines_end_on_a_plateau_where_the_sphere_is(elevation_deg):
     """Lines of sight would end before or behind the land."""
     e, a, out = np.radians([elevation_deg]), np.array([0.7]), np.empty(1)
-    first_hits(flat(1.0), RADIUS, 0.0, 3.0, e, a, 400.0, out, 0, 1)
+    first_hits(flat(1.0), 0.0, Lines(RADIUS, 3.0, e, a, np.array([400.0])), out, 0, 1)
     assert out[0] == pytest.approx(distance_to_sphere(3.0, math.sin(e[0]), 1.0, RADIUS), rel=1e-5)
-    first_hits(flat(1.0), RADIUS, 0.0, 3.0, -e, a, 400.0, out, 0, 1)
+    first_hits(flat(1.0), 0.0, Lines(RADIUS, 3.0, -e, a, np.array([400.0])), out, 0, 1)
     assert np.isinf(out[0])
 
 
@@ -75,12 +84,10 @@ def air():
 def sunlight(shadow, table, beam, to_sun, elevation, azimuth, end_km, steps):
     """(whole, dark) (D, S, W) and the dark length (D,) of `sunlight_on_lines`."""
     shape = (elevation.size, table.scattering.shape[0], table.scattering.shape[2])
-    whole, dark, length = np.zeros(shape), np.zeros(shape), np.zeros(elevation.size)
-    sunlight_on_lines(
-        shadow, table, beam, RADIUS, 0.0, to_sun, elevation, azimuth, end_km, steps, False, whole, dark, length, 0,
-        elevation.size,
-    )  # fmt: skip
-    return whole, dark, length
+    sums = SunlightSums(np.zeros(shape), np.zeros(shape), np.zeros(elevation.size), steps, False)
+    lines = Lines(RADIUS, 0.0, elevation, azimuth, end_km)
+    sunlight_on_lines(shadow, table, beam, lines, to_sun, sums, 0, elevation.size)
+    return sums[:3]
 
 
 def test_dark_light_of_an_even_slab(air):

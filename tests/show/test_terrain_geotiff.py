@@ -166,12 +166,13 @@ def test_what_a_file_says_is_refused_where_it_is_not_known(tmp_path):
 def test_searches_end_whatever_the_steps_are(plain):
     """Steps of a field that never pass the end: the searches along lines are bounded."""
     from twilight.terrain.heights import Heights
-    from twilight.terrain.march import first_hits
+    from twilight.terrain.march import Lines, first_hits
 
     for step in (-0.1, 0.0, math.nan):
         made = Heights(np.zeros((4, 4), np.float32), -0.2, -0.2, 0.1, step, 1.0, 0.0, 1.0)
         out = np.empty(1)
-        first_hits(made, RADIUS, 0.0, 0.5, np.array([-0.001]), np.zeros(1), 600.0, out, 0, 1)
+        lines = Lines(RADIUS, 0.5, np.array([-0.001]), np.zeros(1), np.array([600.0]))
+        first_hits(made, 0.0, lines, out, 0, 1)
         shadow_over(made, RADIUS, 0.0, 0.0, 0.1)
 
 

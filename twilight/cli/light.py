@@ -60,7 +60,8 @@ def light(
         with progress_bar() as progress:
             values = light_of(
                 (place.latitude, place.longitude), list(at), some, wanted, climate, sources=source,
-                time_zone=place.time_zone, settings=keys.chosen()[0], progress=progress,
+                time_zone=place.time_zone, altitude_km=keys.altitude_km, quality=keys.quality,
+                settings=options.settings_of(keys.settings)[0], progress=progress,
             )  # fmt: skip
         if " " in values.attrs["solver"]:
             said[values.attrs["solver"]] = None

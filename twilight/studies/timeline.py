@@ -224,26 +224,9 @@ def timeline(
 ) -> TimeSeries:
     """Values of columns at times, and the times at which conditions begin and end to hold.
 
-    Parameters
-    ----------
-    light
-        A field that covers the quantities.
-    latitude_deg, longitude_deg
-        Of the place [deg].
-    times
-        Of the rows, with offsets, in their order.
-    columns, conditions
-        What is tabulated, and what is looked for.
-    time_zone
-        Of the marks; None: UTC.
-    progress
-        Called as progress(doing, fraction) now and then.
-
-    Raises
-    ------
-    TwilightError
-        For times outside the ephemeris.
-    """
+    light: a field that covers the quantities; times: of the rows, with offsets, in their order; columns, conditions:
+    what is tabulated, and what is looked for; time_zone: of the marks, None: UTC.
+    Errors: TwilightError for times outside the ephemeris."""
 
     def moments_of(at: Sequence[datetime]) -> Moments:
         count = len(at)

@@ -11,7 +11,7 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.base.conventions import DARK
 from twilight.base.threads import in_slices
-from twilight.terrain.march import ShadowGrid, TerrainAir, sunlight_on_lines
+from twilight.terrain.march import Lines, ShadowGrid, SunlightSums, TerrainAir, sunlight_on_lines
 from twilight.transport.beam import Beam
 from twilight.transport.scaling import delta_scaled, species_phase
 
@@ -96,18 +96,13 @@ class AerialPerspective:
         """Sunlight on each species along the nodes' lines, without phase functions, (E, A, D, S, W)."""
         nowhere = ShadowGrid(np.full((2, 2), -1e9), -1.0, -1.0, 2.0, -1e9)
         shape = (e.size, air.scattering.shape[0], medium.n_wavelengths)
-        whole, dark, length = np.zeros(shape), np.zeros(shape), np.zeros(e.size)
+        sums = SunlightSums(np.zeros(shape), np.zeros(shape), np.zeros(e.size), STEPS, True)
         true_sun = np.radians(place.sun_elevation_deg)
         to_sun = np.array([np.sin(true_sun), np.cos(true_sun)])
-        elevation, azimuth, end = np.radians(e.ravel()), np.radians(a.ravel()), d.ravel()
-        in_slices(
-            lambda i, j: sunlight_on_lines(
-                nowhere, air, beam, medium.earth_radius_km, place.altitude_km, to_sun, elevation, azimuth, end, STEPS,
-                True, whole, dark, length, i, j,
-            ),
-            e.size,
-        )  # fmt: skip
-        return whole.reshape(*e.shape, *shape[1:])
+        angles = np.radians(e.ravel()), np.radians(a.ravel())
+        lines = Lines(medium.earth_radius_km, place.altitude_km, *angles, d.ravel())
+        in_slices(lambda i, j: sunlight_on_lines(nowhere, air, beam, lines, to_sun, sums, i, j), e.size)
+        return sums.whole.reshape(*e.shape, *shape[1:])
 
     def _length_km(self, elevation_deg: np.ndarray) -> np.ndarray:
         down = -self.radius_km * np.sin(np.radians(elevation_deg))

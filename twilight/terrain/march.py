@@ -14,8 +14,8 @@ does not see the sun, e its apparent elevation there (the sun's bends are those 
 Mountains far beyond the horizon towards the sun are in it like any others.
 
 Arguments that the kernels share: field: `Heights`; radius_km: the Earth's; start_km: altitude of the observer; x, y
-[km]: of a place, along the ground to the right of the sun's azimuth and towards it; elevation, azimuth (D,) [rad]: of
-lines, azimuth from the sun to the right; (begin, end): the first row and the one after the last.
+[km]: of a place, along the ground to the right of the sun's azimuth and towards it; lines: `Lines`; (begin, end): the
+first row and the one after the last.
 """
 
 import math
@@ -59,6 +59,17 @@ def height_at(field, x, y):
     return bilinear(field.altitude_km, u, v)
 
 
+class Lines(NamedTuple):
+    """Straight lines from the observer: elevation, azimuth (D,) [rad], azimuth from the sun to the right; far_km (D,):
+    how far they go."""
+
+    radius_km: float
+    start_km: float
+    elevation: np.ndarray
+    azimuth: np.ndarray
+    far_km: np.ndarray
+
+
 @njit(inner=True, cache=True)
 def place_on(start_km, radius_km, sine, cosine, s):
     """(altitude [km], distance along the sphere [km]) after s km of a line from altitude start_km above the sphere.
@@ -72,11 +83,12 @@ def place_on(start_km, radius_km, sine, cosine, s):
 
 
 @njit(cache=True)
-def first_hits(field, radius_km, bottom_km, start_km, elevation, azimuth, far_km, out, begin, end):
+def first_hits(field, bottom_km, lines, out, begin, end):
     """Distance [km] of the ground along lines, into out (D,); inf: there is none.
 
-    bottom_km: altitude of the ground beyond the field; far_km: the lines' greatest length.
+    bottom_km: altitude of the ground beyond the field.
     """
+    radius_km, start_km, elevation, azimuth, far_km = lines
     finest = 0.5 * min(field.step_x_km, field.step_y_km)
     for d in range(begin, end):
         sine, cosine = math.sin(elevation[d]), math.cos(elevation[d])
@@ -84,7 +96,7 @@ def first_hits(field, radius_km, bottom_km, start_km, elevation, azimuth, far_km
         out[d] = np.inf
         s, before = 0.0, 0.0
         for _ in range(MOST_STEPS):
-            if s >= far_km:
+            if s >= far_km[d]:
                 break
             s += max(finest, 0.002 * s)
             z, along = place_on(start_km, radius_km, sine, cosine, s)
@@ -166,6 +178,17 @@ class TerrainAir(NamedTuple):
     scattering: np.ndarray
 
 
+class SunlightSums(NamedTuple):
+    """Sums over the parts of lines, into whole, dark (D, S, W) [1] for lines with a shadow on them, for all where
+    `every` is set; length (D,) [km]: of the dark parts; steps: parts of each line."""
+
+    whole: np.ndarray
+    dark: np.ndarray
+    length: np.ndarray
+    steps: int
+    every: bool
+
+
 class ShadowGrid(NamedTuple):
     """`shadow_over` on a grid: altitude_km (N, M) at rows low_y_km + i step_km, columns low_x_km + j step_km."""
 
@@ -209,18 +232,16 @@ def dark_fractions(shadow, radius_km, start_km, sine, cosine, sine_azimuth, cosi
 
 
 @njit(cache=True)
-def sunlight_on_lines(
-    shadow, air, beam, radius_km, start_km, to_sun, elevation, azimuth, end_km, steps, every, whole, dark, length,
-    begin, end
-):  # fmt: skip
+def sunlight_on_lines(shadow, air, beam, lines, to_sun, sums, begin, end):
     """Sunlight that each species would scatter once towards the eye along lines, without its phase function.
 
         whole = sum over steps of ds sigma_s E exp(-depth),      dark: the same over the parts that lie in shadow.
 
-    whole, dark (D, S, W) [1]: filled for lines with a shadow on them, for all where `every` is set; length (D,) [km]:
-    of the dark parts; shadow: `ShadowGrid`; air: `TerrainAir`; beam: `Beam`; to_sun (2,): sine and cosine of the sun's
-    true elevation at the observer; end_km: length of the lines; steps: parts of each line.
+    shadow: `ShadowGrid`; air: `TerrainAir`; beam: `Beam`; to_sun (2,): sine and cosine of the sun's true elevation at
+    the observer; sums: `SunlightSums`.
     """
+    radius_km, start_km, elevation, azimuth, end_km = lines
+    whole, dark, length, steps, every = sums
     n_w = whole.shape[2]
     light, depth = np.empty(n_w), np.empty(n_w)
     fraction = np.empty(steps)
@@ -252,13 +273,14 @@ def sunlight_on_lines(
 
 
 @njit(cache=True)
-def lit_ground(field, beam, radius_km, start_km, sun, true_sun, elevation, azimuth, far_km, direct, about, begin, end):
+def lit_ground(field, beam, lines, sun, true_sun, direct, about, begin, end):
     """The sun's irradiance of the ground where lines (D,) end, over F0, direct (D, W).
 
     sun, true_sun [rad]: apparent and true elevation at the observer; about (D, 3): cosine of the slope of the ground,
-    how far towards the sun it lies [km], and whether it is within the field.  far_km (D,): distance of the ground along
-    each line; direct (D, W): filled where the sun reaches the ground; beam: `Beam`.
+    how far towards the sun it lies [km], and whether it is within the field.  direct (D, W): filled where the sun
+    reaches the ground; beam: `Beam`.
     """
+    radius_km, start_km, elevation, azimuth, far_km = lines
     step = 0.75 * min(field.step_x_km, field.step_y_km)
     light = np.empty(direct.shape[1])
     for d in range(begin, end):

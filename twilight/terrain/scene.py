@@ -24,7 +24,16 @@ from twilight.base.threads import in_slices
 from twilight.numerics.directions import azimuth_elevation
 from twilight.terrain.aerial_perspective import AerialPerspective, sunlit_air
 from twilight.terrain.heights import Heights
-from twilight.terrain.march import ShadowGrid, first_hits, height_at, lit_ground, shadow_field, sunlight_on_lines
+from twilight.terrain.march import (
+    Lines,
+    ShadowGrid,
+    SunlightSums,
+    first_hits,
+    height_at,
+    lit_ground,
+    shadow_field,
+    sunlight_on_lines,
+)
 from twilight.transport.beam import Beam, beam_at
 from twilight.transport.scaling import species_phase
 
@@ -114,10 +123,8 @@ def add_terrain(
     inside = np.isfinite(elevation_deg)
     e, a = np.radians(elevation_deg[inside]), np.radians(azimuth_deg[inside])
     far = np.empty(e.size)
-    in_slices(
-        lambda i, j: first_hits(heights, radius, medium.bottom_km, place.altitude_km, e, a, FARTHEST_KM, far, i, j),
-        e.size,
-    )
+    straight = Lines(radius, place.altitude_km, e, a, np.full(e.size, FARTHEST_KM))
+    in_slices(lambda i, j: first_hits(heights, medium.bottom_km, straight, far, i, j), e.size)
     lines = _Lines(heights, lit, albedo, shadows, mapped, e, a, far)
     light = np.array(sky[inside], dtype=np.float32)
     for start in range(0, e.size, LINES_AT_ONCE):
@@ -200,30 +207,21 @@ class _Lines:
         """(lit fraction (D, S, W) of the sunlight on lines, light (D, W) that shadows take away, dark length (D,))."""
         assert self.shadow is not None
         shape = (e.size, self.air.scattering.shape[0], self.medium.n_wavelengths)
-        whole, dark, length = np.zeros(shape), np.zeros(shape), np.zeros(e.size)
+        sums = SunlightSums(np.zeros(shape), np.zeros(shape), np.zeros(e.size), STEPS, False)
         end = np.where(np.isfinite(far), far, _leaves(self.shadow, self.place.altitude_km, self.radius, e))
         to_sun = np.array([np.sin(self.true_sun), np.cos(self.true_sun)])
-        in_slices(
-            lambda i, j: sunlight_on_lines(
-                self.shadow, self.air, self.beam, self.radius, self.place.altitude_km, to_sun, e, a, end, STEPS, False,
-                whole, dark, length, i, j,
-            ),
-            e.size,
-        )  # fmt: skip
-        lit = 1.0 - np.divide(dark, whole, out=np.zeros(shape), where=whole > 0.0)
-        return np.maximum(lit, 0.0), (phase * dark).sum(axis=1), length
+        lines = Lines(self.radius, self.place.altitude_km, e, a, end)
+        about = self.shadow, self.air, self.beam
+        in_slices(lambda i, j: sunlight_on_lines(*about, lines, to_sun, sums, i, j), e.size)
+        lit = 1.0 - np.divide(sums.dark, sums.whole, out=np.zeros(shape), where=sums.whole > 0.0)
+        return np.maximum(lit, 0.0), (phase * sums.dark).sum(axis=1), sums.length
 
     def _ground(self, e: np.ndarray, a: np.ndarray, far: np.ndarray) -> np.ndarray:
         """Radiance (D, W) of the ground where lines end."""
         assert self.sky is not None
         direct, about = np.zeros((e.size, self.medium.n_wavelengths)), np.zeros((e.size, 3))
-        in_slices(
-            lambda i, j: lit_ground(
-                self.heights, self.beam, self.radius, self.place.altitude_km, self.sun, self.true_sun, e, a, far,
-                direct, about, i, j,
-            ),
-            e.size,
-        )  # fmt: skip
+        lines, suns = Lines(self.radius, self.place.altitude_km, e, a, far), (self.sun, self.true_sun)
+        in_slices(lambda i, j: lit_ground(self.heights, self.beam, lines, *suns, direct, about, i, j), e.size)
         sky = self.sky.at(*_ends(self.radius, self.place.altitude_km, e, a, far))
         reflects = np.where(about[:, 2:] > 0.0, self.albedo, self.medium.ground_albedo)
         if self.mapped is not None:
