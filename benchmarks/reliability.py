@@ -1,6 +1,8 @@
 """The long tests, their results and times.
 
     python benchmarks/reliability.py [FILE ...]    run the long tests of these files, or of all, in turn
+    python benchmarks/reliability.py stale         those of files without a row, or with one that failed; rows of files
+                                                   that are gone go
 
 Each file's long tests run as `pytest -m slow tests/FILE` in one process, which names the eight dearest; the processor
 time is that of the command with all that it started and compiled.  Writes results/slow_tests.csv, in which the files
@@ -29,6 +31,11 @@ def slow_files() -> list[str]:
     )
 
 
+def stale(rows: dict[str, dict[str, str]]) -> list[str]:
+    """Files of long tests that the table does not have, or whose tests failed."""
+    return [file for file in slow_files() if file not in rows or int(rows[file]["failed"])]
+
+
 def run_tests(file: str) -> tuple[int, int, int, float]:
     """(long tests, passed, failed, processor seconds)."""
     before = os.times()
@@ -55,10 +62,14 @@ def processor() -> str:
 
 def tests(files: list[str]) -> None:
     """slow_tests.csv"""
-    commit = results.commit().removeprefix("commit ")
-    for file in files or slow_files():
+    commit, known = results.commit().removeprefix("commit "), slow_files()
+    wanted = files or known
+    if files == ["stale"]:
+        wanted = stale({row["file"]: row for row in results.read_rows(TESTS)})
+    for file in wanted:
         row = run_tests(file)
-        rows = {r["file"]: tuple(r.values()) for r in results.read_rows(TESTS)} if TESTS.exists() else {}
+        stored = results.read_rows(TESTS) if TESTS.exists() else []
+        rows = {r["file"]: tuple(r.values()) for r in stored if r["file"] in known}
         rows[file] = (file, *map(str, row[:3]), f"{row[3]:.0f}", processor(), commit)
         results.write(TESTS, COLUMNS, sorted(rows.values()), command="python benchmarks/reliability.py")
 

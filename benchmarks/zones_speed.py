@@ -2,6 +2,8 @@
 
     python benchmarks/zones_speed.py           writes results/zones_speed.csv
     python benchmarks/zones_speed.py profile   prints where a field's time goes, in two climates
+    python benchmarks/zones_speed.py busy      prints a new air and sun as people ask for them, by `zones` and
+                                               `compact`, alone and beside two processes that spin
 
 Eight wavelengths, one thread, kernels compiled before; continental air, and desert in the profile.  A sky is 120 x 30
 directions of a `standard` field for a sun that it has not been asked for before, the least time of three.
@@ -12,6 +14,7 @@ from __future__ import annotations
 import cProfile
 import os
 import pstats
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -78,6 +81,35 @@ def profile(climate: str, quality: str) -> None:
         print(climate, quality, line, f"{seconds:.2f}", f"{100.0 * seconds / total:.0f} %", sep="\t", flush=True)
 
 
+ASKED = """
+import sys, time, twilight
+def sky(depth):
+    air = twilight.load("continental-average", {"climate.aerosol.optical_depth_550nm": depth})
+    twilight.solve(air, solver=sys.argv[1], quality=sys.argv[2]).radiance(-4.0, 30.0, 10.0)
+sky(0.2)
+begin = time.process_time()
+for n in range(5):
+    sky(0.21 + 0.01 * n)
+print((time.process_time() - begin) / 5.0)
+"""
+"""Processor seconds of a new air and its sun in a warm process, on as many threads as numpy takes by itself."""
+
+
+def busy() -> None:
+    """Print those seconds alone and beside two processes that spin."""
+    free = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")} | {"NUMBA_NUM_THREADS": "1"}
+    for beside in (0, 2):
+        spinning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(beside)]
+        try:
+            for words in (("compact", "standard"), ("zones", "draft")):
+                command = [sys.executable, "-c", ASKED, *words]
+                done = subprocess.run(command, env=free, check=True, capture_output=True, text=True)
+                print(*words, f"beside {beside}", f"{float(done.stdout):.3f}", sep="\t", flush=True)
+        finally:
+            for one in spinning:
+                one.kill()
+
+
 def main() -> None:
     """Measure and write the table."""
     climate = load_climate("continental-average")
@@ -111,5 +143,7 @@ if __name__ == "__main__":
         for of_climate in ("continental-average", "desert"):
             for at_quality in ("draft", "standard"):
                 profile(of_climate, at_quality)
+    elif sys.argv[1:] == ["busy"]:
+        busy()
     else:
         main()

@@ -1,5 +1,6 @@
 """A headless browser with software WebGL 2 for tests of pages, served from loopback."""
 
+import atexit
 import functools
 import http.server
 import shutil
@@ -30,12 +31,37 @@ def program_of() -> str | None:
     return next((found for name in NAMES if (found := shutil.which(name))), None)
 
 
+_running: dict[tuple[str, ...], Any] = {}
+"""By its options the browser of the tests of one file: to start one takes half a processor second."""
+
+
+def close_browser() -> None:
+    """End it; while it runs nothing else in the process can run a loop of asyncio."""
+    while _running:
+        _, (playwright, browser) = _running.popitem()
+        browser.close()
+        playwright.stop()
+
+
+atexit.register(close_browser)
+
+
+def _browser(program: str) -> Any:
+    if OPTIONS not in _running:
+        close_browser()
+        from playwright.sync_api import sync_playwright
+
+        playwright = sync_playwright().start()
+        _running[OPTIONS] = playwright, playwright.chromium.launch(executable_path=program, args=list(OPTIONS))
+    return _running[OPTIONS][1]
+
+
 @contextmanager
 def open_page(
     path: Path, width: int = 320, height: int = 180, *, from_disk: bool = False, **options: Any
 ) -> Iterator[tuple[Any, list[str]]]:
     """A page of playwright's that has loaded `path`, and a list that errors of the console come into."""
-    sync = pytest.importorskip("playwright.sync_api", reason="needs the package playwright")
+    pytest.importorskip("playwright.sync_api", reason="needs the package playwright")
     program = program_of()
     if program is None:
         pytest.skip("needs a browser: apt-get install chromium-headless-shell")
@@ -44,16 +70,17 @@ def open_page(
     threading.Thread(target=server.serve_forever, daemon=True).start()
     errors: list[str] = []
     try:
-        with sync.sync_playwright() as playwright:
-            browser = playwright.chromium.launch(executable_path=program, args=list(OPTIONS))
-            page = browser.new_page(viewport={"width": width, "height": height}, **options)
-            page.on("console", lambda m: errors.append(m.text) if m.type == "error" else None)
-            page.on("pageerror", lambda error: errors.append(str(error)))
-            page.goto(path.as_uri() if from_disk else f"http://127.0.0.1:{server.server_port}/{path.name}")
-            until(page, "!!window.twilight || document.querySelector('#message').innerText.includes('cannot')")
-            assert page.evaluate("!!window.twilight"), f"{page.inner_text('#message')} {errors}"
-            yield page, errors
-            browser.close()
+        page = _browser(program).new_page(viewport={"width": width, "height": height}, **options)
+        page.on("console", lambda m: errors.append(m.text) if m.type == "error" else None)
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.goto(path.as_uri() if from_disk else f"http://127.0.0.1:{server.server_port}/{path.name}")
+        until(page, "!!window.twilight || document.querySelector('#message').innerText.includes('cannot')")
+        assert page.evaluate("!!window.twilight"), f"{page.inner_text('#message')} {errors}"
+        yield page, errors
+        page.context.close()
+    except BaseException:
+        close_browser()
+        raise
     finally:
         server.shutdown()
 

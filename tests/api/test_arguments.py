@@ -21,8 +21,8 @@ from twilight import solvers
 from twilight.api.arguments import places_of, times_of
 from twilight.base.arguments import unit_in
 from twilight.base.errors import TwilightError
-from twilight.engine.block import Block
 from twilight.sky.sky import Sky
+from twilight.solvers.analytic import preetham
 
 FAST = {"solver": "preetham", "settings": {"texture.resolution_deg": 15, "wavelengths.list_nm": [450, 550, 650]}}
 ASTROPY = {"deg": u.deg, "km": u.km, "nm": u.nm}
@@ -35,8 +35,8 @@ def test_products_of_matrices_take_one_thread_in_all_that_people_call(monkeypatc
     counts = {}
     deep = {
         "resolve": (solvers, "load"),
-        "solve": (Block, "_prepare"),
-        "ask": (Block, "answer"),
+        "solve": (preetham, "prepare"),
+        "ask": (preetham.PreethamField, "radiance"),
         "read": (Sky, "_sample"),
     }
 

@@ -1,6 +1,7 @@
 """One page of two fields, of a quarter of the suns, for all tests of pages that need no light of their own."""
 
 import pytest
+from browser import close_browser
 from closed_sky import COARSE, closed
 
 from twilight.engine import sun_tables
@@ -20,3 +21,10 @@ def page_of_two(tmp_path_factory):
             nodes=COARSE,
         )
     return page.save(tmp_path_factory.mktemp("two") / "two.html")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_browser_for_the_tests_of_a_file():
+    """It ends before other files run loops of asyncio."""
+    yield
+    close_browser()
