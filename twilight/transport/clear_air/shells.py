@@ -136,7 +136,7 @@ def sublayers(boundary_km: np.ndarray, count: int = SUBLAYERS) -> np.ndarray:
 
 
 def without_ducts(altitude_km: np.ndarray, refractivity: np.ndarray, radius_km: float) -> np.ndarray:
-    """Refractivity (P + 1,) that is less where n r would fall upwards and no ray leave: the air above it is as it is."""
+    """Refractivity (P + 1,), less where n r would fall upwards and no ray leave; the air above is as it is."""
     radius = radius_km + altitude_km
     x, least = (1.0 + refractivity) * radius, LEAST_RISE * np.diff(radius)
     if (np.diff(x) >= least).all():
