@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from stability_media import ducting
 
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.clear_air.shells import sublayers
@@ -182,6 +183,16 @@ def test_light_through_the_limb_is_near_that_of_each_line():
             truth = shells.scattered_once_below(sun, *line, azimuth)
             ratio = once._below(sun, *line, azimuth) / np.maximum(truth, 1e-4 * truth.max())
             assert ratio.max() < 3.0, (altitude, sun)
+
+
+def test_a_duct_has_an_aureole():
+    """Where n r falls upwards no sky could be made: its light once scattered was no number."""
+    medium = ducting()
+    once = ScatteredOnce(medium, None, medium.bottom_km)
+    for sun in (30.0, 0.3, -4.0):
+        assert np.isfinite(once.apparent_sun_deg(sun))
+        light = once.light(sun, np.array([0.0, 0.3, 5.0, 90.0]), np.array([0.0, 40.0, 180.0]))
+        assert np.isfinite(light).all() and (light >= 0.0).all() and light.any()
 
 
 def test_suns_are_read_between_and_below():

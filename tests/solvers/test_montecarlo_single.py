@@ -160,3 +160,11 @@ def test_table_phase_equals_formula(target):
     a = prepare(hazy_earth(), settings).radiance_with_error(*view)
     b = prepare(hazy_earth(table_phase=True), replace(settings, seed=7)).radiance_with_error(*view)
     assert_all_agree(a.radiance, np.hypot(a.standard_error, b.standard_error), b.radiance)
+
+
+def test_a_sun_overhead_lights_the_air_below_as_one_beside_the_zenith():
+    """At 90 deg exactly its light came from wherever rounding sent it, at times straight ahead: 33 times too much."""
+    medium = hazy_earth(ground=0.0)
+    field = prepare(medium, SINGLE, observer_altitude_km=medium.top_km + 1.0)
+    overhead, beside = (field.radiance(sun, -90.0, 0.0)[..., 0].item() for sun in (90.0, 89.99))
+    assert overhead == pytest.approx(beside, rel=1e-3)

@@ -135,6 +135,17 @@ def sublayers(boundary_km: np.ndarray, count: int = SUBLAYERS) -> np.ndarray:
     return np.append((low + part * (high - low)).ravel(), boundary_km[-1])
 
 
+def without_ducts(altitude_km: np.ndarray, refractivity: np.ndarray, radius_km: float) -> np.ndarray:
+    """Refractivity (P + 1,), less where n r would fall upwards and no ray leave; the air above is as it is."""
+    radius = radius_km + altitude_km
+    x, least = (1.0 + refractivity) * radius, LEAST_RISE * np.diff(radius)
+    if (np.diff(x) >= least).all():
+        return refractivity
+    for k in range(x.size - 2, -1, -1):
+        x[k] = min(x[k], x[k + 1] - least[k])
+    return x / radius - 1.0
+
+
 class Parts(NamedTuple):
     """Parts of layers, `per_layer` in each, in which n r is linear: altitude [km], n and x = n r [km] at their
     boundaries (P + 1,), d(n r) / dr and mean n of each (P,)."""
@@ -179,6 +190,9 @@ def _parts(boundary: bytes, refractivity: bytes, radius_km: float) -> Parts:
     count = (n.size - 1) // (altitude.size - 1)
     return Parts.of(sublayers(altitude, count), n, radius_km, count)
 
+
+LEAST_RISE = 0.05
+"""Least rise of n r over that of r."""
 
 FROM_ABOVE_RAD = np.append(np.radians(90.0 - np.geomspace(90.0, STEEPEST_DEG, RAYS_FROM_ABOVE)), 0.5 * np.pi)
 """Apparent zenith angles of sunbeams from above."""
@@ -270,8 +284,9 @@ class Shells:
         self.boundary_km, self.extinction, self.scattering, self.peak = boundary_km, extinction, scattering, peak
         self.screen = screen
         self.first = int(np.argmin(np.abs(boundary_km - observer_km)))
-        arrays = np.asarray(boundary_km, float).tobytes(), np.asarray(refractivity, float).tobytes()
-        self._geometry = (*arrays, float(radius_km))
+        parts_km = sublayers(boundary_km, (refractivity.size - 1) // (boundary_km.size - 1))
+        air = without_ducts(parts_km, np.asarray(refractivity, float), radius_km)
+        self._geometry = (np.asarray(boundary_km, float).tobytes(), air.tobytes(), float(radius_km))
 
     @functools.cached_property
     def beams(self) -> Beams:

@@ -261,14 +261,16 @@ class SolarBeam(NamedTuple):
 
 @njit(inline="always", **INNER)
 def lifted_sun(x, y, z, to_sun, mu_sun, bending):
-    """The apparent direction of the sun at a point (x, y, z), lifted by `bending` [rad] towards the vertical.
+    """The apparent direction of the sun at (x, y, z), lifted by `bending` [rad] towards the vertical, at most to it.
 
     to_sun (3,): unit vector to the true sun; mu_sun: cosine of its zenith angle there.
     """
-    if bending == 0.0:
+    sine = math.sqrt(max(0.0, (1.0 - mu_sun) * (1.0 + mu_sun)))
+    if bending == 0.0 or sine == 0.0:
         return to_sun[0], to_sun[1], to_sun[2]
+    if mu_sun > 0.0:
+        bending = min(bending, sine)
     per = 1.0 / math.sqrt(x * x + y * y + z * z)
-    sine = math.sqrt(max(1e-300, (1.0 - mu_sun) * (1.0 + mu_sun)))
     a = math.cos(bending) - mu_sun * math.sin(bending) / sine
     b = math.sin(bending) / sine * per
     return a * to_sun[0] + b * x, a * to_sun[1] + b * y, a * to_sun[2] + b * z
