@@ -39,7 +39,7 @@ HIGHEST_OBSERVER_KM = 0.1
 """Height above the ground up to which a sky has no rows below the horizontal, which the fitted model lacks."""
 LOW_KM = 8.0
 """Altitude above the ground that parts what absorbs low (water vapour) from what absorbs high up (oxygen)."""
-WAVELENGTH_SCALE = 0.4
+WAVELENGTH_SCALE = 0.3
 """Change of ln(wavelength) over which ln(L/C) changes in another way (benchmarks/hyperspectral.py)."""
 WEAK_DEPTH = 0.1
 """Vertical optical depth of a band's absorption below LOW_KM up to which its coordinate grows in proportion."""
