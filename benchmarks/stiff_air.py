@@ -163,9 +163,10 @@ def main(words: list[str]) -> None:
         if words and not any(word in name for word in words):
             continue
         n, planned, used, said = run(case)
-        rows[name] = (name, case.quality, str(n), f"{planned:.1f}", f"{used:.1f}", f"{planned / used:.2f}")
-        print(*rows[name], said, sep="\t", flush=True)
+        row = (name, case.quality, str(n), f"{planned:.1f}", f"{used:.1f}", f"{planned / used:.2f}")
+        print(*row, said, sep="\t", flush=True)
         if not said:
+            rows[name] = row
             results.write(TABLE, COLUMNS, rows.values(), command="python benchmarks/stiff_air.py")
 
 

@@ -9,6 +9,7 @@ from closed_sky import closed
 import twilight
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.engine.sun_tables import SunTables
+from twilight.engine.table import first_rows, shared_columns
 
 
 @pytest.fixture
@@ -63,6 +64,16 @@ def test_suns_between_those_of_a_table_have_the_light_of_the_field(air, suns, mo
             e, a = random.uniform(0.5, 4.5, 300), random.normal(180.0, 25.0, 300)
         error = np.abs(table.light(e, a) / field.radiance(sun, e, a) - 1.0)
         assert error.max() < most, (sun, error.max())
+
+
+def test_above_the_haze_the_aureole_is_that_of_the_air_above():
+    """Its shape was that of the haze below: from 2.2 km light within 6 deg of the sun was 14 to 19 % off."""
+    field = twilight.solve("continental-average", solver="compact", wavelength_nm=[550.0])
+    random = np.random.default_rng(2)
+    table = field.table(20.0, 2.2, rows_deg=first_rows(0.0, [], 45), columns_deg=shared_columns(31), refine=False)
+    away, about = random.uniform(0.6, 6.0, 300), random.uniform(0.0, 2.0 * np.pi, 300)
+    e, a = table.apparent_sun_deg[0] + away * np.sin(about), away * np.cos(about)
+    np.testing.assert_allclose(table.light(e, a), field.radiance(20.0, e, a, 2.2), rtol=0.01)
 
 
 def test_another_observer_is_asked_for(field, monkeypatch):

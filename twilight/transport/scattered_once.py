@@ -161,7 +161,8 @@ class ScatteredOnce:
 
     medium, bands: as of the engine's block of wavelengths; altitude_km: of the observer above sea level
     aerosol: whether its light is wanted, else the sun's apparent place alone
-    log_phase (PHASE_COUNT, W): ln of the phase function of the column's aerosol; None without aerosol
+    log_phase (PHASE_COUNT, W): ln of the phase function of the aerosol above the observer, of all where none is above;
+        None without aerosol
     """
 
     def __init__(self, medium: Medium, bands: GasBands | None, altitude_km: float, *, aerosol: bool = True):
@@ -207,7 +208,10 @@ class ScatteredOnce:
             min(height, BOUNDARY_KM[-1]),
             terms.earth_radius_km + terms.bottom_km,
         )
-        column = np.einsum("klw,l->kw", scatters, np.diff(boundary))
+        each_km = np.einsum("klw,l->lkw", scatters, np.diff(boundary))
+        column, above = each_km.sum(axis=0), each_km[self._shells.first :].sum(axis=0)
+        # the aureole is that of the air between the observer and the sun
+        column = np.where(above.sum(axis=0) > 0.0, above, column)
         self.log_phase = None
         if aerosol and self._phases and column.any():
             each = np.stack([p(np.cos(PHASE_ANGLE_RAD)).T for p in self._phases])
