@@ -85,6 +85,8 @@ def screen(height_km: float = TYPICAL["heights_km"][0], **other: Any) -> dict[st
     return {"screen": TYPICAL | {"heights_km": [height_km, height_km + 1.5]} | other}
 
 
+TROPOSPHERE_KM = 12.0
+"""Its top, above which NO2 is the stratosphere's [km]."""
 THIN = {"type": "continental_clean", "optical_depth_550nm": 0.02}
 """Aerosol of which 0.01 is above the observer, as `mountain` has."""
 CASES: dict[str, tuple[dict[str, Any], Any]] = {
@@ -203,10 +205,14 @@ def main() -> None:
             add("the same, by BOSS's formula fitted to computed skies", by_the_fit(field))
     columns = ("case", *(f"{nm:g}_nm" for nm in WAVELENGTHS_NM), "600_over_530_nm")
     warm, cold = (cross_section("o3", [530.0, 600.0], [kelvin])[0] for kelvin in (293.0, 200.0))
+    whole = load_profile("midlatitude_summer")
+    above = whole.above(TROPOSPHERE_KM)
     notes = (
         f"computed over measured, 1 at {REFERENCE_NM:g} nm; the site's ozone is {SITE_DU} DU",
         "ozone's cross section at 600 less that at 530 nm, at 293 K over that at 200 K: "
         f"{(warm[1] - warm[0]) / (cold[1] - cold[0]):.3f}",
+        f"NO2: {whole.column_per_cm2(whole.no2_per_cm3):.2g} cm^-2, above {TROPOSPHERE_KM:g} km "
+        f"{above.column_per_cm2(above.no2_per_cm3):.2g}",
     )
     results.write(TABLE, columns, rows, notes=notes)
     columns = ("case", "haze_optical_depth_550nm", *(f"{nm:g}_nm" for nm in CONTRAST_NM))

@@ -156,7 +156,7 @@ def measured_sets() -> str:
         ("zenith, meter's band", "-4 to -12", "Cosmic Campground, 1.6 km; zero to 10 %", _range(meter)),
         ("the same by moonlight", "moon below 45", "the same, clear quarter of the nights", _range(moonlit)),
         ("*colours, shapes*", "", "", ""),
-        ("level ground, 650/550 nm", "0 to -6", "three rural evenings, clouds unknown", red),
+        ("level ground, 650/550 nm", "0 to -6", "three rural evenings, of which `typical` was made", red),
         ("450/550 nm", "", "", blue),
         ("zenith, 420/450/530 over 500 nm", "-14 less -16", "Apache Point, 2.8 km, BOSS", boss(420, 450, 530)),
         ("600/650", "", "", boss(600, 650)),
@@ -164,7 +164,7 @@ def measured_sets() -> str:
         (
             "towards over away from the sun, blue/green/red",
             "-14",
-            "Chile, 2.7 km, all-sky camera; `mountain`",
+            "Chile, 2.7 km, all-sky camera; `mountain`, its haze fitted",
             contrast,
         ),
     )
