@@ -12,7 +12,6 @@ horizon."""
 from __future__ import annotations
 
 import argparse
-import csv
 import time
 from typing import Any
 
@@ -91,10 +90,7 @@ def main() -> None:
     only = arguments.parse_args().only
     every = [("as published", solver, climate(), {}, chosen) for solver, chosen in SOLVERS.items()]
     every += [(case, "zones", *air, SOLVERS["zones"]) for case, air in CASES.items()]
-    rows: list[list[str]] = []
-    if TABLE.exists():
-        with TABLE.open(encoding="utf-8") as file:
-            rows = [row for row in csv.reader(file) if row and not row[0].startswith("#")][1:]
+    rows = results.kept(TABLE)
     for case, solver, air, beside, chosen in every:
         if any(row[:2] == [case, solver] for row in rows) or (only is not None and only not in (case, solver)):
             continue
