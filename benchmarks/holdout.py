@@ -113,11 +113,12 @@ def panorama(path: Path) -> tuple[list[list[Any]], np.ndarray | None]:
     try:
         photograph = read_photograph(path)
         whole = twilight.estimate(photograph, white_balance=True, name=path.name, types=TYPES)
+        sky = whole.sky
+        seen = whole.photograph.seen(whole.sun_azimuth_deg, sky.apparent_sun_elevation_deg)
     except TwilightError as error:
-        return [[path.stem, *[""] * (len(PANORAMAS) - 3), f"{time.process_time() - begin:.1f}", str(error)[:160]]], None
+        why = str(error).replace(str(path), path.name)[:160]
+        return [[path.stem, *[""] * (len(PANORAMAS) - 3), f"{time.process_time() - begin:.1f}", why]], None
     seconds = time.process_time() - begin
-    sky = whole.sky
-    seen = whole.photograph.seen(whole.sun_azimuth_deg, sky.apparent_sun_elevation_deg)
     computed, straight = simulated_sky(sky, seen), undone(seen, whole)
     fit = errors(straight, computed, balance(straight, computed, True), seen.counts)
     happened = "fitted" if whole.fits else whole.sentences()[0].partition(";")[0]
