@@ -19,7 +19,6 @@ darker in its corners, with noise.
 from __future__ import annotations
 
 import argparse
-import csv
 import tempfile
 import time
 from dataclasses import replace
@@ -73,20 +72,22 @@ PANORAMAS = (
 EVENINGS = ("evening", "sun_fitted_deg", "sun_predicted_deg", "fit_percent", "prediction_percent", "prediction_uv")
 
 
+def half(name: str, elevation_deg: np.ndarray, beside_deg: np.ndarray) -> np.ndarray:
+    """Directions of a half of the sky, as seen by who looks at the sun."""
+    beside = (beside_deg + 180.0) % 360.0 - 180.0
+    upper = elevation_deg >= UPPER_DEG
+    return {"left": beside < 0, "right": beside >= 0, "upper": upper, "lower": ~upper}[name]
+
+
 def half_of(sky: PhotoSky, name: str) -> np.ndarray:
-    """Cells (E, A) of a half of the sky, as seen by who looks at the sun."""
-    beside = (sky.azimuth_deg + 180.0) % 360.0 - 180.0
-    rows, columns = sky.elevation_deg[:, None], beside[None, :]
-    halves = {"left": columns < 0, "right": columns >= 0, "upper": rows >= UPPER_DEG, "lower": rows < UPPER_DEG}
-    return halves.get(name, True) & sky.counts
+    """Cells (E, A) of a half of the sky."""
+    return half(name, sky.elevation_deg[:, None], sky.azimuth_deg[None, :]) & sky.counts
 
 
 def masked_to(photograph: Photograph, sun_azimuth_deg: float, name: str) -> Photograph:
     """The photograph with one half of its sky."""
     azimuth, elevation = photograph.camera.azimuth_elevation(photograph.camera.pixel_centres())
-    beside = (azimuth - sun_azimuth_deg + 180.0) % 360.0 - 180.0
-    kept = {"left": beside < 0, "right": beside >= 0, "upper": elevation >= UPPER_DEG, "lower": elevation < UPPER_DEG}
-    return replace(photograph, mask_image=kept[name].astype(float))
+    return replace(photograph, mask_image=half(name, elevation, azimuth - sun_azimuth_deg).astype(float))
 
 
 def errors(sky: PhotoSky, computed: PhotoSky, by: Balance, where: np.ndarray) -> tuple[float, float, np.ndarray]:
@@ -112,11 +113,12 @@ def panorama(path: Path) -> tuple[list[list[Any]], np.ndarray | None]:
     try:
         photograph = read_photograph(path)
         whole = twilight.estimate(photograph, white_balance=True, name=path.name, types=TYPES)
+        sky = whole.sky
+        seen = whole.photograph.seen(whole.sun_azimuth_deg, sky.apparent_sun_elevation_deg)
     except TwilightError as error:
-        return [[path.stem, *[""] * (len(PANORAMAS) - 3), f"{time.process_time() - begin:.1f}", str(error)[:160]]], None
+        why = str(error).replace(str(path), path.name)[:160]
+        return [[path.stem, *[""] * (len(PANORAMAS) - 3), f"{time.process_time() - begin:.1f}", why]], None
     seconds = time.process_time() - begin
-    sky = whole.sky
-    seen = whole.photograph.seen(whole.sun_azimuth_deg, sky.apparent_sun_elevation_deg)
     computed, straight = simulated_sky(sky, seen), undone(seen, whole)
     fit = errors(straight, computed, balance(straight, computed, True), seen.counts)
     happened = "fitted" if whole.fits else whole.sentences()[0].partition(";")[0]
@@ -129,16 +131,16 @@ def panorama(path: Path) -> tuple[list[list[Any]], np.ndarray | None]:
         at = {"sun_elevation_deg": whole.sun_elevation_deg, "sun_azimuth_deg": whole.sun_azimuth_deg}
         part = masked_to(whole.photograph, whole.sun_azimuth_deg, fitted)
         try:
-            half = twilight.estimate(part, white_balance=True, types=[whole.best.aerosol_type], name=path.name, **at)
+            found = twilight.estimate(part, white_balance=True, types=[whole.best.aerosol_type], name=path.name, **at)
         except TwilightError as error:
             rows.append([path.stem, fitted, predicted, *[""] * (len(PANORAMAS) - 4), str(error)[:160]])
             continue
         mine, other = half_of(seen, fitted), half_of(seen, predicted)
-        made, straight = simulated_sky(half.sky, seen), undone(seen, half)
+        made, straight = simulated_sky(found.sky, seen), undone(seen, found)
         by = balance(replace(straight, solid_angle_sr=np.where(mine, seen.solid_angle_sr, 0.0)), made, True)
         one, two = errors(straight, made, by, mine), errors(straight, made, by, other)
         seconds = time.process_time() - begin
-        rows.append(row_of(path.stem, fitted, predicted, (one[0], two[0]), (one[1], two[1]), half, seconds, ""))
+        rows.append(row_of(path.stem, fitted, predicted, (one[0], two[0]), (one[1], two[1]), found, seconds, ""))
     return rows, fit[2] if whole.fits else None
 
 
@@ -167,7 +169,8 @@ def short(x: float | str) -> str:
 def panoramas(folders: list[Path]) -> None:
     """All pictures of the folders; row by row, resumes."""
     table = results.FOLDER / "holdout_panoramas.csv"
-    rows, command, maps = read(table), "python benchmarks/holdout.py panoramas FOLDER", []
+    rows, command, maps = results.kept(table), "python benchmarks/holdout.py panoramas FOLDER", []
+    whole = not rows  # residuals of what was fitted before are not kept
     for path in (path for folder in folders for path in sorted(folder.glob("*.hdr"))):
         if any(row[0] == path.stem for row in rows):
             continue
@@ -175,7 +178,7 @@ def panoramas(folders: list[Path]) -> None:
         rows += made
         results.write(table, PANORAMAS, rows, notes=summary(rows), command=command)
         print(*made, sep="\n", flush=True)
-        if residuals is not None:
+        if residuals is not None and whole:
             maps.append(residuals)
             write_residuals(maps, command)
 
@@ -222,7 +225,7 @@ def summary(rows: list[list[str]]) -> list[str]:
 def evenings(count: int) -> None:
     """One frame of a drawn evening predicts the others."""
     table = results.FOLDER / "holdout_evenings.csv"
-    rows = read(table)
+    rows = results.kept(table)
     for number in range(phone.FIRST_EVENING, phone.FIRST_EVENING + count):
         if any(row[0] == str(number) for row in rows):
             continue
@@ -270,7 +273,7 @@ def drawn(count: int) -> None:
     """Pictures of airs by zones."""
     table = results.FOLDER / "holdout_drawn.csv"
     columns = ("picture", "kind", "horizon", "altitude_km", *phone.COLUMNS[1:])
-    rows = read(table)
+    rows = results.kept(table)
     for index in range(count):
         if not any(row[0] == str(index) for row in rows):
             rows += one_drawn(index)
@@ -333,14 +336,6 @@ def stitched(sky: twilight.Sky, random: np.random.Generator) -> np.ndarray:
     levels = np.exp(SEAM * random.standard_normal(FRAMES))[frame] * (1.0 - CORNER * np.minimum(off / 0.7, 1.5) ** 2)
     tint = np.exp(0.1 * random.standard_normal(3))
     return rgb * levels[..., None] * tint * (1.0 + 0.01 * random.standard_normal(rgb.shape))
-
-
-def read(table: Path) -> list[list[str]]:
-    """Rows of a table that exists."""
-    if not table.exists():
-        return []
-    with table.open(encoding="utf-8") as file:
-        return [row for row in csv.reader(file) if row and not row[0].startswith("#")][1:]
 
 
 def main() -> None:

@@ -15,7 +15,6 @@ An evening are six pictures, 16 minutes apart, from a sun of 3 to 6 deg to one b
 from __future__ import annotations
 
 import argparse
-import csv
 import functools
 import tempfile
 import time
@@ -265,10 +264,7 @@ def main() -> None:
     first = (FIRST_EVENING if given.evenings else 0) if given.first is None else given.first
     last, command = first + (given.count or (8 if given.evenings else 50)), "python benchmarks/phone.py"
     command += " --evenings" if given.evenings else ""
-    rows: list[list[str]] = []
-    if given.table.exists():
-        with given.table.open(encoding="utf-8") as file:
-            rows = [row for row in csv.reader(file) if row and not row[0].startswith("#")][1:]
+    rows = results.kept(given.table)
     for index in () if given.summary else range(first, last):
         if not any(row[0] == str(index) for row in rows):
             rows += one(index, given.evenings)

@@ -17,7 +17,6 @@ distance from the zonal mean, snow."""
 from __future__ import annotations
 
 import argparse
-import csv
 import time
 from datetime import UTC, datetime
 from typing import Any
@@ -97,10 +96,7 @@ def arm(only: str | None = None) -> None:
     """Compute what the table of the ARM site lacks; only: a solver, or a case."""
     every = [("as published", solver, climate(), CLEAN, chosen) for solver, chosen in SOLVERS.items()]
     every += [(case, "zones", *air, SOLVERS["zones"]) for case, air in CASES.items()]
-    rows: list[list[str]] = []
-    if TABLE.exists():
-        with TABLE.open(encoding="utf-8") as file:
-            rows = [row for row in csv.reader(file) if row and not row[0].startswith("#")][1:]
+    rows = results.kept(TABLE)
     for case, solver, air, beside, chosen in every:
         if any(row[:2] == [case, solver] for row in rows) or (only is not None and only not in (case, solver)):
             continue

@@ -107,6 +107,11 @@ def note_check(path: Path, said: str) -> None:
         temporary.write_text("".join([heading_line, f"# {said}\n", *lines]), encoding="utf-8")
 
 
+def kept(path: Path) -> list[list[str]]:
+    """Rows of a table that goes on where it is; none where it is not there."""
+    return [list(row.values()) for row in read_rows(path)] if path.exists() else []
+
+
 def read_rows(path: Path) -> list[dict[str, str]]:
     """The rows of a table by column."""
     with open(path, newline="", encoding="utf-8") as file:

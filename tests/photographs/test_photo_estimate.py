@@ -214,6 +214,9 @@ def test_a_picture_s_own_contrasts_are_not_read_as_air():
     assert free["contrast"].value == pytest.approx(0.2, abs=0.05)
     assert free["saturation"].value == pytest.approx(0.2, abs=0.05)
     assert free["aerosol"].value == pytest.approx(0.22, rel=0.15)
+    assert "saturation" not in by_name(found_in(cells, contrast=0.2, with_colour=False)[0])
+    grey = seen(latlong(), TRUTH, change=lambda rgb: rgb.mean(axis=-1, keepdims=True) * np.ones(3))
+    assert not found_in(grey, white_balance=True, contrast=0.15, saturation=0.25)[0].fits
 
 
 def test_a_sky_without_sunlight_or_of_any_contrast_is_no_fit():

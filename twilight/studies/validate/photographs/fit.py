@@ -31,7 +31,7 @@ from scipy.optimize import least_squares
 from twilight.numerics import spectrum
 from twilight.numerics.directions import direction
 from twilight.studies.validate.photographs.air import SUN, Parameter, Skies, towards
-from twilight.studies.validate.photographs.comparison import Curve, residual_vector, tone_shapes
+from twilight.studies.validate.photographs.comparison import LEAST_SLOPE, Curve, residual_vector, tone_shapes
 from twilight.studies.validate.photographs.picture_sky import Frame, components
 
 NOISE_LN = (0.007, 0.005, 0.005)
@@ -351,7 +351,7 @@ class Fit:
         numbers = () if found is None else tuple(float(g) for g in found)
         if "contrast" not in values:
             return Curve(self.errors.middle, numbers) if numbers else None
-        own, of_colours = (1.0 / (1.0 + values[name]) for name in ("contrast", "saturation"))
+        own, of_colours = (1.0 / max(1.0 + values.get(name, 0.0), LEAST_SLOPE) for name in ("contrast", "saturation"))
         return Curve(self.errors.middle, (1.0 - own,), own - of_colours, self.errors.middle_colours)
 
     def misfit(self) -> float:
