@@ -19,6 +19,7 @@ from twilight.io.stored_image import write_exr
 from twilight.numerics import spectrum
 from twilight.numerics.directions import azimuth_elevation, camera_axes, texture_grid
 from twilight.scene import resolve
+from twilight.scene.usual import completed
 from twilight.sky import colour
 from twilight.sky.sky import Sky
 from twilight.studies.camera import CameraModel, write_camera
@@ -269,7 +270,7 @@ def test_the_air_of_a_drawn_picture(tmp_path):
     untold = [p for p in found.best.parameters if not p.constrained and p.name != SUN]
     for p in untold:
         section, key = next(q.key for q in OTHERS if q.name == p.name).split(".", 1)
-        assert found.climate.get(section) == load("continental-average").climate.model_dump(
+        assert found.climate.get(section) == completed(load("continental-average")).climate.model_dump(
             mode="json", exclude_none=True, exclude_defaults=True
         ).get(section), (p.name, key)
     text = found.climate_yaml()

@@ -66,7 +66,8 @@ class RayleighSolver:
 
 @pytest.fixture(scope="module")
 def solved():
-    config = load({"version": 1, "climate": {"version": 1, "name": "air"}, "wavelengths": {"list_nm": NM.tolist()}})
+    plain = {"version": 1, "climate": {"version": 1, "name": "air"}, "horizon": "clean"}
+    config = load(plain | {"wavelengths": {"list_nm": NM.tolist()}})
     scene = replace(resolve(config), solver=RayleighSolver, settings=None)
     assert len(parts(plan(scene))) == 2
     return solve(scene, cached=False)

@@ -53,6 +53,7 @@ KEYS: dict[str, tuple[Any, dict[str, Any]]] = {
     "atmosphere.layers.boundaries_km": (BOUNDARIES["atmosphere"]["layers"]["boundaries_km"], URBAN),
     "atmosphere.layers.coefficients": ("centre", URBAN | BOUNDARIES),
     "gases.ozone.column_du": (250.0, URBAN),
+    "gases.ozone.climatology": (False, URBAN | {"atmosphere": {"profile": "midlatitude_winter"}}),
     "gases.ozone.day_of_year": (100, URBAN),
     "gases.ozone.treatment": ("overhead_filter", URBAN),
     "gases.water_vapour.column_mm": (5.0, URBAN),

@@ -53,15 +53,17 @@ def test_zenith_is_blue_at_minus_five_because_of_ozone(pure):
     assert abs(zenith(pure, 40.0)[0] - zenith(without, 40.0)[0]) < 0.01
 
 
-def test_belt_of_venus_lies_over_the_shadow_and_rises(pure):
-    """Lee 2015: a reddish band, the bluish shadow below it, bluer sky above it."""
+@pytest.mark.parametrize(("horizon", "redder"), [("clean", 0.02), ("typical", 0.008)])
+def test_belt_of_venus_lies_over_the_shadow_and_rises(horizon, redder):
+    """Lee 2015: a reddish band, the bluish shadow below it, bluer sky above it; fainter behind what takes red beams."""
+    pure = air(horizon=horizon)
     belts = [see.belt_of_venus(pure, sun) for sun in (-1.0, -2.0, -3.0, -4.0)]
     assert all(belts)
     heights = [b.elevation_deg for b in belts]
     assert (np.diff(heights) > 0).all() and 4.0 < heights[2] < 14.0
     for belt in belts:
         assert belt.shadow_elevation_deg < belt.elevation_deg
-        assert belt.x > belt.shadow_x + 0.02 and belt.x > belt.sky_x + 0.02
+        assert belt.x > belt.shadow_x + 0.02 and belt.x > belt.sky_x + redder
     edge = see.shadow_edge_deg(pure, -3.0)
     assert belts[2].shadow_elevation_deg < edge < belts[2].elevation_deg
     assert see.belt_of_venus(pure, 20.0) is None

@@ -184,7 +184,11 @@ def test_sections_become_screens():
     skyline = load(scene({"skyline": {"height_km": 3, "distance_km": 60}}))
     assert resolve(skyline).medium.screen == Screen.of_skyline(3.0, 60.0)
     assert described(skyline.horizon) == "a skyline of 3 km at 60 km"
-    assert resolve(load({"version": 1, "climate": "pure-air"})).medium.screen is None
+    typical = {"version": 1, "climate": "pure-air"}
+    assert resolve(load(typical)).medium.screen == Screen((8.0, 9.5), (0.15, 1.0), 300.0)
+    assert resolve(load(typical | {"horizon": "clean"})).medium.screen is None
+    assert resolve(load(typical | {"solver": {"name": "cells"}})).medium.screen is None  # it takes none
+    assert resolve(load(typical | {"climate": "bruneton2008"})).medium.screen is None  # a table
 
 
 def test_haze_takes_more_blue():
@@ -217,7 +221,7 @@ def test_an_export_knows_the_horizon_of_its_configuration(tmp_path, monkeypatch)
     (tmp_path / "evening.yaml").write_text("version: 1\nclimate: pure-air\nhorizon: {screen: {clouds: {top_km: 8}}}\n")
     for target, screen in (
         (str(tmp_path / "evening.yaml"), Screen.of_clouds(0.7, 8.0, 1.5, 150.0)),
-        ("pure-air", None),
+        ("pure-air", Screen((8.0, 9.5), (0.15, 1.0), 300.0)),
     ):
         done = CliRunner().invoke(app, ["export", "shader", target, "--output", str(tmp_path / "out")])
         assert done.exit_code == 2 and f"prepared with {screen}" in done.output + done.stderr
