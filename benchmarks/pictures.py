@@ -151,7 +151,7 @@ def photographs(folder: Sequence[str]) -> None:
         pairs.append(sheet([photograph(Path(folder[0]) / name, azimuth), sky], 1, 0))
     sheet(pairs, 2, 8).save(DOCS / "photographs.jpg", quality=88)
     compared = Image.open(DOCS / "photos" / "kiara_1_dawn.png").convert("RGB")
-    compared.crop((0, 0, compared.width, round(0.475 * compared.height))).save(DOCS / "dawn.jpg", quality=88)
+    compared.crop((0, 0, compared.width, round(0.455 * compared.height))).save(DOCS / "dawn.jpg", quality=88)
 
 
 def page(file: Sequence[str]) -> None:
