@@ -91,7 +91,7 @@ def test_the_exact_slab_is_near_the_published_one():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("problems", "samples"), [([(4, 3)], 2000), ([(2, 4), (3, 2)], 4000), ([(1, 4)], 2000)])
+@pytest.mark.parametrize(("problems", "samples"), [([(4, 3)], 4000), ([(2, 4), (3, 2)], 4000), ([(1, 4)], 2000)])
 def test_slanted_and_thick(problems, samples):
     """Wrong azimuths of a slanted beam in haze; light lost on long paths (depth 5, 8), legs too short (depth 32)."""
     check(problems, samples)
