@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
+import twilight
 from twilight.base.errors import TwilightError
 from twilight.config import load, load_climate, load_series
 from twilight.config.load import shipped
@@ -216,6 +217,16 @@ def test_keys_of_gases_layers_and_refraction_reach_the_medium():
     assert np.unique(climate_medium(load("pure-air", boundaries).climate, at).altitude_km).tolist() == [0, 1, 10, 100]
     ground = load("urban", {"ground.albedo": {"wavelength_nm": [400, 600], "albedo": [0.1, 0.5]}}).climate.ground
     assert ground_albedo(ground, np.array([350.0, 400.0, 500.0, 700.0])) == pytest.approx([0.1, 0.1, 0.3, 0.5])
+
+
+def test_light_of_a_place_has_the_ozone_of_the_place():
+    """Under the ozone hole a sun on the horizon would light the ground by 20 % too little."""
+    asked = ((-80.0, 0.0), "2026-10-05T20:00Z", "horizontal", "illuminance", "continental-average")
+    usual, same, other = (
+        float(twilight.light(*asked, settings=more))
+        for more in ({}, {"gases.ozone.column_du": 184.5}, {"gases.ozone.column_du": 323.0})
+    )
+    assert usual == pytest.approx(same, rel=1e-3) and usual > 1.15 * other
 
 
 def test_described_ozone_says_where_and_when_it_is_from():

@@ -16,6 +16,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.extras import require
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.light import LightField, check_sources, field_for
+from twilight.scene.usual import with_ozone_of
 from twilight.sky.ephemeris import parse_time
 from twilight.sky.moments import Moments, moments_at
 from twilight.sky.quantities.measure import Of, Quantity, check_of, unit_of
@@ -123,6 +124,8 @@ def light(
         `direction` or `surface`, those of which there are several.  Events and times of the clock are those of each
         place: of several, the coordinate `moment` (place, time) has them.
 
+    All places and times have one air; ozone that it leaves unset is the zonal mean of the first place and time.
+
     Raises
     ------
     TwilightError
@@ -149,6 +152,7 @@ def light(
         raise TwilightError(f"light: returns is '{returns}'; allowed is xarray, pandas, astropy")
     require(f"light: returns {returns}", "astropy" if returns == "astropy" else "xarray")
     config = arguments.config_of(climate, altitude_km=altitude_km, quality=quality, settings=settings)
+    config = with_ozone_of(config, times[0][0], places[0].latitude_deg)
     tell = progress or silent
     solved = field_for(config, quantities, part_of(tell, 0.0, 0.5))
     count, n_places = len(times[0]), len(places)

@@ -52,6 +52,7 @@ def timeline(
     from twilight.base.whole_files import check_file
     from twilight.config.load import load
     from twilight.engine.light import field_for
+    from twilight.scene.usual import with_ozone_of
     from twilight.sky.twilight_times import moment_of, today_at, twilight_times
     from twilight.studies import timeline as work
     from twilight.studies.timeline import PRESETS, column
@@ -90,6 +91,7 @@ def timeline(
     stem.parent.mkdir(parents=True, exist_ok=True)
     needs = [item.needs for item in (*columns, *(c.column for c in wanted))]
     with progress_bar() as progress:
+        config = with_ozone_of(config, times[0], latitude)
         field = field_for(config, needs, part_of(progress, 0.0, 0.5))
         if field.chosen:
             print(f"twilight: {field.chosen}", file=sys.stderr, flush=True)

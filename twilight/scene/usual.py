@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from twilight import solvers
@@ -26,6 +26,12 @@ CLEAN = Horizon()
 def completed(config: Config) -> Config:
     """The configuration with the horizon and the ozone that it leaves unset; what is set stays."""
     return config.model_copy(update={"climate": _with_ozone(config)[0], "horizon": usual_horizon(config)})
+
+
+def with_ozone_of(config: Config, time: datetime, latitude_deg: float) -> Config:
+    """The configuration with the usual ozone of a place and time that its sun does not tell, where it is left unset."""
+    climate, _ = with_usual_ozone(config.climate, PlaceAndTime(time, latitude_deg))
+    return config.model_copy(update={"climate": climate})
 
 
 def _with_ozone(config: Config) -> tuple[Climate, str | None]:
