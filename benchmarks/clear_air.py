@@ -3,18 +3,13 @@
     python benchmarks/clear_air.py climates                              writes clear_air.csv
     python benchmarks/clear_air.py calibrate AIRS                        the error that it estimates; writes
                                                                          clear_air_estimated.csv
-    python benchmarks/clear_air.py labels AIRS APPROXIMATE               writes clear_air_labels.csv
-    python benchmarks/clear_air.py between                               writes clear_air_between.csv
     python benchmarks/clear_air.py drawn AIRS APPROXIMATE                writes clear_air_drawn.csv
-    python benchmarks/clear_air.py screen                                writes clear_air_screen.csv
     python benchmarks/clear_air.py times                                 writes clear_air_times.csv
     python benchmarks/clear_air.py picture                               draws ../docs/clear-air.png
 
 `climates` compares it with the Monte-Carlo reference solution of thirteen climates (`zones_error.py`), `drawn` with the
 drawn airs that the fit held out, by type, wavelength, observer and stratosphere (arguments as of `clear_air_fit.py`);
-`labels` compares those that are solved twice, once better, and says what a Gaussian process leaves of the difference;
-`between` compares it with `zones` in directions drawn at random, half of them below 20 deg; `screen` compares what
-`horizon: typical` takes of ln(light) with what it takes by `zones`; `times` are processor seconds in a warm process.
+`times` are processor seconds in a warm process.
 """
 
 from __future__ import annotations
@@ -32,8 +27,7 @@ sys.path.insert(0, str(Path(__file__).with_name("builders")))
 from clear_air_airs import APART, SIDE_BY_SIDE, UNSOLVED, airs_of
 from clear_air_airs import drawn as drawn_air
 from clear_air_fit import COVERED, HELD_OUT, JUDGED_SUNS, LEAST_LEFT, SINGLE_ERROR, off, read
-from clear_air_kept import components, degrees
-from clear_air_learners import process
+from clear_air_kept import degrees
 from zones_error import CLIMATES
 from zones_error import errors as zones_errors
 
@@ -75,14 +69,6 @@ TIMED_WAVELENGTHS = (1, 3, 8, 40)
 """How many wavelengths it has there."""
 TIMED_SUNS_DEG = (20.0, 5.0, 0.5, -1.5, -4.0, -7.0, -12.0)
 """Suns there, of which the median counts: by day, and where the shadow of the Earth asks for finer nodes."""
-CORRECTION = 24
-"""Principal components of what better solutions add to ln M that `labels` looks at: more are noise in 57 files."""
-FOLDS = 5
-"""Parts of the files, each of which `labels` leaves out once."""
-BETWEEN = ("pure-air", "maritime-tropical", "continental-average")
-BETWEEN_SUNS_DEG = (-2.0, -4.0, -9.0, -12.0)
-SCREENED = ("continental-clean", "continental-average", "urban")
-SCREENED_SUNS_DEG = (3.2, 0.4, -0.6, -1.4, -2.4, -3.6, -4.6, -6.4, -8.4, -11.4, -15.6)
 
 
 def calibrate(path: Path, airs: Path) -> None:
@@ -250,83 +236,6 @@ def _stratosphere(limits: np.ndarray) -> np.ndarray:
     return np.where(limits[:, 3] > LOADED_DEPTH, "loaded", "usual")
 
 
-def labels(model: Model, airs: Path, approximate: Path) -> None:
-    """Errors of coarse solutions beside the better ones of the same airs, at 95 % of a sky, and what of these a process
-    that has learnt them in other files leaves, and write the table."""
-    data = read(airs, approximate)
-    inputs = model.standardised(data.inputs[data.better], data.log_base[data.better])
-    files, left = data.number[data.better], data.added.copy()
-    fold = np.random.default_rng(0).permutation(np.unique(files)).argsort()[np.searchsorted(np.unique(files), files)]
-    for out in range(FOLDS):
-        some = fold % FOLDS == out
-        mean, vectors = components(data.added[~some], CORRECTION)
-        target = (data.added[~some] - mean) @ vectors.T
-        says = process(inputs[~some], target / target.std())(inputs[some])
-        left[some] -= mean + says * target.std() @ vectors
-    part = data.part[data.better].astype(np.float32)
-    coarse, corrected = (
-        100.0 * np.percentile(np.abs(one * part).reshape(len(one), SUN_DEG.size, -1), 95, axis=2)
-        for one in (data.added, left)
-    )
-    names, rows = _stratosphere(data.limits_of[data.better]), []
-    for name in sorted(set(names.tolist())):
-        some = names == name
-        for s in JUDGED_SUNS:
-            percent = [
-                f(one[some, s]) for one in (coarse, corrected) for f in (np.median, lambda x: np.percentile(x, 90))
-            ]
-            rows.append([name, np.unique(files[some]).size, f"{SUN_DEG[s]:g}", *(f"{x:.2f}" for x in percent)])
-            print(*rows[-1], sep="\t", flush=True)
-    columns = (f"{which}_{of}_percent" for which in ("coarse", "corrected") for of in ("median", "p90"))
-    results.write(
-        results.FOLDER / "clear_air_labels.csv", ("stratosphere", "files", "sun_elevation_deg", *columns), rows
-    )
-
-
-def between() -> None:
-    """Errors in directions between the model's own, beside `zones` at draft, and write the table."""
-    rng, rows = np.random.default_rng(3), []
-    e = np.concatenate([np.degrees(np.arcsin(rng.random(600)))[:300], rng.uniform(0.3, 20.0, 300)])
-    a = rng.uniform(0.0, 180.0, e.size)
-    for name in BETWEEN:
-        model, exact = (
-            twilight.solve(name, wavelength_nm=[450.0, 550.0, 680.0], **how)
-            for how in ({"solver": "compact"}, {"quality": "draft"})
-        )
-        for sun in BETWEEN_SUNS_DEG:
-            percent = 100.0 * np.abs(model.radiance(sun, e, a) / exact.radiance(sun, e, a) - 1.0)
-            rows.append([name, f"{sun:g}", f"{np.percentile(percent, 95):.2f}", f"{percent.max():.1f}"])
-            print(*rows[-1], sep="\t", flush=True)
-    columns = ("climate", "sun_elevation_deg", "p95_percent", "max_percent")
-    results.write(results.FOLDER / "clear_air_between.csv", columns, rows)
-
-
-def screen() -> None:
-    """What the screen `typical` takes by zones and by compact, at 95 % of the directions, and the difference; suns lie
-    between the model's."""
-    nm, rows = (450.0, 550.0, 680.0), []
-    e, a = np.meshgrid([0.5, 2, 4, 7, 11, 16, 22, 30, 40, 55, 75, 90], np.arange(0.0, 181.0, 12.0), indexing="ij")
-    for name in SCREENED:
-        taken: dict[tuple[str, float], np.ndarray] = {}
-        for solver in ("zones", "compact"):
-            clean, dimmed = (
-                twilight.solve(name, solver=solver, wavelength_nm=nm, settings={"horizon": horizon})
-                for horizon in ("clean", "typical")
-            )
-            for sun in SCREENED_SUNS_DEG:
-                taken[solver, sun] = np.log(clean.radiance(sun, e, a) / dimmed.radiance(sun, e, a)).reshape(-1, len(nm))
-        for sun in SCREENED_SUNS_DEG:
-            exact = taken["zones", sun]
-            of_directions = (np.abs(part) for part in (exact, taken["compact", sun] - exact))
-            most, off = (np.percentile(part, 95, axis=0) for part in of_directions)
-            rows += [
-                [name, f"{sun:g}", f"{w:g}", f"{m:.3f}", f"{d:.3f}"] for w, m, d in zip(nm, most, off, strict=True)
-            ]
-            print(*rows[-1], sep="\t", flush=True)
-    columns = ("climate", "sun_elevation_deg", "wavelength_nm", "taken_p95", "difference_p95")
-    results.write(results.FOLDER / "clear_air_screen.csv", columns, rows)
-
-
 def times(model: Model) -> None:
     """Processor time of an air with its first sun, and of one more, in the median of some, and write the table."""
     rows = []
@@ -397,12 +306,6 @@ def main(words: Sequence[str]) -> None:
             calibrate(SHIPPED, Path(airs))
         case ["drawn", airs, approximate]:
             drawn(load_model(SHIPPED), Path(airs), Path(approximate))
-        case ["labels", airs, approximate]:
-            labels(load_model(SHIPPED), Path(airs), Path(approximate))
-        case ["between"]:
-            between()
-        case ["screen"]:
-            screen()
         case ["times"]:
             times(load_model(SHIPPED))
         case ["picture"]:
