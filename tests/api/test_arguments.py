@@ -292,7 +292,7 @@ MUNICH, SYDNEY = (48.1, 11.5), (-33.9, 151.2)
 
 
 ONE_AIR = {"gases.ozone.column_du": 320.0}
-"""Several places have one air: unset, ozone is that of the first."""
+"""Unset, ozone is interpolated between the columns of several places."""
 
 
 def test_what_depends_on_a_place_is_that_of_each_place():
@@ -306,6 +306,19 @@ def test_what_depends_on_a_place_is_that_of_each_place():
             np.testing.assert_allclose(here.illuminance_lux, alone.illuminance_lux, rtol=1e-9)
             np.testing.assert_array_equal(here["moment" if several else "time"], alone.time)
             np.testing.assert_allclose(here.solar_elevation_angle, alone.solar_elevation_angle)
+
+
+def test_every_place_and_month_has_its_own_ozone():
+    """A year or a map would have the ozone of its first line: 20 % of the light of dusk."""
+    times = [f"2026-{month:02d}-15 civil dusk" for month in (2, 5, 8, 11)]
+    places = [MUNICH, (8.0, 30.0), (59.0, 25.0)]
+    asked = ["horizontal", "plane:90/180"], ["illuminance", "cct"]
+    year = twilight.light(places, times, *asked)
+    for one, time in ((0, 0), (1, 2), (2, 3)):
+        alone = twilight.light(places[one], times[time], *asked)
+        here = year.isel(place=one, time=time)
+        np.testing.assert_allclose(here.illuminance_lux, alone.illuminance_lux, rtol=3e-3)
+        np.testing.assert_allclose(here.cct_k, alone.cct_k, rtol=2e-2)
 
 
 def test_a_clock_is_that_of_its_place():

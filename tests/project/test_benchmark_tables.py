@@ -80,3 +80,14 @@ def test_every_benchmark_and_every_table_names_a_script_that_is_there():
     stamped = [found[1] for line in first if (found := re.search(r": python benchmarks/(\S+)", line))]
     assert len(listed) > 20 and len(stamped) > 20
     assert [script for script in {*listed, *stamped} if not (HERE / script).is_file()] == []
+
+
+def test_every_file_of_long_tests_has_a_row_that_passed(monkeypatch):
+    """A record of other files than there are would spread the long tests by times that nobody measured."""
+    monkeypatch.syspath_prepend(HERE)
+    import reliability
+    import results
+
+    rows = {row["file"]: row for row in results.read_rows(reliability.TESTS)}
+    assert sorted(rows) == reliability.slow_files()
+    assert [file for file, row in rows.items() if int(row["failed"]) or not int(row["long_tests"])] == []

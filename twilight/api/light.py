@@ -16,7 +16,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.extras import require
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.light import LightField, check_sources, field_for
-from twilight.scene.usual import with_ozone_of
+from twilight.scene.usual import between_ozone_of
 from twilight.sky.ephemeris import parse_time
 from twilight.sky.moments import Moments, moments_at
 from twilight.sky.quantities.measure import Of, Quantity, check_of, unit_of
@@ -124,7 +124,8 @@ def light(
         `direction` or `surface`, those of which there are several.  Events and times of the clock are those of each
         place: of several, the coordinate `moment` (place, time) has them.
 
-    All places and times have one air; ozone that it leaves unset is the zonal mean of the first place and time.
+    All places and times have one air but for ozone that it leaves unset: each has the zonal mean of its own; the
+    logarithm of light is interpolated between the least and the most of them.
 
     Raises
     ------
@@ -152,17 +153,19 @@ def light(
         raise TwilightError(f"light: returns is '{returns}'; allowed is xarray, pandas, astropy")
     require(f"light: returns {returns}", "astropy" if returns == "astropy" else "xarray")
     config = arguments.config_of(climate, altitude_km=altitude_km, quality=quality, settings=settings)
-    config = with_ozone_of(config, times[0][0], places[0].latitude_deg)
     tell = progress or silent
-    solved = field_for(config, quantities, part_of(tell, 0.0, 0.5))
     count, n_places = len(times[0]), len(places)
-    moments = moments_at(
-        [one.latitude_deg for one in places for _ in range(count)],
-        [one.longitude_deg for one in places for _ in range(count)],
+    when, latitude = (
         [moment for row in times for moment in row],
-        solved.solved.scene.altitude_km,
+        [one.latitude_deg for one in places for _ in range(count)],
     )
-    values = _values(solved, moments, aim, quantities, sources, count, part_of(tell, 0.5, 0.5))
+    configs, more_ozone = between_ozone_of(config, when, latitude)
+    parts = [part_of(tell, 0.5 * k / len(configs), 0.5 / len(configs)) for k in range(len(configs))]
+    fields = [field_for(one, quantities, part) for one, part in zip(configs, parts, strict=True)]
+    solved = fields[0]
+    longitude = [one.longitude_deg for one in places for _ in range(count)]
+    moments = moments_at(latitude, longitude, when, solved.solved.scene.altitude_km)
+    values = _values(fields, more_ozone, moments, aim, quantities, sources, count, part_of(tell, 0.5, 0.5))
     sizes = {"place": (n_places, several_places), "time": (count, several_times), aim.of: (aim.size, aim.several)}
     dims = {name: size for name, (size, several) in sizes.items() if several}
     arrays = {item.variable: v.reshape(list(dims.values())) for item, v in zip(quantities, values, strict=True)}
@@ -259,7 +262,8 @@ class _Aim:
 
 
 def _values(
-    field: LightField,
+    fields: Sequence[LightField],
+    shares: np.ndarray,
     moments: Moments,
     aim: _Aim,
     found: Sequence[Quantity],
@@ -267,19 +271,22 @@ def _values(
     times: int,
     progress: Progress,
 ) -> list[np.ndarray]:
-    """Each quantity, (N, D)."""
+    """Each quantity, (N, D); fields: of one air, or of less and more ozone, of which moments have shares (N,)."""
     parts: list[list[np.ndarray]] = [[] for _ in found]
     step, count = max(1, AT_ONCE // aim.size), len(moments)
     if aim.of == "surface":
-        field.prepare(moments, part_of(progress, 0.0, 0.5))
+        for k, field in enumerate(fields):
+            field.prepare(moments, part_of(progress, 0.5 * k / len(fields), 0.5 / len(fields)))
     for first in range(0, count, step):
         progress(f"moment {first + 1} of {count}", 0.5 + 0.5 * first / count)
         some = moments.part(slice(first, first + step))
         if aim.of == "surface":
-            radiance = field.surfaces(some, aim.surfaces, sources)
+            each = [field.surfaces(some, aim.surfaces, sources) for field in fields]
         else:
-            radiance = field.directions(some, *aim.angles(some, first, times), sources)
-        spectra = field.spectra(radiance)
+            angles = aim.angles(some, first, times)
+            each = [field.directions(some, *angles, sources) for field in fields]
+        share = shares[first : first + step, None, None]
+        spectra = fields[0].spectra(each[0] ** (1.0 - share) * each[-1] ** share)
         for i, one in enumerate(found):
             parts[i].append(one.value(spectra))
     return [np.concatenate(part) for part in parts]

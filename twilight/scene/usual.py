@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
 
 from twilight import solvers
 from twilight.atmosphere.measured import climatological_column_du, climatology_source, profile_column_du
@@ -17,6 +20,10 @@ if TYPE_CHECKING:
     from twilight.solvers.base import Solver
 
 
+Ozones: TypeAlias = tuple[list[Config], np.ndarray]
+"""One configuration, or two of less and more ozone, and shares of the second."""
+ONE_COLUMN_DU = 4.0
+"""Places and times whose usual columns lie within this have one air [DU]: illuminance at -6 deg is within 0.7 %."""
 NOWHERE = PlaceAndTime()
 """No place and no time."""
 CLEAN = Horizon()
@@ -32,6 +39,25 @@ def with_ozone_of(config: Config, time: datetime, latitude_deg: float) -> Config
     """The configuration with the usual ozone of a place and time that its sun does not tell, where it is left unset."""
     climate, _ = with_usual_ozone(config.climate, PlaceAndTime(time, latitude_deg))
     return config.model_copy(update={"climate": climate})
+
+
+def between_ozone_of(config: Config, times: Sequence[datetime], latitude_deg: Sequence[float]) -> Ozones:
+    """The configuration with the least and the most usual ozone of places and times, and where each of them, (N,), lies
+    between the two; as it is, and zeros, where ozone is set; one of the mean where all are within ONE_COLUMN_DU."""
+    days = [time.astimezone(UTC).timetuple().tm_yday for time in times]
+    pairs = list(zip(latitude_deg, days, strict=True))
+    columns = {pair: climatological_column_du(*pair) for pair in set(pairs)}
+    least, most = min(columns.values()), max(columns.values())
+    if not _leaves_ozone(config.climate):
+        return [config], np.zeros(len(pairs))
+    if most - least <= ONE_COLUMN_DU:
+        return [_of_column(config, 0.5 * (least + most))], np.zeros(len(pairs))
+    shares = (np.array([columns[pair] for pair in pairs]) - least) / (most - least)
+    return [_of_column(config, least), _of_column(config, most)], shares
+
+
+def _of_column(config: Config, column_du: float) -> Config:
+    return config.model_copy(update={"climate": _with_column(config.climate, column_du)})
 
 
 def _with_ozone(config: Config) -> tuple[Climate, str | None]:
@@ -100,14 +126,23 @@ def with_usual_ozone(climate: Climate, at: PlaceAndTime = NOWHERE) -> tuple[Clim
 
     As it is, and None, where the column, levels or a table were given, or `gases.ozone.climatology` is false.
     """
-    ozone = climate.gases.ozone
-    own = climate.medium is not None or climate.atmosphere.levels is not None or not ozone.climatology
-    if own or ozone.column_du is not None or ozone.day_of_year is not None or ozone.treatment == "none":
+    if not _leaves_ozone(climate):
         return climate, None
     if at.time is None or at.latitude_deg is None:
         column, source = profile_column_du(climate.atmosphere.profile)
     else:
         day = at.time.astimezone(UTC).timetuple().tm_yday
         column, source = climatological_column_du(at.latitude_deg, day), climatology_source(at.latitude_deg, day)
-    gases = climate.gases.model_copy(update={"ozone": ozone.model_copy(update={"column_du": round(column, 1)})})
-    return climate.model_copy(update={"gases": gases}), source
+    return _with_column(climate, column), source
+
+
+def _leaves_ozone(climate: Climate) -> bool:
+    """Whether the climate leaves its ozone to the climatology."""
+    ozone = climate.gases.ozone
+    own = climate.medium is not None or climate.atmosphere.levels is not None or not ozone.climatology
+    return not (own or ozone.column_du is not None or ozone.day_of_year is not None or ozone.treatment == "none")
+
+
+def _with_column(climate: Climate, column_du: float) -> Climate:
+    ozone = climate.gases.ozone.model_copy(update={"column_du": round(column_du, 1)})
+    return climate.model_copy(update={"gases": climate.gases.model_copy(update={"ozone": ozone})})
