@@ -12,6 +12,7 @@ import numpy as np
 import results
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.whole_files import save_figure
 from twilight.config import load_climate
 from twilight.numerics.phase import PhaseFunction
 from twilight.numerics.spectrum import (
@@ -43,14 +44,12 @@ def luminance(field, medium, sun: float, elevation, azimuth) -> np.ndarray:
 
 
 def cie() -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
+    from matplotlib.figure import Figure
 
     wavelength = [440.0, 550.0, 680.0]
     standard = load("cie")
-    figure, panels = pyplot.subplots(1, 2, figsize=(11, 4.2), layout="constrained", sharey=True)
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
     rows = []
     grid = np.meshgrid(np.arange(2.5, 90.0, 5.0), np.arange(0.0, 181.0, 10.0), indexing="ij")
     for panel, (name, (scattering, g)) in zip(panels, AEROSOLS.items(), strict=True):
@@ -78,7 +77,7 @@ def cie() -> None:
         panel.grid(alpha=0.3)
     panels[0].set_ylabel("luminance over that of the zenith")
     panels[0].legend(fontsize=7)
-    figure.savefig(results.ROOT / "docs" / "bruneton2008-cie.png", dpi=90)
+    save_figure(results.ROOT / "docs" / "bruneton2008-cie.png", figure, 90)
     columns = "aerosol sun_zenith_deg rms_percent mean_percent mean_below_10deg_percent".split()
     notes = [
         "luminance over that of the zenith, tables as in the paper over CIE standard sky 12, weighted by solid angle;",

@@ -33,7 +33,7 @@ from zones_error import errors as zones_errors
 
 import twilight
 from twilight.base.errors import TwilightError
-from twilight.base.whole_files import whole_file
+from twilight.base.whole_files import save_figure, whole_file
 from twilight.clear_air import Model, Skies
 from twilight.clear_air.entry import SHIPPED, ClearAir, load_model
 from twilight.clear_air.model import NODES, SUN_DEG
@@ -257,13 +257,11 @@ def times(model: Model) -> None:
 
 def picture(path: Path) -> None:
     """The model, zones and the ratio of their luminances, half a sky each: azimuth 0 to 180 deg to the right."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
+    from matplotlib.figure import Figure
 
     e, a = np.meshgrid(np.arange(1.0, 90.0, 2.0), np.arange(0.0, 180.1, 2.0), indexing="ij")
-    figure, axes = pyplot.subplots(len(PICTURED), 3, figsize=(12, 2.2 * len(PICTURED)), layout="constrained")
+    figure = Figure(figsize=(12, 2.2 * len(PICTURED)), layout="constrained")
+    axes = figure.subplots(len(PICTURED), 3)
     for (climate, sun), line in zip(PICTURED, axes, strict=True):
         fields = [
             twilight.solve(climate, wavelength_nm=PICTURED_NM, sun_elevation_deg=[sun], **how)
@@ -273,7 +271,7 @@ def picture(path: Path) -> None:
         titles = [f"{name}: {climate}, sun {sun:g}°" for name in ("compact", "zones")]
         titles.append(f"luminance [%]; spectral 95 % {100 * np.percentile(np.abs(near / true - 1), 95):.1f}")
         draw_beside(figure, line, (near, true), PICTURED_NM, e, titles, 5.0)
-    figure.savefig(path, dpi=80)
+    save_figure(path, figure, 80)
 
 
 def draw_beside(

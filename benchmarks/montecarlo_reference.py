@@ -25,7 +25,6 @@ of samples and their standard error.
 
 from __future__ import annotations
 
-import csv
 import sys
 import time
 from dataclasses import replace
@@ -37,8 +36,10 @@ import numba
 import numpy as np
 import results
 
+from twilight.atmosphere import medium_table
 from twilight.atmosphere.build import build_medium
 from twilight.atmosphere.medium_table import medium_from_table
+from twilight.base.whole_files import write_csv
 from twilight.config.load import load_climate
 from twilight.scene.medium import climate_medium
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
@@ -97,20 +98,15 @@ def write_media() -> None:
     for name, depth in (("pure-air", 0.0), ("hazy-air", 0.2)):
         height = 2.0
         extinction = np.where(z < 30.0, depth / height * np.exp(-z / height), 0.0)
-        with open(HERE / f"{name}.csv", "w", newline="") as stream:
-            writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow(
-                "altitude_km wavelength_nm air_scattering_per_km aerosol_extinction_per_km "
-                "aerosol_single_scattering_albedo aerosol_asymmetry absorption_per_km refractivity".split()
-            )
-            for w, nm in enumerate(wavelength):
-                spectral = (550.0 / nm) ** 1.3
-                for i in range(z.size):
-                    row = (
-                        z[i], nm, air.air_scattering_per_km[i, w], extinction[i] * spectral, 0.93, 0.7,
-                        air.absorption_per_km[i, w], air.refractivity[i, w],
-                    )  # fmt: skip
-                    writer.writerow(f"{x:.9g}" for x in row)
+        rows = [
+            [f"{x:.9g}" for x in (
+                z[i], nm, air.air_scattering_per_km[i, w], extinction[i] * (550.0 / nm) ** 1.3, 0.93, 0.7,
+                air.absorption_per_km[i, w], air.refractivity[i, w],
+            )]
+            for w, nm in enumerate(wavelength)
+            for i in range(z.size)
+        ]  # fmt: skip
+        write_csv(HERE / f"{name}.csv", list(medium_table.COLUMNS), rows)
 
 
 def target(sun_elevation_deg: float) -> float:

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import results
 
+from twilight.base.whole_files import save_figure
 from twilight.config import load
 from twilight.engine import solve
 from twilight.numerics import spectrum
@@ -120,7 +121,7 @@ def draw(rows: list[tuple]) -> None:
     axes.set_ylabel("zenith [mag arcsec$^{-2}$]")
     axes.set_title("points measured, lines computed, dotted Krisciunas and Schaefer 1991", fontsize=10)
     axes.legend(fontsize=8)
-    figure.savefig(results.ROOT / "docs" / "moonlight.png", dpi=130)
+    save_figure(results.ROOT / "docs" / "moonlight.png", figure, 130)
 
 
 if __name__ == "__main__":

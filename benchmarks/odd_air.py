@@ -13,7 +13,6 @@ radiance is added in quadrature.  What takes longer than LIMIT_S processor secon
 
 from __future__ import annotations
 
-import csv
 import multiprocessing
 import resource
 import sys
@@ -204,12 +203,11 @@ def solve_drawn(numbers: Sequence[int], sampling_s: float) -> None:
     """Add the rows of cases to the table, each as soon as it is there; those of the same number go."""
     begun = results.read_rows(TABLE) if TABLE.exists() else []
     kept = [list(row.values()) for row in begun if int(row["number"]) not in numbers]
-    results.write(TABLE, COLUMNS, kept, command="python benchmarks/odd_air.py drawn")
     worker = Worker(sampling_s)
     for number in numbers:
         rows = rows_of(number, worker)
-        with open(TABLE, "a", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerows(rows)
+        kept += rows
+        results.write(TABLE, COLUMNS, kept, command="python benchmarks/odd_air.py drawn")
         print(*rows[0][:2], *([row[8], row[9]] for row in rows), rows[0][-1], sep="\t", flush=True)
 
 

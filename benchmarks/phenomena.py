@@ -15,6 +15,7 @@ import numpy as np
 import results
 import sky_phenomena as see
 
+from twilight.base.whole_files import save_figure
 from twilight.config import load
 from twilight.sky import colour
 
@@ -124,12 +125,10 @@ def strip(a: see.Air, suns: np.ndarray, azimuth: float, elevation: np.ndarray) -
 
 
 def draw() -> None:
-    import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(2, 3, figsize=(15, 8), layout="constrained")
+    figure = Figure(figsize=(15, 8), layout="constrained")
+    axes = figure.subplots(2, 3)
     suns = np.arange(1.0, -8.01, -0.5)
     elevation = np.arange(0.25, 40.0, 0.5)
     clean = air("continental-clean")
@@ -174,8 +173,7 @@ def draw() -> None:
     for axis in axes[1]:
         axis.legend(fontsize=8)
         axis.grid(alpha=0.3)
-    figure.savefig(results.ROOT / "docs" / "phenomena.png", dpi=110)
-    pyplot.close(figure)
+    save_figure(results.ROOT / "docs" / "phenomena.png", figure, 110)
 
 
 def main() -> None:

@@ -18,6 +18,7 @@ import numpy as np
 import results
 
 from twilight.base.progress import silent
+from twilight.base.whole_files import save_figure
 from twilight.engine import solve
 from twilight.scene import resolve
 from twilight.studies.export.prague import SUN_DEG, PragueMaker
@@ -93,15 +94,13 @@ def main() -> None:
 
 def picture(field, sky: PragueSky, nodes, axes: PragueAxes, path: Path) -> None:
     """The sky of the file, of the field, and their ratio, at two suns in the middle channel."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
+    from matplotlib.figure import Figure
 
     e, a = np.meshgrid(np.linspace(89.7, 0.3, 60), np.linspace(0.0, 180.0, 60), indexing="ij")
     channel, air = axes.channels // 3, {"visibility_km": float(axes.visibility_km[0]), "albedo": float(axes.albedo[0])}
     nm = axes.start_nm + axes.width_nm * (channel + 0.5)
-    figure, panels = pyplot.subplots(2, 3, figsize=(10, 4.6), layout="constrained")
+    figure = Figure(figsize=(10, 4.6), layout="constrained")
+    panels = figure.subplots(2, 3)
     for row, sun in zip(panels, (-4.0, -12.125), strict=True):
         exact = nodes.mean(field.radiance(sun, e, a))[..., channel]
         found = sky.radiance(sun, e, a, nm, **air)
@@ -115,7 +114,7 @@ def picture(field, sky: PragueSky, nodes, axes: PragueAxes, path: Path) -> None:
         figure.colorbar(shown, ax=row[2])
     figure.supxlabel("azimuth from the sun [deg]", fontsize=9)
     figure.supylabel("elevation [deg]", fontsize=9)
-    figure.savefig(path, dpi=90)
+    save_figure(path, figure, 90)
 
 
 if __name__ == "__main__":

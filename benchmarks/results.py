@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from twilight import __version__
-from twilight.base.whole_files import whole_file
+from twilight.base.whole_files import whole_file, write_csv
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "benchmarks" / "results"
@@ -35,11 +35,11 @@ def say_help(text: str | None) -> None:
 
 
 def heading(command: str = "") -> str:
-    """The first line of a table.  command: what makes it, this script with its arguments when not given."""
+    """The first line of a table, behind its #.  command: what makes it; empty: this script with its arguments."""
     if not command:
         arguments = [os.path.relpath(a, ROOT) if os.path.isabs(a) else a for a in sys.argv[1:]]
         command = " ".join(["python benchmarks/" + Path(sys.argv[0]).name, *arguments])
-    return f"# twilight {__version__}, {commit()}: {command}"
+    return f"twilight {__version__}, {commit()}: {command}"
 
 
 def commit() -> str:
@@ -60,11 +60,7 @@ def write(
     path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]], *, notes: Sequence[str] = (), command: str = ""
 ) -> None:
     """Write a table whole or not at all."""
-    with whole_file(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
-        file.writelines(line + "\n" for line in (heading(command), *(f"# {note}" for note in notes)))
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(rows)
+    write_csv(path, columns, rows, heading(command), *notes)
 
 
 class Kept:
@@ -96,7 +92,7 @@ def stamp(path: Path, target: Path, command: str = "") -> None:
     """Copy a table that the program wrote, with the heading in front."""
     text = Path(path).read_text(encoding="utf-8")
     with whole_file(target) as temporary:
-        temporary.write_text(heading(command) + "\n" + text, encoding="utf-8")
+        temporary.write_text(f"# {heading(command)}\n{text}", encoding="utf-8")
 
 
 def note_check(path: Path, said: str) -> None:

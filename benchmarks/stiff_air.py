@@ -9,7 +9,6 @@ the cases that were not run now stay as they are.
 
 from __future__ import annotations
 
-import csv
 import os
 import re
 import subprocess
@@ -26,7 +25,9 @@ sys.path.insert(0, str(results.ROOT / "tests"))
 
 from stability_media import LEVELS_KM, STRUCTURES, Air, medium_of
 
+from twilight.atmosphere import medium_table
 from twilight.atmosphere.medium import Medium
+from twilight.base.whole_files import write_csv
 from twilight.config import load
 from twilight.engine.problem import full_cost
 from twilight.scene import resolve
@@ -100,21 +101,14 @@ def write_table(medium: Medium, folder: Path) -> Path:
     """A climate of a tabulated medium, of Henyey-Greenstein aerosol."""
     z = medium.altitude_km
     g = [float(phase) for phase in medium.phase_functions[0].asymmetry] if medium.phase_functions else []
-    with open(folder / "air.csv", "w", newline="", encoding="utf-8") as file:
-        out = csv.writer(file)
-        out.writerow(
-            "altitude_km wavelength_nm air_scattering_per_km aerosol_extinction_per_km "
-            "aerosol_single_scattering_albedo aerosol_asymmetry absorption_per_km refractivity".split()
-        )
-        for w, nm in enumerate(medium.wavelength_nm):
-            for i in range(z.size):
-                columns = (
-                    medium.air_scattering_per_km, medium.aerosol_extinction_per_km,
-                    medium.aerosol_single_scattering_albedo,
-                )  # fmt: skip
-                row = [f"{c[i, w]:.9g}" for c in columns]
-                last = [f"{c[i, w]:.9g}" for c in (medium.absorption_per_km, medium.refractivity)]
-                out.writerow([f"{z[i]:.9g}", nm, *row, g[w] if g else 0.0, *last])
+    scattering = medium.air_scattering_per_km, medium.aerosol_extinction_per_km, medium.aerosol_single_scattering_albedo
+    rows = []
+    for w, nm in enumerate(medium.wavelength_nm):
+        for i in range(z.size):
+            height, *first = (f"{x:.9g}" for x in (z[i], *(c[i, w] for c in scattering)))
+            last = [f"{c[i, w]:.9g}" for c in (medium.absorption_per_km, medium.refractivity)]
+            rows.append([height, nm, *first, g[w] if g else 0.0, *last])
+    write_csv(folder / "air.csv", list(medium_table.COLUMNS), rows)
     path = folder / "air.yaml"
     albedo = float(medium.ground_albedo[0])
     path.write_text(f"version: 1\nname: table\nmedium:\n  table: air.csv\nground:\n  albedo: {albedo:g}\n", "utf-8")

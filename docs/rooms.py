@@ -50,7 +50,7 @@ MADE_BY = {
     "Solution": "solvers.zones.orders.solve",
     "ZonesField": "solvers.zones.field.ZonesField",
     "ScatteredOnce": "transport.scattered_once.ScatteredOnce",
-    "Answer": "engine.block.Block.answer",
+    "Stokes": "engine.block.Block.answer",
     "SkyTable": "engine.table.fill",
     "SunLight": "engine.one_sun.SunLight",
     "Sky": "engine.one_sun.SunLight.sky",

@@ -84,7 +84,7 @@ def test_against_opac_tables_shipped():
 def test_against_opac_tables_computed(tmp_path):
     """Computed optics of a component would not be OPAC's."""
     check_against_tables([("waso", 0.0), ("soot", 0.0), ("minm", 0.0)], [900.0])
-    assert len(list(tmp_path.rglob("*.f8"))) == 3
+    assert len(list(tmp_path.rglob("*.npz"))) == 3
 
 
 @pytest.mark.slow
@@ -233,13 +233,13 @@ def test_cache_returns_the_same_numbers(small, monkeypatch):
 def test_damaged_cache_entry_is_computed_again(tmp_path, small):
     """Numbers of a damaged cache entry would be used (`test_cache` has other damages)."""
     first = mie.particle_optics(*small, [500.0])
-    (entry,) = tmp_path.rglob("*.f8")
+    (entry,) = tmp_path.rglob("*.npz")
     raw = bytearray(entry.read_bytes())
     raw[1000] ^= 1
     entry.write_bytes(raw)
     again = mie.particle_optics(*small, [500.0])
     np.testing.assert_array_equal(first.log_phase, again.log_phase)
-    assert len(entry.read_bytes()) == 32 + 8 * mie.ROW
+    assert entry.stat().st_size > 8 * mie.ROW
     assert not list(tmp_path.rglob("*.part"))
 
 

@@ -41,7 +41,7 @@ def whole_files(folder: Path) -> dict[str, bytes]:
     write_sky(sky, folder / "sky.h5")
     write_rgb_exr(sky, folder / "rgb.exr", width=32)
     write_spectral_exr(sky, folder / "spectral.exr", width=16)
-    cache.store_array(cache.OPTICS, "abc", np.arange(50.0))
+    cache.store_arrays(cache.OPTICS, "abc", {"row": np.arange(50.0)})
     rows = [
         f"{z},{w},{0.02 * s},{0.1 * s},0.9,0.7,0,{3e-4 * s}" for z, s in ((0, 1), (5, 0.3), (60, 0)) for w in (450, 600)
     ]
@@ -91,10 +91,10 @@ def readers() -> dict[str, Callable[[Path], Any]]:
 
     def optics(path: Path) -> None:
         cache.path_of(cache.OPTICS, "abc").write_bytes(path.read_bytes())
-        found = cache.read_array(cache.OPTICS, "abc", (50,))
+        found = cache.read_arrays(cache.OPTICS, "abc")
         if found is None:
             raise TwilightError("counts as absent")
-        assert np.array_equal(found, np.arange(50.0))
+        assert np.array_equal(found["row"], np.arange(50.0))
 
     return {"sky": sky, "rgb": picture, "spectral": spectral, "table": table, "coefficients": coefficients,
             "references": read_references, "optics": optics}  # fmt: skip

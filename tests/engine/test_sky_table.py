@@ -7,7 +7,6 @@ from stability_media import ducting
 from twilight.base.conventions import EARTH_RADIUS_KM
 from twilight.clear_air.shells import sublayers
 from twilight.config import load_climate
-from twilight.engine.block import Answer
 from twilight.engine.table import BREAKS_APART_DEG, fill, first_columns, first_rows
 from twilight.numerics.directions import PHASE_ANGLE_RAD, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix
@@ -54,7 +53,7 @@ def peaked_light(elevation, azimuth, sun=SUN_DEG):
 
 def on(light, sun=SUN_DEG):
     def answer(rows, columns):
-        return Answer(light(*np.meshgrid(rows, columns, indexing="ij"), sun))
+        return light(*np.meshgrid(rows, columns, indexing="ij"), sun)[..., None, :]
 
     return answer
 
@@ -221,7 +220,7 @@ def test_wavelengths_of_blocks_are_joined_on_all_their_nodes():
             return super().light(*where)[..., self.w : self.w + 1]
 
     def of(w):
-        return lambda r, c: Answer(light(r, c).radiance[..., w : w + 1])
+        return lambda r, c: light(r, c)[..., w : w + 1]
 
     parts = [
         fill(of(w), One(w), SUN_DEG, first_rows(0.0, (), count), first_columns(25), refine=False)

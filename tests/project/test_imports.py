@@ -134,9 +134,7 @@ def test_a_walk_that_no_import_takes_is_broken():
     ]
 
 
-INSIDE_THE_ENGINE = {"Problem", "Block", "MixedBlock", "Answer"}
-OF_THE_TABLES_FILL = {"test_sky_table.py", "test_prague.py"}
-"""Tests of `engine.table.fill`, which takes answers."""
+INSIDE_THE_ENGINE = {"Problem", "Block", "MixedBlock"}
 
 
 def test_fields_and_skies_are_all_that_the_engine_hands_out():
@@ -149,5 +147,5 @@ def test_fields_and_skies_are_all_that_the_engine_hands_out():
         for module, names in imports_of(p).items()
         if module.startswith("twilight.engine") and INSIDE_THE_ENGINE & names
     }
-    assert users == {name: {"Answer"} for name in OF_THE_TABLES_FILL} | {"test_unknown_light.py": {"Block"}}
+    assert users == {"test_unknown_light.py": {"Block"}}
     assert len(outside) > 400

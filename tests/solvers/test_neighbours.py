@@ -148,8 +148,8 @@ def test_grid_medium_leaves_out_wavelengths_without_optics():
         return medium_of(Air(aerosol=1.0))
 
     asked = np.array([600.0, 800.0])
-    assert GridMedium.built_by(build, asked).medium is not None
-    assert GridMedium.built_by(build, asked[1:]).medium is None
+    assert GridMedium.on_demand(build, asked).medium is not None
+    assert GridMedium.on_demand(build, asked[1:]).medium is None
 
 
 def test_only_wavelengths_that_need_other_grids_are_solved_apart():

@@ -14,7 +14,6 @@ import pytest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import silent
 from twilight.config import load_climate
-from twilight.engine.block import Answer
 from twilight.engine.table import fill
 from twilight.numerics.spectrum import solar_at
 from twilight.scene.medium import climate_medium
@@ -46,8 +45,7 @@ class SmoothField:
 
     def table(self, sun, altitude_km, *, rows_deg, columns_deg, refine, **_):
         def light(rows, columns):
-            found = self.stokes(sun, *np.meshgrid(rows, columns, indexing="ij"))
-            return Answer(found[..., 0, :], None, found[..., 1:, :])
+            return self.stokes(sun, *np.meshgrid(rows, columns, indexing="ij"))
 
         return fill(light, self.once, sun, rows_deg, columns_deg, refine=refine)
 

@@ -22,7 +22,7 @@ from twilight.api.arguments import PlotOptions
 from twilight.base.errors import TwilightError
 from twilight.base.extras import require
 from twilight.base.reading import first_line
-from twilight.base.whole_files import whole_file
+from twilight.base.whole_files import save_figure, whole_file
 from twilight.io.labels import attributes
 from twilight.io.netcdf import check_self_contained, interruptible_h5netcdf, read_sky, sky_to_dataset
 from twilight.io.picture import SHAPES, label_of, render_view, to_bytes, view_directions, width_of
@@ -368,12 +368,10 @@ def profile_figure(
 ) -> None:
     """PNG of extinction coefficients [km^-1] against altitude [km] at one wavelength, one line for each part (Z,)."""
     require(f"{path}: a figure", "matplotlib")
-    import matplotlib  # optional
+    from matplotlib.figure import Figure  # optional
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(6, 7), layout="constrained")
+    figure = Figure(figsize=(6, 7), layout="constrained")
+    axes = figure.subplots()
     values = np.concatenate([c[c > 0] for c in coefficients_per_km.values()] or [np.ones(1)])
     smallest, largest = float(values.min(initial=1.0)), float(values.max(initial=0.0)) or 1.0
     for name, coefficient in coefficients_per_km.items():
@@ -388,8 +386,4 @@ def profile_figure(
     )
     axes.grid(alpha=0.3)
     axes.legend()
-    try:
-        with whole_file(path) as temporary:
-            figure.savefig(temporary, dpi=120)
-    finally:
-        pyplot.close(figure)
+    save_figure(path, figure, 120)

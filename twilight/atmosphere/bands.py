@@ -134,7 +134,7 @@ class GasBands:
         """
         which = slice(None) if terms is None else terms
         wide = medium.select(self.wavelength_index[which])
-        without = medium.grid_medium and medium.grid_medium.unbound()
+        without = medium.grid_medium and medium.grid_medium.for_any_optics()
         absorption = wide.absorption_per_km + self.absorption_per_km[:, which]
         return replace(wide, absorption_per_km=absorption, grid_medium=without)
 

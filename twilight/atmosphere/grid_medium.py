@@ -78,7 +78,7 @@ class GridMedium(Generic[M]):
     _optics: tuple[Any, ...] | None = None
 
     @staticmethod
-    def built_by(build: Callable[[np.ndarray], M], wavelength_nm: np.ndarray) -> GridMedium[M]:
+    def on_demand(build: Callable[[np.ndarray], M], wavelength_nm: np.ndarray) -> GridMedium[M]:
         """What `build` makes of those wavelengths (W,) [nm] whose optics are known, when it is first asked for."""
         return GridMedium(_OnDemand(build, wavelength_nm))
 
@@ -92,14 +92,14 @@ class GridMedium(Generic[M]):
         """At those of the fixed wavelengths where the optics are known; None where they are known at none."""
         return self._source.medium
 
-    def given_to(self, optics: tuple[Any, ...]) -> GridMedium[M] | None:
+    def for_optics(self, optics: tuple[Any, ...]) -> GridMedium[M] | None:
         """For a medium of these optics, which become its own the first time; None for other optics."""
         if self._optics is None:
             return replace(self, _optics=optics)
         same = len(optics) == len(self._optics) and all(map(_equal, optics, self._optics))
         return self if same else None
 
-    def unbound(self) -> GridMedium[M]:
+    def for_any_optics(self) -> GridMedium[M]:
         """The same, to be given to a medium of the same air in other arrays."""
         return replace(self, _optics=None)
 

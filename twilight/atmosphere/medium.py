@@ -110,7 +110,7 @@ class Medium:
 
     def __post_init__(self):
         if self.grid_medium is not None:
-            object.__setattr__(self, "grid_medium", self.grid_medium.given_to(self._optics))
+            object.__setattr__(self, "grid_medium", self.grid_medium.for_optics(self._optics))
         z, w = self.altitude_km, self.wavelength_nm
         shape = (z.size, w.size)
         if z.size < 2 or not np.all(np.isfinite(z)) or np.any(np.diff(z) < 0) or z[-1] <= z[0]:
@@ -189,7 +189,7 @@ class Medium:
             depolarisation=self.depolarisation[s],
             ground_albedo=self.ground_albedo[s],
             overhead_absorption_optical_depth=self.overhead_absorption_optical_depth[s],
-            grid_medium=self.grid_medium and self.grid_medium.unbound(),
+            grid_medium=self.grid_medium and self.grid_medium.for_any_optics(),
             **cut,
         )
 

@@ -372,10 +372,10 @@ def _row(size: SizeDistribution, index: complex, wavelength_nm: float) -> np.nda
     key = cache_key(size, index, wavelength_nm)
     row = shipped_optics.load().get(key)
     if row is None:
-        row = cache.read_array(cache.OPTICS, key, (ROW,))
+        row = (cache.read_arrays(cache.OPTICS, key) or {}).get("row")
     if row is None:
         row = compute_optics(size, index, wavelength_nm)
-        cache.store_array(cache.OPTICS, key, row)
+        cache.store_arrays(cache.OPTICS, key, {"row": row})
     return row
 
 

@@ -2,22 +2,19 @@
 
     FOLDER/fields/KEY.h5       solved fields                        together at most TWILIGHT_CACHE_GB; the files that
     FOLDER/skies/KEY.npz       skies that a study has computed      were used longest ago go first
-    FOLDER/optics/KEY.f8       optics of particles by Mie theory    small, not limited
+    FOLDER/optics/KEY.npz      optics of particles by Mie theory    small, not limited
     FOLDER/kernels/            machine code, where TWILIGHT_CACHE_DIR is set and the package cannot be written
 
 FOLDER is TWILIGHT_CACHE_DIR, else the platform's cache folder for `twilight`.  A folder that is full or cannot be
 written is no error: what was computed is used, a warning of one sentence says that it is not there for the next time.
-Whoever stores a file sees to it that a damaged one is recognised; `read_array` does for arrays.
+Whoever stores a file sees to it that a damaged one is recognised; `read_arrays` does for arrays.
 """
 
 import contextlib
-import hashlib
 import math
 import os
 import shutil
 import warnings
-import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,14 +22,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twilight.base.errors import TwilightError, TwilightWarning
+from twilight.base.reading import stored_arrays
 from twilight.base.whole_files import whole_file
 
 FOLDER_VARIABLE = "TWILIGHT_CACHE_DIR"
 LIMIT_VARIABLE = "TWILIGHT_CACHE_GB"
 DEFAULT_LIMIT_GB = 2.0
 """Some hundred fields of a climate at eight wavelengths."""
-_DIGEST_BYTES = 32
-"""Length of the SHA-256 in front of an array."""
 
 
 class FileKind(NamedTuple):
@@ -46,7 +42,7 @@ class FileKind(NamedTuple):
 
 FIELDS = FileKind("fields", ".h5", "solved fields", True)
 SKIES = FileKind("skies", ".npz", "skies of studies", True)
-OPTICS = FileKind("optics", ".f8", "optics of particles", False)
+OPTICS = FileKind("optics", ".npz", "optics of particles", False)
 KINDS = (FIELDS, SKIES, OPTICS)
 
 
@@ -123,48 +119,18 @@ def discard(path: Path) -> None:
         path.unlink()
 
 
-def read_array(kind: FileKind, key: str, shape: tuple[int, ...]) -> np.ndarray | None:
-    """The float64 array that `store_array` left under a key; None where there is no whole and undamaged one."""
-    path = find(kind, key)
-    if path is None:
-        return None
-    try:
-        raw = path.read_bytes()
-    except OSError:
-        return None
-    payload = raw[_DIGEST_BYTES:]
-    if len(payload) != 8 * math.prod(shape) or hashlib.sha256(payload).digest() != raw[:_DIGEST_BYTES]:
-        return None
-    return np.frombuffer(payload, dtype="<f8").astype(float).reshape(shape)
-
-
-def store_array(kind: FileKind, key: str, values: np.ndarray) -> None:
-    """Leave a float64 array under a key: 32 bytes SHA-256 of the rest, then its values, little endian."""
-    payload = np.ascontiguousarray(values, dtype="<f8").tobytes()
-    store(kind, key, lambda path: path.write_bytes(hashlib.sha256(payload).digest() + payload))
-
-
 def read_arrays(kind: FileKind, key: str) -> dict[str, np.ndarray] | None:
     """The arrays that `store_arrays` left under a key; None where there are none, and damaged ones are removed."""
     path = find(kind, key)
-    if path is None:
-        return None
-    try:
-        with np.load(path) as file:
-            return dict(file)
-    except (OSError, ValueError, KeyError, EOFError, TypeError, NotImplementedError, zipfile.BadZipFile, zlib.error):
+    arrays = None if path is None else stored_arrays(path)
+    if path is not None and arrays is None:
         discard(path)
-        return None
+    return arrays
 
 
 def store_arrays(kind: FileKind, key: str, arrays: Mapping[str, np.ndarray]) -> None:
     """Leave arrays under a key, each with a checksum."""
-
-    def write(path: Path) -> None:
-        with open(path, "wb") as stream:
-            np.savez(stream, **arrays)  # type: ignore[arg-type]
-
-    store(kind, key, write)
+    store(kind, key, lambda path: np.savez(path, **arrays))  # type: ignore[arg-type]
 
 
 def cached_files() -> Iterator[CachedFile]:

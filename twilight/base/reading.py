@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from os.path import isfile
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
+from zlib import error as ZlibError
 
 import numpy as np
 
@@ -110,7 +112,7 @@ def stored_arrays(path: Path) -> dict[str, np.ndarray] | None:
     try:
         with open_npz(path, largest_expansion=1) as there:
             return dict(there)
-    except (TwilightError, OSError, EOFError, KeyError, ValueError, RuntimeError, zipfile.BadZipFile):
+    except (TwilightError, OSError, EOFError, KeyError, TypeError, ValueError, RuntimeError, BadZipFile, ZlibError):
         return None
 
 
@@ -124,15 +126,14 @@ def _npy_bytes(stream: Any) -> int:
 
 def check_hdf5(path: Path, file: Any) -> None:
     """Raise TwilightError where the datasets of an open HDF5 file together are larger than it can hold."""
-    claimed = [0.0]
+    claimed: list[int] = []
 
     def add(name: str, item: Any) -> None:
-        shape = getattr(item, "shape", None)
-        if shape is not None:
-            claimed[0] += float(np.prod([float(n) for n in shape])) * item.dtype.itemsize
+        if (shape := getattr(item, "shape", None)) is not None:
+            claimed.append(math.prod(map(int, shape)) * item.dtype.itemsize)
 
     file.visititems(add)
-    check_expansion(path, claimed[0])
+    check_expansion(path, float(sum(claimed)))
 
 
 def first_line(error: BaseException) -> str:

@@ -169,14 +169,14 @@ def validate(model: type[ModelT], data: Any, origins: Origins) -> ModelT:
     for e in found:
         loc = tuple(part for part in e["loc"] if not _is_tag(part))
         where, shown = origins.describe(tuple(part for part in loc if part != "[key]"))
-        text = f"{where}: {_said_once(where, _sentence(model, e, shown))}"
+        text = f"{where}: {_without_repeated_key(where, _sentence(model, e, shown))}"
         if text not in sentences:
             sentences.append(text)
     more = f" ({len(sentences) - 1} more after this)" if len(sentences) > 1 else ""
     raise TwilightError(sentences[0] + more)
 
 
-def _said_once(where: str, sentence: str) -> str:
+def _without_repeated_key(where: str, sentence: str) -> str:
     """The sentence without the key at its head that the option before it is named after: `--at: at: ...`."""
     key, colon, rest = sentence.partition(": ")
     return rest if colon and where == f"--{key.rpartition('.')[2].replace('_', '-')}" else sentence
@@ -226,9 +226,10 @@ def allowed(annotation: Any, metadata: Iterable[Any] = (), unit: str = "") -> st
 
 def _limits(metadata: list[Any]) -> str:
     bound = {name: getattr(m, name) for m in metadata for name in ("ge", "gt", "le", "lt") if hasattr(m, name)}
-    low = f"{bound['ge']:g}" if "ge" in bound else f"above {bound['gt']:g}" if "gt" in bound else ""
-    high = f"{bound['le']:g}" if "le" in bound else f"below {bound['lt']:g}" if "lt" in bound else ""
-    if "ge" in bound and "le" in bound:
+    said = {name: str(value) if isinstance(value, int) else f"{value:g}" for name, value in bound.items()}
+    low = said["ge"] if "ge" in said else f"above {said['gt']}" if "gt" in said else ""
+    high = said["le"] if "le" in said else f"below {said['lt']}" if "lt" in said else ""
+    if "ge" in bound and high:
         return f" from {low} to {high}"
     if low and high:
         return f" {low} and up to {high}"

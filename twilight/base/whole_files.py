@@ -12,9 +12,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from twilight.base.errors import TwilightError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _unfinished: set[Path] = set()
 """Temporary files and folders that are being written."""
@@ -162,11 +165,10 @@ def refusal(error: BaseException) -> str | None:
     return (error.strerror or said.partition("\n")[0]) if isinstance(error, OSError) else None
 
 
-def write_csv(path: str | os.PathLike, columns: Sequence[str], rows: Iterable[Sequence[Any]], note: str = "") -> Path:
-    """Write a table in UTF-8, whole or not at all; note: a first line that begins with #.  Returns the path."""
+def write_csv(path: str | os.PathLike, columns: Sequence[str], rows: Iterable[Sequence[Any]], *notes: str) -> Path:
+    """Write a table in UTF-8, whole or not at all; notes: first lines, which begin with #.  Returns the path."""
     with whole_file(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
-        if note:
-            file.write(f"# {note}\n")
+        file.writelines(f"# {note}\n" for note in notes)
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(rows)
@@ -177,4 +179,11 @@ def write_json(path: str | os.PathLike, content: Any) -> Path:
     """Write JSON values in UTF-8, whole or not at all.  Returns the path."""
     with whole_file(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    return Path(path)
+
+
+def save_figure(path: str | os.PathLike, figure: "Figure", dpi: float) -> Path:
+    """Write a figure of matplotlib's, whole or not at all.  Returns the path."""
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=dpi)
     return Path(path)

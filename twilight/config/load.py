@@ -21,7 +21,7 @@ from twilight.base.sections import Origins, dotted, unknown, validate
 from twilight.config.climate import Climate, climate_files
 from twilight.config.scene import Config
 from twilight.config.solver import choose_solver
-from twilight.config.vary import DRAWING, Axis, axes_of
+from twilight.config.vary import Axis, Drawing, axes_of
 
 
 def shipped(kind: str) -> dict[str, Path]:
@@ -284,7 +284,7 @@ def load_axes(
     _put(draft, settings, names)
     where = Origins(draft.origins).describe(("vary",))[0]
     vary = draft.data.pop("vary", None)
-    drawing = {name: draft.data.pop(name) for name in DRAWING if name in draft.data}
+    drawing = {name: draft.data.pop(name) for name in Drawing.model_fields if name in draft.data}
     set_ = {name: value for name, value in drawing.items() if value is not None}
     return Series(axes_of({} if vary is None else vary, where, set_), where, draft)
 
@@ -312,7 +312,7 @@ def load_climate(
     """
     draft = _read(target, ("climates",))
     _put(draft, settings, names)
-    for name in ("vary", *DRAWING):
+    for name in ("vary", *Drawing.model_fields):
         draft.data.pop(name, None)
     return draft.validated(solver=False).climate
 

@@ -16,6 +16,7 @@ from twilight.config.moon import MoonSection
 from twilight.config.pictures import Output, Terrain, View
 from twilight.config.solver import ChosenSolver, SolverOptions, choose_solver
 from twilight.config.sun import Sun, SunElevation, SunElevations, with_moment_of_horizon
+from twilight.config.vary import Drawing
 
 
 class HorizonClouds(Section):
@@ -257,6 +258,9 @@ class Night(Section):
     )
 
 
+_DRAWING: Any = Drawing.model_fields
+
+
 class Config(Section):
     """Everything that a render needs."""
 
@@ -298,11 +302,9 @@ class Config(Section):
         "to, count, scale: linear | log}; list: mappings of keys that change together; drawn, all together: {uniform: "
         "[low, high]}, {log_uniform: [low, high]} or {choice: [values]}",
     )
-    draws: Integer | None = key(None, "how often the keys of vary that are drawn are drawn", unit="1", ge=1, le=100_000)
-    seed: Integer | None = key(None, "of the draws; 0", unit="1", ge=0, le=2**31 - 1)
-    validation: Number | None = key(
-        None, "fraction of the draws that a sweep marks for validation; 0.1", unit="1", ge=0.0, lt=1.0
-    )
+    draws: Integer | None = _DRAWING["draws"]
+    seed: Integer = _DRAWING["seed"]
+    validation: Number = _DRAWING["validation"]
 
     @model_validator(mode="before")
     @classmethod

@@ -4,31 +4,92 @@ import hashlib
 import os
 import random
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, create_model, model_validator
 
 from twilight.base.errors import TwilightError
-from twilight.base.sections import short, unknown
+from twilight.base.sections import Integer, ModelT, Number, Origins, Section, increase, key, unknown, validate
 
 LIST = "list"
 DRAWS = "draws"
 """Name of the axis of the keys that are drawn, and of the key that says how often."""
-DRAWING = (DRAWS, "seed", "validation")
-"""Keys beside `vary` that say how keys are drawn."""
-DISTRIBUTIONS = ("uniform", "log_uniform", "choice")
-VALIDATION = 0.1
-"""Fraction of the draws that is held out where `validation` is not set."""
-SCALES = ("linear", "log")
 MAX_POINTS = 100_000
 """Most points of one axis."""
 LONGEST_LABEL = 60
 """Characters of the folder of one value: two of them and the name of a file stay below the 255 of file systems."""
 LARGEST = 1e150
-"""Largest end of a range; a whole number may be too large for a float, a ratio or difference of two floats as well."""
+"""Largest end of a range: a ratio or difference of two larger ones may be too large for a float."""
 
 _FORMS = "a list, e.g. [0, 10], {from: 10, to: -18, count: 29}, or drawn, e.g. {uniform: [0.02, 0.6]}"
+_End = Annotated[Number, Field(ge=-LARGEST, le=LARGEST)]
+
+
+class _Range(Section):
+    """Values between two, but for the key `from`, which is no name of Python."""
+
+    to: _End = key(..., "the last value")
+    count: Integer = key(..., "values, the ends among them", unit="1", ge=2, le=MAX_POINTS)
+    scale: Literal["linear", "log"] = key("linear", "what is equally spaced: values, or their logarithms")
+
+    @model_validator(mode="after")
+    def _possible(self) -> "_Range":
+        first = getattr(self, "from")
+        if self.scale == "log" and not min(first, self.to) > 0:
+            raise ValueError("a log scale needs from and to above 0")
+        if first == self.to:
+            raise ValueError(f"from and to are the same, {first:g}")
+        return self
+
+    def values(self) -> list[float]:
+        """All of them."""
+        ends, logarithmic = (getattr(self, "from"), self.to), self.scale == "log"
+        return [_between(*ends, logarithmic, i / (self.count - 1)) for i in range(self.count)]
+
+
+_FROM: Any = {"from": (_End, key(..., "the first value"))}
+Range = create_model("Range", __base__=_Range, **_FROM)
+
+
+class Distribution(Section):
+    """What a key is drawn from: one of these."""
+
+    uniform: tuple[_End, _End] | None = key(None, "lowest and highest of equally likely numbers")
+    log_uniform: tuple[_End, _End] | None = key(None, "the same of numbers whose logarithms are equally likely")
+    choice: tuple[Any, ...] | None = key(None, "equally likely values", min_length=1, max_length=MAX_POINTS)
+
+    @model_validator(mode="after")
+    def _one(self) -> "Distribution":
+        if len(self.model_fields_set) != 1:
+            raise ValueError(f"must have one distribution and nothing beside it: {', '.join(type(self).model_fields)}")
+        for name in ("uniform", "log_uniform"):
+            ends = getattr(self, name)
+            if ends and not (increase(ends) and (name == "uniform" or ends[0] > 0)):
+                above = " above 0" if name == "log_uniform" else ""
+                raise ValueError(
+                    f"{name} must be two numbers{above}, the lower one first, got [{ends[0]:g}, {ends[1]:g}]"
+                )
+        return self
+
+    def at(self, fraction: float) -> Any:
+        """The value below which a fraction of all lies, 0 to 1."""
+        if self.choice is not None:
+            return self.choice[min(int(fraction * len(self.choice)), len(self.choice) - 1)]
+        low, high = self.uniform or self.log_uniform or (0.0, 1.0)
+        return _between(low, high, self.log_uniform is not None, fraction)
+
+
+class Drawing(Section):
+    """How keys are drawn: keys of a configuration beside `vary`."""
+
+    draws: Integer | None = key(
+        None, "how often the keys of vary that are drawn are drawn", unit="1", ge=1, le=MAX_POINTS
+    )
+    seed: Integer = key(0, "of the draws", unit="1", ge=0, le=2**31 - 1)
+    validation: Number = key(0.1, "fraction of the draws that a sweep marks for validation", unit="1", ge=0.0, lt=1.0)
 
 
 @dataclass(frozen=True)
@@ -45,14 +106,14 @@ class Axis:
     held_out: frozenset[int] = frozenset()
 
 
-def axes_of(vary: Any, where: str, drawing: Mapping[str, Any] | None = None) -> tuple[Axis, ...]:
+def axes_of(vary: Any, where: str, drawing: Mapping[str, Any]) -> tuple[Axis, ...]:
     """The axes of a `vary:` section; whether the keys and values are allowed is not looked at here.
 
     A key maps to a list of values, to a range {from, to, count, scale}, or to a distribution: {uniform: [low, high]},
     {log_uniform: [low, high]} or {choice: [values]}; `list` to mappings of keys that are taken as they are.  All keys
     with a distribution are one axis, a Latin hypercube: each distribution is cut into as many equally likely parts as
     there are draws, and every part is drawn from once.
-    drawing: `draws`, `seed` (0) and `validation` (the fraction held out), where they are set
+    drawing: keys of `Drawing`, where they are set
     Errors: TwilightError for any other form.
     """
     if not isinstance(vary, Mapping):
@@ -63,27 +124,28 @@ def axes_of(vary: Any, where: str, drawing: Mapping[str, Any] | None = None) -> 
     for name, value in vary.items():
         if name == LIST:
             axes.append(_listed(value, where))
-        elif isinstance(value, Mapping) and not set(value).isdisjoint(DISTRIBUTIONS):
+        elif isinstance(value, Mapping) and not set(value).isdisjoint(Distribution.model_fields):
             place = place if drawn else len(axes)
-            drawn[name] = _distribution(value, f"{where}: vary: {name}")
+            drawn[name] = _of(Distribution, value, f"{where}: vary: {name}")
         else:
             values = _values(value, f"{where}: vary: {name}")
             axes.append(Axis(name, tuple({name: v} for v in values), tuple(label(name, v) for v in values)))
     if drawn:
-        axes.insert(place, _drawn(drawn, drawing or {}, where))
+        axes.insert(place, _drawn(drawn, _of(Drawing, drawing, where), where))
     elif drawing:
-        key = next(iter(drawing))
-        raise TwilightError(f"{where}: {key}: nothing in vary is drawn; give a key e.g. {{uniform: [0.02, 0.6]}}")
+        raise TwilightError(
+            f"{where}: {next(iter(drawing))}: nothing in vary is drawn; give a key e.g. {{uniform: [0.02, 0.6]}}"
+        )
     axes = [axis if len(set(axis.labels)) == len(axis.labels) else _told_apart(axis) for axis in axes]
     for axis in axes:
         if len(set(axis.labels)) < len(axis.labels):
             raise TwilightError(f"{where}: vary lists the same value twice ({axis.name})")
     seen: dict[str, str] = {}
     for axis in axes:
-        for key in dict.fromkeys(k for point in axis.points for k in point):
-            if key in seen:
-                raise TwilightError(f"{where}: vary sets {key} twice, in {seen[key]} and in {axis.name}")
-            seen[key] = axis.name
+        for name in dict.fromkeys(k for point in axis.points for k in point):
+            if name in seen:
+                raise TwilightError(f"{where}: vary sets {name} twice, in {seen[name]} and in {axis.name}")
+            seen[name] = axis.name
     return tuple(axes)
 
 
@@ -126,9 +188,13 @@ def _values(value: Any, where: str) -> list[Any]:
         return list(value)
     if not isinstance(value, Mapping):
         raise TwilightError(f"{where} must be one of the lists and ranges that vary takes: {_FORMS}")
-    first, last, scale = _range(value, where)
-    count = _whole(value.get("count"), f"{where}.count", 2, MAX_POINTS)
-    return [_between(first, last, scale, i / (count - 1)) for i in range(count)]
+    for name in value.keys() - Range.model_fields:
+        raise TwilightError(f"{where}: {name} {unknown(name, [*Range.model_fields, *Distribution.model_fields])}")
+    return _of(Range, value, where).values()
+
+
+def _of(model: type[ModelT], value: Mapping[str, Any], where: str) -> ModelT:
+    return validate(model, value, Origins({(): where}))
 
 
 def _listed(value: Any, where: str) -> Axis:
@@ -150,48 +216,21 @@ def _listed(value: Any, where: str) -> Axis:
     return Axis(LIST, points, tuple("_".join(label(k, v) for k, v in point.items()) for point in points))
 
 
-Distribution = Callable[[float], Any]
-"""The value below which a fraction of all lies, 0 to 1."""
-
-
-def _distribution(value: Mapping[str, Any], where: str) -> Distribution:
-    if len(value) != 1:
-        raise TwilightError(f"{where} must have one distribution and nothing beside it: {', '.join(DISTRIBUTIONS)}")
-    name, given = next(iter(value.items()))
-    where = f"{where}.{name}"
-    if name == "choice":
-        if not isinstance(given, list | tuple) or not 0 < len(given) <= MAX_POINTS:
-            raise TwilightError(f"{where} must be a list of 1 to {MAX_POINTS} values, e.g. [50, 70, 80]")
-        return lambda fraction: given[min(int(fraction * len(given)), len(given) - 1)]
-    if not isinstance(given, list | tuple) or len(given) != 2:
-        raise TwilightError(f"{where} must be two numbers, the lowest and the highest, e.g. [0.02, 0.6]")
-    low, high = (_number(end, where) for end in given)
-    scale = "log" if name == "log_uniform" else "linear"
-    if not low < high or (scale == "log" and not low > 0):
-        above = " above 0" if scale == "log" else ""
-        raise TwilightError(f"{where} must be two numbers{above}, the lower one first, got [{low:g}, {high:g}]")
-    return lambda fraction: _between(low, high, scale, fraction)
-
-
-def _drawn(drawn: Mapping[str, Distribution], drawing: Mapping[str, Any], where: str) -> Axis:
-    if drawing.get(DRAWS) is None:
+def _drawn(drawn: Mapping[str, Distribution], drawing: Drawing, where: str) -> Axis:
+    count = drawing.draws
+    if count is None:
         raise TwilightError(f"{where}: vary: {next(iter(drawn))} is drawn; set how often, e.g. draws: 200")
-    count = _whole(drawing[DRAWS], f"{where}: {DRAWS}", 1, MAX_POINTS)
-    seed = _whole(drawing.get("seed", 0), f"{where}: seed", 0, 2**31 - 1)
-    fraction = drawing.get("validation", VALIDATION)
-    if isinstance(fraction, bool) or not isinstance(fraction, int | float) or not 0.0 <= fraction < 1.0:
-        raise TwilightError(f"{where}: validation must be a number from 0 to below 1, got {fraction!r}")
     points: list[dict[str, Any]] = [{} for _ in range(count)]
-    for key, distribution in drawn.items():
+    for name, distribution in drawn.items():
         # random() of a given seed is promised to stay the same; a stream of its own keeps one key's values when
         # another key is added
-        stream = random.Random(f"{seed}/{key}")
+        stream = random.Random(f"{drawing.seed}/{name}")
         order = sorted((stream.random(), i) for i in range(count))
         for point, (_, i) in zip(points, order, strict=True):
-            point[key] = distribution((i + stream.random()) / count)
+            point[name] = distribution.at((i + stream.random()) / count)
     width = len(str(count - 1))
     labels = tuple(f"draw-{i:0{width}d}" for i in range(count))
-    return Axis(DRAWS, tuple(points), labels, _held_out(count, fraction, seed))
+    return Axis(DRAWS, tuple(points), labels, _held_out(count, drawing.validation, drawing.seed))
 
 
 def _held_out(count: int, fraction: float, seed: int) -> frozenset[int]:
@@ -202,41 +241,10 @@ def _held_out(count: int, fraction: float, seed: int) -> frozenset[int]:
     return frozenset(i for _, i in order[:held])
 
 
-def _check_keys(value: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
-    for key in value:
-        if key not in known:
-            raise TwilightError(f"{where}.{key} {unknown(str(key), known)}")
-
-
-def _range(value: Mapping[str, Any], where: str) -> tuple[float, float, str]:
-    _check_keys(value, ("from", "to", "count", "scale", *DISTRIBUTIONS), where)
-    ends = [_number(value.get(name), f"{where}.{name}") for name in ("from", "to")]
-    scale = value.get("scale", "linear")
-    if scale not in SCALES:
-        raise TwilightError(f"{where}.scale must be one of {', '.join(SCALES)}, got {scale!r}")
-    if scale == "log" and not min(ends) > 0:
-        raise TwilightError(f"{where}: a log scale needs from and to above 0")
-    if ends[0] == ends[1]:
-        raise TwilightError(f"{where}: from and to are the same, {ends[0]:g}")
-    return ends[0], ends[1], scale
-
-
-def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not -LARGEST <= value <= LARGEST:
-        raise TwilightError(f"{where} must be a number, got {short(value)}")
-    return float(value)
-
-
-def _between(first: float, last: float, scale: str, fraction: float) -> float:
+def _between(first: float, last: float, logarithmic: bool, fraction: float) -> float:
     """The value at a fraction of the way, rounded to 12 digits so that 0.1 stays 0.1."""
-    if scale == "log":
+    if logarithmic:
         value = first * (last / first) ** fraction
     else:
         value = first + (last - first) * fraction
     return float(f"{value:.12g}")
-
-
-def _whole(value: Any, where: str, low: int, high: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise TwilightError(f"{where} must be a whole number from {low} to {high}, got {short(value)}")
-    return value

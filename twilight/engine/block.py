@@ -1,4 +1,4 @@
-"""Some wavelengths of a scene, solved: a `Block` answers for any sun, observer and direction with an `Answer`.
+"""Some wavelengths of a scene, solved: a `Block` answers for any sun, observer and direction with Stokes parameters.
 
 Solved fields are cached under a SHA-256 of all that enters, the solver's code included; the solver's own file format
 guards the content of the file.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twilight import solvers
-from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.medium import Medium
 from twilight.base import cache
 from twilight.base.digest import code_digest, content_digest
@@ -33,41 +32,19 @@ MANY_LEVELS = 300
 """Levels beyond which the sun's own light on the ground is found by quadrature: tables would break at each of them."""
 
 
-@dataclass(frozen=True)
-class Answer:
-    """What was found for some directions; sun-normalised [sr^-1].
-
-    radiance: shape of the directions plus (W,), and its standard error where there is one; both, and the polarisation,
-        are nan where a solver whose answers are estimates does not know them.
-    polarisation: the Stokes parameters Q and U, shape of the directions plus (2, W), where they were asked for and the
-        field has them (signs: `twilight.base.conventions`), and their standard error.
-    """
-
-    radiance: np.ndarray
-    standard_error: np.ndarray | None = None
-    polarisation: np.ndarray | None = None
-    polarisation_error: np.ndarray | None = None
+Stokes = np.ndarray
+"""Sun-normalised Stokes parameters [sr^-1], shape of the directions plus (S, W): S is 1, radiance alone, or 3: I, Q, U
+(signs: `twilight.base.conventions`); nan where a solver whose answers are estimates does not know them."""
+StokesWithError = tuple[Stokes, Stokes | None]
+"""They and their standard errors, None where there are none."""
 
 
-def join(answers: Sequence[Answer], axis: int = -1) -> Answer:
-    """One answer from those of all blocks of wavelengths; axis 0: from those of some rows of a texture each."""
-    if len(answers) == 1:
-        return answers[0]
-    parts = zip(*(vars(answer).values() for answer in answers), strict=True)
-    return Answer(*(None if part[0] is None else np.concatenate(part, axis=axis) for part in parts))  # type: ignore[arg-type]
-
-
-def answer_of_stokes(stokes: np.ndarray, error: np.ndarray | None = None) -> Answer:
-    """The answer that holds Stokes parameters (..., 3, W)."""
-    answer = Answer(stokes[..., 0, :], None, stokes[..., 1:, :])
-    if error is None:
-        return answer
-    return replace(answer, standard_error=error[..., 0, :], polarisation_error=error[..., 1:, :])
-
-
-def sum_terms(answer: Answer, bands: GasBands) -> Answer:
-    """The answer for wavelengths from that for the terms of their exponential sums."""
-    return Answer(*(None if part is None else bands.sum_terms(part) for part in vars(answer).values()))  # type: ignore[arg-type]
+def join(parts: Sequence[StokesWithError], axis: int = -1) -> StokesWithError:
+    """The light of all blocks of wavelengths from that of each; axis 0: from that of some rows of a texture each."""
+    if len(parts) == 1:
+        return parts[0]
+    stokes, errors = zip(*parts, strict=True)
+    return np.concatenate(stokes, axis=axis), None if errors[0] is None else np.concatenate(errors, axis=axis)
 
 
 class Block:
@@ -176,8 +153,8 @@ class Block:
         observer_altitude_km: float | None = None,
         *,
         polarisation: bool = False,
-    ) -> Answer:
-        """Radiance in directions [deg] (azimuth from the sun), seen from an altitude; None: the problem's.
+    ) -> StokesWithError:
+        """Light of directions [deg] (azimuth from the sun), seen from an altitude; None: the problem's.
 
         polarisation: also Q and U, where the field has them.  A solver whose field belongs to one observer solves anew
         for another one.  Standard errors of a wavelength's terms are added, for their noise may be correlated.
@@ -193,23 +170,23 @@ class Block:
         polarised = polarisation and field.polarised
         if self.capabilities.standard_error and polarised:
             with_noise = field.stokes_with_error(*directions, **more)
-            answered = answer_of_stokes(with_noise.stokes, with_noise.standard_error)
+            stokes, error = with_noise.stokes, with_noise.standard_error
         elif self.capabilities.standard_error:
             estimate = field.radiance_with_error(*directions, **more)
-            answered = Answer(estimate.radiance, estimate.standard_error)
+            stokes, error = estimate.radiance[..., None, :], estimate.standard_error[..., None, :]
         elif polarised:
-            answered = answer_of_stokes(field.stokes(*directions, **more))
+            stokes, error = field.stokes(*directions, **more), None
         else:
-            answered = Answer(field.radiance(*directions, **more))
-        error = answered.standard_error
-        known = np.isfinite(answered.radiance) | (error is not None and np.isnan(error))
-        if not (known.all() and (error is not None or (answered.radiance >= 0.0).all())):
+            stokes, error = field.radiance(*directions, **more)[..., None, :], None
+        radiance = stokes[..., 0, :]
+        known = np.isfinite(radiance) | (error is not None and np.isnan(error[..., 0, :]))
+        if not (known.all() and (error is not None or (radiance >= 0.0).all())):
             raise TwilightError("the solver gave radiance that is negative or not a number")
-        if answered.polarisation is not None:
-            known = np.isfinite(answered.polarisation) | np.isnan(answered.radiance)[..., None, :]
-            if not known.all():
-                raise TwilightError("the solver gave a Stokes parameter that is not a number")
-        return answered if self.bands is None else sum_terms(answered, self.bands)
+        if not (np.isfinite(stokes) | np.isnan(radiance)[..., None, :]).all():
+            raise TwilightError("the solver gave a Stokes parameter that is not a number")
+        if self.bands is None:
+            return stokes, error
+        return self.bands.sum_terms(stokes), None if error is None else self.bands.sum_terms(error)
 
     def _seen_from(self, altitude_km: float | None) -> tuple[Any, dict[str, Any]]:
         """The field that serves an observer, and further arguments of its methods."""
@@ -253,18 +230,19 @@ class Block:
         elevation_deg: np.ndarray,
         azimuth_deg: np.ndarray,
         observer_altitude_km: float | None = None,
-    ) -> Answer:
-        """The sky on a grid of rows (E,) and columns (A,) [deg]: (E, A, W), never negative; polarised where it can be.
+    ) -> StokesWithError:
+        """The sky on a grid of rows (E,) and columns (A,) [deg]: (E, A, S, W), I never negative, polarised if possible.
 
         The sky is its own mirror image about the sun's vertical: a deterministic solver is asked for one half only.
         In the other half I and Q are the same, and U has the other sign.
         """
         if self.capabilities.standard_error:
             e, a = np.meshgrid(elevation_deg, azimuth_deg, indexing="ij")
-            answer = self.answer(sun_elevation_deg, e, a, observer_altitude_km, polarisation=True)
+            stokes, error = self.answer(sun_elevation_deg, e, a, observer_altitude_km, polarisation=True)
             # few samples of a faint pixel may average below 0, which no sky is; its standard error says how little it
             # means
-            return replace(answer, radiance=np.maximum(answer.radiance, 0.0))
+            radiance = np.maximum(stokes[..., :1, :], 0.0)
+            return np.concatenate([radiance, stokes[..., 1:, :]], axis=-2), error
         column, back = half_of(azimuth_deg)
         columns = azimuth_deg[column]
         rows_at_once = self.rows_at_once(columns.size)
@@ -272,12 +250,9 @@ class Block:
         for start in range(0, elevation_deg.size, rows_at_once):
             e, a = np.meshgrid(elevation_deg[start : start + rows_at_once], columns, indexing="ij")
             parts.append(self.answer(sun_elevation_deg, e, a, observer_altitude_km, polarisation=True))
-        half = join(parts, axis=0)
-        if half.polarisation is None:
-            return Answer(half.radiance[:, back])
-        mirrored = half.polarisation[:, back]
-        mirrored[:, azimuth_deg > 180.0, 1] *= -1.0
-        return Answer(half.radiance[:, back], None, mirrored)
+        whole = join(parts, axis=0)[0][:, back]
+        whole[:, azimuth_deg > 180.0, 2:] *= -1.0
+        return whole, None
 
     def scattered_once(self, altitude_km: float) -> ScatteredOnce:
         """What aerosol scatters once towards an observer, without which light has no aureole."""
@@ -296,7 +271,7 @@ class Block:
         if sun_elevation_deg not in self._widening:
 
             def light(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
-                return self.answer(sun_elevation_deg, elevation_deg, azimuth_deg, altitude_km).radiance
+                return self.answer(sun_elevation_deg, elevation_deg, azimuth_deg, altitude_km)[0][..., 0, :]
 
             self._widening[sun_elevation_deg] = once.widening(light, sun_elevation_deg)
         return self._widening[sun_elevation_deg]

@@ -20,7 +20,7 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.base.threads import one_blas_thread
 from twilight.config import Config
-from twilight.engine.block import Answer, Block, check_question, join
+from twilight.engine.block import Block, StokesWithError, check_question, join
 from twilight.engine.one_sun import SunLight, interpolation_error, warn_of_black, warn_of_error
 from twilight.engine.problem import Problem, plan
 from twilight.engine.sun_tables import SunTables
@@ -136,7 +136,7 @@ class Field:
         observer_altitude_km: float | None = None,
     ) -> np.ndarray:
         """Sun-normalised radiance [sr^-1], shape of the directions [deg] plus (W,); arguments as `Block.answer`."""
-        return self.radiance_with_error(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km).radiance
+        return self.radiance_with_error(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)[0]
 
     def radiance_with_error(
         self,
@@ -144,10 +144,11 @@ class Field:
         elevation_deg: ArrayLike,
         azimuth_deg: ArrayLike,
         observer_altitude_km: float | None = None,
-    ) -> Answer:
+    ) -> StokesWithError:
         """Radiance, and its standard error from a solver that estimates it; both nan where that does not know it."""
         question = (sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
-        return join([block.answer(*question) for block in self.blocks])
+        stokes, error = join([block.answer(*question) for block in self.blocks])
+        return stokes[..., 0, :], None if error is None else error[..., 0, :]
 
     def stokes(
         self,
@@ -161,10 +162,10 @@ class Field:
         Errors: TwilightError for a field without polarisation.
         """
         question = (sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
-        answer = join([block.answer(*question, polarisation=True) for block in self.blocks])
-        if answer.polarisation is None:
+        stokes, _ = join([block.answer(*question, polarisation=True) for block in self.blocks])
+        if stokes.shape[-2] == 1:
             raise TwilightError("this field has no Stokes parameters: its solver.polarisation is not true")
-        return np.concatenate([answer.radiance[..., None, :], answer.polarisation], axis=-2)
+        return stokes
 
     def direct(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> Direct:
         """The sun's direct light at an observer."""
@@ -206,7 +207,7 @@ class Field:
         altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
         light = SunLight(grid) if before is None else before
         for block in self.blocks:
-            light.take(block, sun_elevation_deg, altitude, **nodes)
+            light.add(block, sun_elevation_deg, altitude, **nodes)
         return light
 
     def samples(
@@ -215,10 +216,10 @@ class Field:
         elevation_deg: np.ndarray,
         azimuth_deg: np.ndarray,
         observer_altitude_km: float | None = None,
-    ) -> Answer:
-        """The light on rows (E,) and columns (A,) [deg], polarised where the field is, never negative."""
+    ) -> StokesWithError:
+        """The light on rows (E,) and columns (A,) [deg], (E, A, S, W), polarised where the field is, I not negative."""
         grid = elevation_deg, azimuth_deg
-        return self.gather(sun_elevation_deg, observer_altitude_km, grid).on(grid)
+        return self.gather(sun_elevation_deg, observer_altitude_km, grid).on_grid(grid)
 
     @cached_property
     def _sun_tables(self) -> SunTables | None:

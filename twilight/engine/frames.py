@@ -121,7 +121,7 @@ def frames(
         set_up_s += time.perf_counter() - begin
         for s, sun in enumerate(suns):
             meter.phase(sun.name if several else "", (b * steps + 1 + s) * fraction, fraction)
-            results[s].take(solved, sun)
+            results[s].add(solved, sun)
             if b == len(todo) - 1:
                 frame = results[s].frame(scene, sun, set_up_s)
                 if scene.observer.view is None or not is_above_air(scene, scene.altitude_km):
@@ -150,7 +150,7 @@ class _Lit:
     landscape: list[ViewPixels] = field(default_factory=list)
     direct: list[Direct] = field(default_factory=list)
 
-    def take(self, solved: Field, sun: SceneSun) -> None:
+    def add(self, solved: Field, sun: SceneSun) -> None:
         """Add some wavelengths; sun: from whose azimuth directions count."""
         scene, config, body = solved.scene, solved.scene.configuration, self.body
         grid = equal_grid(scene)
@@ -199,11 +199,11 @@ class _Result:
         """Before any wavelength."""
         return cls(lights, [_Lit(body) for body in lights.luminaries])
 
-    def take(self, solved: Field, sun: SceneSun) -> None:
+    def add(self, solved: Field, sun: SceneSun) -> None:
         """Evaluate some wavelengths."""
         begin = time.perf_counter()
         for one in self.lit:
-            one.take(solved, sun)
+            one.add(solved, sun)
         for block in solved.blocks:
             self.from_disk &= block.from_disk
             self.facts.update(block.field.facts)
@@ -245,7 +245,7 @@ class _Result:
         parts = {glow.name: _on_grid(glow, scene, self.lights, sky) for glow in glows}
         for one in self.lit[1:]:
             assert one.sky is not None
-            by_body = one.sky.on(grid, one.body.azimuth_deg).radiance
+            by_body = one.sky.on_grid(grid, one.body.azimuth_deg)[0][..., 0, :]
             parts[one.body.name] = by_body * (one.body.irradiance_factor(sky.wavelength_nm) * solar)
         left_out = (*scene.omissions, *self.lights.left_out, *faint)
         record = self._provenance(scene, sun, left_out, set_up_s)

@@ -9,7 +9,7 @@ import numpy as np
 
 from twilight.atmosphere.medium import Medium
 from twilight.base.errors import TwilightWarning
-from twilight.engine.block import Answer, Block, join
+from twilight.engine.block import Block, Stokes, StokesWithError, join
 from twilight.engine.sunbeam import Direct
 from twilight.engine.table import HIGH_FROM_KM, fill, first_rows, row_breaks
 from twilight.numerics.directions import texture_centres
@@ -37,9 +37,9 @@ class SunLight:
 
     grid: tuple[np.ndarray, np.ndarray] | None = None
     tables: list[SkyTable] = field(default_factory=list)
-    samples: list[Answer] = field(default_factory=list)
+    samples: list[tuple[Stokes, Stokes | None]] = field(default_factory=list)
 
-    def take(self, block: Block, sun_elevation_deg: float, altitude_km: float, **nodes: Any) -> None:
+    def add(self, block: Block, sun_elevation_deg: float, altitude_km: float, **nodes: Any) -> None:
         """Add a block under the sun, seen from an altitude; nodes: as of `Field.table`."""
         if self.grid is not None:
             self.samples.append(block.texture(sun_elevation_deg, *self.grid, altitude_km))
@@ -54,16 +54,16 @@ class SunLight:
         """At all wavelengths."""
         return join_tables(self.tables)
 
-    def on(self, grid: tuple[np.ndarray, np.ndarray], away_deg: float = 0.0) -> Answer:
-        """The light on rows and columns, whose azimuths count from away_deg before that of the sun: tables are read,
+    def on_grid(self, grid: tuple[np.ndarray, np.ndarray], zero_deg: float = 0.0) -> StokesWithError:
+        """The light on rows and columns, whose azimuths count from zero_deg before that of the sun: tables are read,
         samples are those of the grid."""
         if self.samples:
             return join(self.samples)
-        table, rows, columns = self.table, grid[0], np.mod(grid[1] - away_deg, 360.0)
-        radiance = table.on_grid(rows, columns)
+        table, rows, columns = self.table, grid[0], np.mod(grid[1] - zero_deg, 360.0)
+        radiance = table.on_grid(rows, columns)[..., None, :]
         if table.stokes is None:
-            return Answer(radiance)
-        return Answer(radiance, None, table.fractional_stokes(rows[:, None], columns) * radiance[..., None, :])
+            return radiance, None
+        return np.concatenate([radiance, table.fractional_stokes(rows[:, None], columns) * radiance], axis=-2), None
 
     def sky(
         self,
@@ -75,15 +75,16 @@ class SunLight:
         **facts: Any,
     ) -> Sky:
         """The light on a grid (elevation (E,), azimuth (A,)) [deg] at all wavelengths of a medium, as a `Sky`."""
-        answer = self.on(grid)
+        stokes, error = self.on_grid(grid)
+        polarised = stokes.shape[-2] > 1
         return Sky(
             wavelength_nm=medium.wavelength_nm,
             elevation_deg=grid[0],
             azimuth_deg=grid[1],
-            sun_normalised_radiance=answer.radiance,
-            standard_error=answer.standard_error,
-            polarisation=answer.polarisation,
-            polarisation_error=answer.polarisation_error,
+            sun_normalised_radiance=stokes[..., 0, :],
+            standard_error=None if error is None else error[..., 0, :],
+            polarisation=stokes[..., 1:, :] if polarised else None,
+            polarisation_error=None if error is None or not polarised else error[..., 1:, :],
             sun_elevation_deg=sun_elevation_deg,
             observer_altitude_km=observer_altitude_km,
             ground_albedo=medium.ground_albedo,
@@ -109,8 +110,8 @@ def _table(
     widening = None if own is None or shared is None else (own, shared)
     rows = first_rows(*row_breaks(block.scene, altitude_km)) if rows_deg is None else rows_deg
 
-    def light(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> Answer:
-        return block.texture(sun_elevation_deg, elevation_deg, azimuth_deg, altitude_km)
+    def light(elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> Stokes:
+        return block.texture(sun_elevation_deg, elevation_deg, azimuth_deg, altitude_km)[0]
 
     return fill(light, once, sun_elevation_deg, rows, columns_deg, widening=widening, **limits)
 

@@ -74,7 +74,7 @@ class Problem:
 
     sun_elevations_deg: all the suns that will be asked for [deg], which some solvers take to save time; None: any
     cached: whether solved fields are taken from the user's cache and left there; else every field is solved here
-    numpy_only_sun: the sun's own light on the ground is found by quadrature, where one sun is not worth tables"""
+    numpy_only_sun: the sun's own light on the ground is found by quadrature, where tables do not pay for one sun"""
 
     scene: Scene
     sun_elevations_deg: tuple[float, ...] | None = None

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twilight.engine.block import Answer
+from twilight.engine.block import Stokes
 from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky.table import SkyTable, at_angle, split
 from twilight.transport.rays import horizon_dip_deg
@@ -137,8 +137,8 @@ LEAST_SHADOW_DEG = 0.1
 """Height from which on they are [deg]."""
 
 
-Light = Callable[[np.ndarray, np.ndarray], Answer]
-"""What a table is filled with: the answer of rows (E,) and columns (A,) [deg], (E, A, W), under one sun."""
+Light = Callable[[np.ndarray, np.ndarray], Stokes]
+"""What a table is filled with: the light of rows (E,) and columns (A,) [deg], (E, A, S, W), under one sun."""
 
 
 def first_rows(low_deg: float, breaks_deg: Sequence[float], count: int = FIRST_ROWS) -> np.ndarray:
@@ -194,18 +194,16 @@ class _Samples:
 
     def __init__(self, light: Light, rows: np.ndarray, columns: np.ndarray):
         self._light, self.nodes = light, [rows, columns]
-        self.answer = self.asked(rows, columns)
+        self.stokes = self.asked(rows, columns)
 
-    def asked(self, rows: np.ndarray, columns: np.ndarray) -> Answer:
+    def asked(self, rows: np.ndarray, columns: np.ndarray) -> Stokes:
         """Light on a grid."""
         return self._light(beside_breaks(rows), columns)
 
-    def insert(self, place: np.ndarray, nodes: np.ndarray, answer: Answer, axis: int) -> None:
+    def insert(self, place: np.ndarray, nodes: np.ndarray, stokes: Stokes, axis: int) -> None:
         """Put new rows (axis 0) or columns (axis 1) before the places of others."""
         self.nodes[axis] = np.insert(self.nodes[axis], place, nodes)
-        parts = zip(vars(self.answer).values(), vars(answer).values(), strict=True)
-        both = [None if a is None or b is None else np.insert(a, place, b, axis=axis) for a, b in parts]
-        self.answer = Answer(*both)  # type: ignore[arg-type]
+        self.stokes = np.insert(self.stokes, place, stokes, axis=axis)
 
 
 def fill(
@@ -253,8 +251,8 @@ def fill(
         while halves.size and samples.nodes[axis].size < most[axis]:
             nodes = samples.nodes[axis]
             middle = 0.5 * (nodes[halves] + nodes[halves + 1])
-            miss, answer = _misses(table(), samples.asked, middle, None, axis)
-            samples.insert(halves + 1, middle, answer, axis)
+            miss, stokes = _misses(table(), samples.asked, middle, None, axis)
+            samples.insert(halves + 1, middle, stokes, axis)
             place = halves + np.arange(halves.size)
             room = max(0, most[axis] - samples.nodes[axis].size)
             worst = np.sort(np.argsort(-miss)[: max(1, room // 2)])
@@ -291,7 +289,7 @@ def _mended(samples: _Samples, table: Callable[[], SkyTable], most: tuple[int, i
     tried = [_middles(nodes) for nodes in samples.nodes]
     tried[0] = tried[0][np.diff(samples.nodes[0]) > CLOSEST_ROWS_AT_BREAK_DEG]
     for left in range(TRIES_OF_CELLS, 0, -1):
-        light = samples.asked(*tried).radiance
+        light = samples.asked(*tried)[..., 0, :]
         first = error = _errors(table(), light, *tried).max(axis=-1)
         for axis, closest in enumerate((CLOSEST_ROWS_OF_CELLS_DEG, CLOSEST_COLUMNS_DEG)):
             nodes, miss = samples.nodes[axis], error.max(axis=1 - axis)
@@ -326,20 +324,20 @@ def _cells_at(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 def _misses(
     table: SkyTable, light: Light, nodes: np.ndarray, across: np.ndarray | None, axis: int
-) -> tuple[np.ndarray, Answer]:
+) -> tuple[np.ndarray, Stokes]:
     """How far a table misses new rows (axis 0) or columns (axis 1), over what it may, and their light; across: nodes of
     the other axis, None: those of the table."""
     if across is None:
         across = table.azimuth_deg if axis == 0 else table.elevation_deg
     if not nodes.size:
-        return np.zeros(0), Answer(np.zeros((0, 0, 0)))
+        return np.zeros(0), np.zeros((0, 0, 0, 0))
     grid = (nodes, across) if axis == 0 else (across, nodes)
-    answer = light(*grid)
-    each = _errors(table, answer.radiance, *grid)
+    stokes = light(*grid)
+    each = _errors(table, stokes[..., 0, :], *grid)
     # a break's rows are beside it, where only they know the light
     smooth = (np.diff(grid[0], prepend=-np.inf) > 0.0) & (np.diff(grid[0], append=np.inf) > 0.0)
     each = np.moveaxis(each[smooth], axis, 0).reshape(nodes.size, -1)
-    return np.maximum(np.percentile(each, 95, axis=1) / USUAL_MISS, each.max(axis=1) / LARGEST_MISS), answer
+    return np.maximum(np.percentile(each, 95, axis=1) / USUAL_MISS, each.max(axis=1) / LARGEST_MISS), stokes
 
 
 def _errors(table: SkyTable, radiance: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
@@ -366,7 +364,7 @@ def _checked(
     away = np.abs(random.normal(0.0, 15.0, CHECKS[1]))
     a = np.concatenate([away, 180.0 - away[::2], random.uniform(0.0, 180.0, CHECKS[1]), worst_of_cells[1]])
     e, a = np.unique(e.clip(rows[0], rows[-1])), np.unique(a.clip(columns[0], columns[-1]))
-    error = _errors(table, light(e, a).radiance, e, a)
+    error = _errors(table, light(e, a)[..., 0, :], e, a)
     # the worst places are no sample of directions
     usual = error[~np.isin(e, worst_of_cells[0])][:, ~np.isin(a, worst_of_cells[1])]
     return replace(table, error=float(np.percentile(usual, 95)), worst=float(error.max()))
@@ -378,7 +376,7 @@ def _table(
     sun_elevation_deg: float,
     widening: tuple[np.ndarray, np.ndarray] | None,
 ) -> SkyTable:
-    (rows, columns), answer = samples.nodes, samples.answer
+    (rows, columns), radiance = samples.nodes, samples.stokes[..., 0, :]
     apparent = once.apparent_sun_deg(sun_elevation_deg)
     angle = scattering_angle_rad(apparent, rows[:, None], columns)[None]
     part = once.light(sun_elevation_deg, beside_breaks(rows), columns)
@@ -386,11 +384,11 @@ def _table(
     if part is not None and log_phase is not None and widening is not None:
         part = part * np.exp(at_angle(widening[0], angle[0]))
         log_phase = log_phase + widening[1]
-    smooth, aureole = split(answer.radiance[None], None if part is None else part[None], angle, log_phase)
+    smooth, aureole = split(radiance[None], None if part is None else part[None], angle, log_phase)
     stokes = None
-    if answer.polarisation is not None:
-        total = answer.radiance[..., None, :]
-        stokes = np.divide(answer.polarisation, total, out=np.zeros(answer.polarisation.shape), where=total > 0.0)
+    if samples.stokes.shape[2] > 1:
+        total, polarisation = radiance[..., None, :], samples.stokes[:, :, 1:]
+        stokes = np.divide(polarisation, total, out=np.zeros(polarisation.shape), where=total > 0.0)
         stokes = stokes.astype(np.float32)[None]
     return SkyTable(
         np.array([float(sun_elevation_deg)]),

@@ -44,7 +44,7 @@ def climate_medium(climate: Climate, wavelength_nm: np.ndarray | None) -> Medium
     assert wavelength_nm is not None
 
     medium = _with_ground(built_medium(climate, wavelength_nm), climate.ground)
-    grid_medium = GridMedium.built_by(partial(built_medium, climate), fixed_wavelengths(medium.wavelength_nm))
+    grid_medium = GridMedium.on_demand(partial(built_medium, climate), fixed_wavelengths(medium.wavelength_nm))
     return replace(medium, grid_medium=grid_medium)
 
 
@@ -61,7 +61,7 @@ def planning_medium(climate: Climate, wavelength_nm: np.ndarray) -> Medium:
         return replace(built_medium(climate, shipped[place]).select(back), wavelength_nm=wanted_nm)
 
     medium = _with_ground(nearest(np.asarray(wavelength_nm, dtype=float)), climate.ground)
-    return replace(medium, grid_medium=GridMedium.built_by(nearest, fixed_wavelengths(medium.wavelength_nm)))
+    return replace(medium, grid_medium=GridMedium.on_demand(nearest, fixed_wavelengths(medium.wavelength_nm)))
 
 
 def built_medium(climate: Climate, wavelength_nm: np.ndarray) -> Medium:

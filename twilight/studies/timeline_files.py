@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from twilight.base.whole_files import whole_file, write_csv
+from twilight.base.whole_files import save_figure, write_csv
 from twilight.io.netcdf import write_netcdf
 from twilight.sky.twilight_times import SUNRISE_DEG
 from twilight.studies.timeline import TimeSeries
@@ -94,8 +94,7 @@ def draw(series: TimeSeries, path: Path, title: str) -> None:
     axes[-1, 0].xaxis.set_major_locator(locator)
     axes[-1, 0].xaxis.set_major_formatter(ConciseDateFormatter(locator, tz=zone))
     axes[-1, 0].set_xlim(series.times[0], series.times[-1])
-    with whole_file(path) as temporary:
-        figure.savefig(temporary, dpi=120)
+    save_figure(path, figure, 120)
 
 
 def _label(panel: Any, places: list[tuple[datetime, float]]) -> None:

@@ -44,7 +44,7 @@ def segments(medium: Medium, max_breaks: int, sharp_km: np.ndarray) -> np.ndarra
     z = medium.altitude_km
     k = medium.extinction_per_km + 1e-30
     lower, upper = k[:-1], k[1:]
-    # a jump of k is worth a tenth of its horizontal path over a table step, a bend its air mass x step^2/16
+    # a jump of k counts as a tenth of its horizontal path over a table step, a bend its air mass x step^2/16
     bends = {}
     for i in range(1, z.size - 1):
         if z[i] == z[i - 1] or z[i] <= z[0] or z[i] >= z[-1]:

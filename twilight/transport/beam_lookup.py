@@ -37,7 +37,8 @@ LARGEST_LOG = 0.2
 TOUCHING = 1.0 - 1e-12
 """A ray whose invariant is this part of the ground's touches it and is lit: 6 micrometres, which rounding decides."""
 
-# places in Beam.layout
+N_INDEX = 28
+"""Entries of Beam.layout before its hashes: numbers (N_), flags, and where in Beam.pool each table begins (AT_)."""
 (
     N_W,
     REFRACTING,
@@ -67,8 +68,7 @@ TOUCHING = 1.0 - 1e-12
     AT_EDGE_COEFFICIENT,
     SCREENED,
     AT_SCREEN,
-    N_INDEX,
-) = range(29)
+) = range(N_INDEX)
 
 # places in Beam.pool
 RADIUS, GROUND, TOP, FAR, P_GROUND, P_TOP, EDGE, SEGMENT_BINS, LIMB_BINS, N_SCALAR = range(10)

@@ -1,6 +1,6 @@
 """Tuned numbers of the zones solver in one table: value, unit, air that it is for, test that covers it, what it does.
 
-A row is NAME: Tuned[type, unit, air, test, what it does and is worth] = value; `twilight show solvers zones` prints all
+A row is NAME: Tuned[type, unit, air, test, what it does and gains] = value; `twilight show solvers zones` prints all
 of them (`table`), and with a scene those whose kind of air it has (`grids.kinds_met`).  Numbers that kernels read stand
 beside the kernels, where numba sees them change; those of a quality are in `settings`, those that were measured (costs,
 errors, limits of what was compared) in `solver`.
@@ -75,7 +75,7 @@ RIM_KM: Tuned[float, "km", RIM, "test_the_top_of_dust_is_a_rim_that_polar_angles
 RIM_DROP_PER_KM: Tuned[float, "1/km", RIM, "test_the_top_of_dust_is_a_rim_that_polar_angles_part_at",
     "drop of the extinction at a rim: a depth of 0.6 over the 200 km that a grazing line has below it"] = 3e-3
 RIM_DENSITY: Tuned[float, "1", RIM, "test_the_top_of_dust_is_a_rim_that_polar_angles_part_at",
-    "altitude_density from which on rims count: at `draft`, 0.5, they took 1.6 times as long in dust and were worth "
+    "altitude_density from which on rims count: at `draft`, 0.5, they took 1.6 times as long in dust and gained "
     "0.6 % at -18 deg (benchmarks/zones_error.py)"] = 0.65
 RIM_POLAR: Tuned[int, "angles", RIM, "test_only_coarse_particles_take_more_directions",
     "more polar angles a side where there is a rim, for the light between it and the horizon"] = 3
@@ -274,7 +274,7 @@ STRONG_FRACTION: Tuned[float, "1", PARTICLES, "test_peaks_keep_what_the_series_h
 
 
 class TunedNumber(NamedTuple):
-    """A row of the table: value in a unit, the air that it is for, a test that covers it, what it does and is worth."""
+    """A row of the table: value in a unit, the air that it is for, a test that covers it, what it does and gains."""
 
     name: str
     value: float | tuple[float, ...]

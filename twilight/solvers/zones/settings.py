@@ -67,37 +67,35 @@ class ZonesSettings:
         expert=True,
     )
     late_degree: int = option(
-        "the same for the orders after early_orders; all three are more beside coarse particles",
+        "degree for the orders after early_orders; it grows beside coarse particles",
         default=7,
         ge=2,
         le=32,
         expert=True,
     )
     late_polar_directions: int = option(
-        "the same for the orders after early_orders; all three are more beside coarse particles",
+        "polar_directions for the orders after early_orders; more beside coarse particles",
         default=7,
         ge=2,
         le=48,
         expert=True,
     )
     late_azimuth_directions: int = option(
-        "the same for the orders after early_orders; all three are more beside coarse particles",
+        "azimuth_directions for the orders after early_orders; more beside coarse particles",
         default=7,
         ge=3,
         le=96,
         expert=True,
     )
     altitude_density: float = option(
-        "of the nodes in altitude and solar zenith angle; with zenith_density 0.3 the sky of a sun at -6 deg is off"
-        " by up to 13 %",
+        "of the nodes in altitude",
         default=0.7,
         ge=0.2,
         le=10.0,
         expert=True,
     )
     zenith_density: float = option(
-        "of the nodes in altitude and solar zenith angle; with zenith_density 0.3 the sky of a sun at -6 deg is off"
-        " by up to 13 %",
+        "of the nodes in solar zenith angle; with 0.3 the sky of a sun at -6 deg is off by up to 13 %",
         default=1.0,
         ge=0.3,
         le=10.0,
@@ -126,14 +124,14 @@ class ZonesSettings:
         expert=True,
     )
     polarisation_degree: int = option(
-        "of the spin-2 harmonics of Q and U in the early and the late orders; 2 is exact in air without aerosol",
+        "of the spin-2 harmonics of Q and U in the early orders; 2 is exact in air without aerosol",
         default=6,
         ge=2,
         le=32,
         expert=True,
     )
     late_polarisation_degree: int = option(
-        "of the spin-2 harmonics of Q and U in the early and the late orders; 2 is exact in air without aerosol",
+        "of the spin-2 harmonics of Q and U in the late orders",
         default=3,
         ge=2,
         le=32,

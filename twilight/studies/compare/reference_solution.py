@@ -176,12 +176,10 @@ class ReferenceSolver:
 
 def computed(solved: Field, sun: float, directions: tuple[np.ndarray, np.ndarray]) -> ReferenceSolution:
     """The reference of one sun, in those directions whose light is known at all wavelengths."""
-    answer = solved.radiance_with_error(sun, *directions)
-    assert answer.standard_error is not None
-    known = np.isfinite(answer.radiance).all(axis=-1)
+    estimate, standard_error = solved.radiance_with_error(sun, *directions)
+    assert standard_error is not None
+    known = np.isfinite(estimate).all(axis=-1)
     if not known.any():
         raise TwilightError(f"the reference solution knows no radiance of the sun at {sun:g} deg; raise --time-limit")
-    elevation, azimuth, radiance, error = (
-        values[known] for values in (*directions, answer.radiance, answer.standard_error)
-    )
+    elevation, azimuth, radiance, error = (values[known] for values in (*directions, estimate, standard_error))
     return ReferenceSolution(elevation, azimuth, solved.medium.wavelength_nm, radiance, error)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from twilight.base.errors import TwilightError
-from twilight.base.whole_files import whole_file, write_csv
+from twilight.base.whole_files import save_figure, write_csv
 from twilight.studies.compare.accuracy import ErrorQuantiles
 from twilight.studies.compare.comparison import ComparisonRow
 
@@ -230,25 +230,16 @@ def draw(
     marks = [m for m in marks if m.time_s > 0]
     if not marks:
         return False
-    import matplotlib  # optional
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
+    from matplotlib import rc_context  # optional
+    from matplotlib.figure import Figure
 
     suns = sorted({m.sun_elevation_deg for m in marks}, reverse=True)
     columns = min(columns, len(suns))
     rows = math.ceil(len(suns) / columns)
-    with pyplot.rc_context({"font.size": 11, "axes.spines.top": False, "axes.spines.right": False}):
-        figure: Any
-        figure, grid = pyplot.subplots(
-            rows,
-            columns,
-            figsize=(max(columns * panel_inches[0], 5.0) + 0.5, rows * panel_inches[1] + 1.1),
-            sharex=True,
-            sharey=True,
-            squeeze=False,
-            layout="constrained",
-        )
+    with rc_context({"font.size": 11, "axes.spines.top": False, "axes.spines.right": False}):
+        inches = max(columns * panel_inches[0], 5.0) + 0.5, rows * panel_inches[1] + 1.1
+        figure = Figure(figsize=inches, layout="constrained")
+        grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         solvers = list(dict.fromkeys(m.solver for m in marks))
         for axes, sun in zip(grid.flat, suns, strict=False):
             _panel(axes, [m for m in marks if m.sun_elevation_deg == sun], solvers)
@@ -259,11 +250,7 @@ def draw(
         figure.supxlabel(time_label, fontsize=11)
         figure.supylabel("error of the radiance," + ("\n" if rows == 1 else " ") + "95th percentile [%]", fontsize=11)
         _heading(figure, {name: _memory(m for m in marks if m.solver == name) for name in solvers}, title)
-        try:
-            with whole_file(path) as temporary:
-                figure.savefig(temporary, dpi=150)
-        finally:
-            pyplot.close(figure)
+        save_figure(path, figure, 150)
     return True
 
 

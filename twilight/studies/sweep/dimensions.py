@@ -10,13 +10,13 @@ from twilight.base.errors import TwilightError
 from twilight.config.climate import Climate
 from twilight.config.scene import Config
 from twilight.config.sun import SunElevations, SunInterval, SunTimes
-from twilight.config.vary import DRAWING, DRAWS, LIST, Axis
+from twilight.config.vary import DRAWS, LIST, Axis, Drawing
 from twilight.io.labels import LABELS, attributes
 from twilight.scene.suns import count_suns
 
 SHAPE_KEYS = ("texture", "wavelengths")
 """Sections that set the shape of the dataset, which is one for all scenes."""
-IDLE_KEYS = ("output", "name", "description", "version", "vary", *DRAWING, "solar_spectrum")
+IDLE_KEYS = ("output", "name", "description", "version", "vary", *Drawing.model_fields, "solar_spectrum")
 """Keys that change nothing in the dataset."""
 PLACE_KEYS = ("sun.latitude_deg", "sun.longitude_deg", "sun.distance_au")
 """What may vary beside several suns: their number stays."""

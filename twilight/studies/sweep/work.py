@@ -132,7 +132,7 @@ def _skies(payload: dict[str, Any]) -> tuple[dict[str, np.ndarray], dict[int, st
                 if i in refused:
                     continue
                 try:
-                    for name, values in _variables(field.samples(sun, *directions, altitude)):
+                    for name, values in _variables(*field.samples(sun, *directions, altitude)):
                         arrays[name][i, ..., part.wavelengths] = values
                     arrays[DIRECT][i, part.wavelengths], arrays[BENDING][i] = field.direct(sun, altitude)
                 except TwilightError as error:
@@ -163,12 +163,8 @@ def _solved(key: str, part: Part) -> Field:
     return _last_field[key]
 
 
-def _variables(answer: Any) -> Iterator[tuple[str, np.ndarray]]:
-    """What samples (E, A) hold, arrays (E, A, W), by the names of the dataset's variables."""
-    stokes = ((answer.polarisation, STOKES), (answer.polarisation_error, STOKES_ERROR))
-    yield RADIANCE, answer.radiance
-    if answer.standard_error is not None:
-        yield STANDARD_ERROR, answer.standard_error
-    for values, names in stokes:
+def _variables(stokes: np.ndarray, error: np.ndarray | None) -> Iterator[tuple[str, np.ndarray]]:
+    """What samples (E, A, S, W) hold, arrays (E, A, W), by the names of the dataset's variables; S is 1 or 3."""
+    for values, names in ((stokes, (RADIANCE, *STOKES)), (error, (STANDARD_ERROR, *STOKES_ERROR))):
         if values is not None:
-            yield from zip(names, np.moveaxis(values, 2, 0), strict=True)
+            yield from zip(names, np.moveaxis(values, 2, 0), strict=False)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from twilight.base.whole_files import whole_file, write_csv
+from twilight.base.whole_files import save_figure, whole_file, write_csv
 from twilight.config.climate import Climate
 from twilight.studies.validate.measured import meter, photometry
 from twilight.studies.validate.measured.spectra import HEIGHTS_KM, REFERENCE_NM, ZENITH_BELOW_DEG, Fit, Recorded
@@ -105,8 +105,7 @@ def draw(points: Sequence[photometry.PhotometricPoint], moonlit: Sequence[meter.
     for axis, quantity in zip(axes[2:, 2], photometry.COLOURS, strict=True):
         _draw_colour(points, climates, quantity, axis)
     axes[1, 0].text(0.02, 0.03, "grey: a factor 2", transform=axes[1, 0].transAxes, fontsize=8)
-    with whole_file(path) as temporary:
-        figure.savefig(temporary, dpi=110)
+    save_figure(path, figure, 110)
 
 
 def _ruled(top: Any, bottom: Any, good: float, most: float) -> None:
@@ -287,8 +286,7 @@ def draw_spectra(recorded: Recorded, one: Fit, path: Path, title: str) -> None:
     fainter = one.zenith_mag[recorded.sun_deg <= ZENITH_BELOW_DEG].max(initial=0.0)
     below = f"zenith up to {fainter:.2f} mag fainter from {ZENITH_BELOW_DEG:g} deg on"
     figure.suptitle(f"{title}: colours within {100 * one.rms:.0f} % (rms); {below}")
-    with whole_file(path) as temporary:
-        figure.savefig(temporary, dpi=110)
+    save_figure(path, figure, 110)
 
 
 def _nearest(recorded: Recorded, nm: float) -> int:

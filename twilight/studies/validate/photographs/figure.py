@@ -12,7 +12,7 @@ import numpy as np
 import xarray
 from scipy import ndimage
 
-from twilight.base.whole_files import whole_file, write_csv
+from twilight.base.whole_files import save_figure, whole_file, write_csv
 from twilight.io.netcdf import write_netcdf
 from twilight.sky import colour
 from twilight.sky.sky import Sky
@@ -119,8 +119,7 @@ def write_figure(
     panel = figure.add_subplot(grid[bottom[1][0], bottom[1][1]])
     panel.axis("off")
     panel.text(0.02, 1.0, "\n".join(wrapped), va="top", fontsize=8.0, family="monospace")
-    with whole_file(path) as temporary:
-        figure.savefig(temporary, dpi=84)
+    save_figure(path, figure, 84)
 
 
 def _ticks(extent: tuple) -> list[float]:
