@@ -64,13 +64,12 @@ class _Air(NamedTuple):
     """What rays are traced through.
 
     traced: the W wavelengths of the medium; its profile holds, behind them, those that nodes are laid out for; layout:
-    profile of the latter; least: place in the traced profile of the least refracted wavelength; scales: refractivity
+    profile of the latter; scales: refractivity
     at the ground of all in it over that of the reference; edges: what jumps or bends at edges of layers.
     """
 
     traced: BeamAir
     layout: RayProfile
-    least: int
     scales: np.ndarray
     edges: Edges
     refraction: bool
@@ -78,7 +77,7 @@ class _Air(NamedTuple):
     @property
     def disperses(self) -> bool:
         """Whether wavelengths are refracted differently."""
-        return self.refraction and self.scales[self.least] < 1.0 - 1e-9
+        return self.refraction and self.traced.least_scale < 1.0 - 1e-9
 
     @property
     def far_km(self) -> float:
@@ -163,16 +162,16 @@ def _air(medium: Medium, laid_out_for: Medium | None, refraction: bool, spreadin
         layout = ray_profile(with_joined_refractivity(laid_out_for), refraction=refraction)
         profile = layout._replace(coefficient=np.concatenate([profile.coefficient, layout.coefficient]))
     ground = np.array([refractivity_at(profile, w, medium.bottom_km) for w in range(profile.coefficient.shape[0])])
-    reference = int(np.argmax(ground))
+    reference, least = int(np.argmax(ground)), int(np.argmin(ground))
     scales = ground / ground[reference] if ground[reference] > 0 else np.ones(ground.size)
     edges = beam_edges.make_edges(profile, layout, reference, medium.n_wavelengths, max_breaks)
     index = profile.coefficient[: medium.n_wavelengths, :, :AIR].reshape(medium.n_wavelengths, -1)
     _, firsts, which = np.unique(index, axis=0, return_index=True, return_inverse=True)
     traced = BeamAir(
-        profile, reference, scales[: medium.n_wavelengths], firsts[which.ravel()], spreading and refraction,
-        edges.flat(), edges.record.shape[0],
+        profile, reference, scales[: medium.n_wavelengths], firsts[which.ravel()], least, float(scales[least]),
+        spreading and refraction, edges.flat(), edges.record.shape[0],
     )  # fmt: skip
-    return _Air(traced, layout, int(np.argmin(ground)), scales, edges, refraction)
+    return _Air(traced, layout, scales, edges, refraction)
 
 
 def _limb(air: _Air, edges: np.ndarray, nodes_per_scale: float, window_km: float) -> tuple[LimbRays, Segments, float]:
@@ -251,8 +250,8 @@ def _shift(air: _Air, limb: LimbRays, distances: np.ndarray) -> np.ndarray:
     shift = np.zeros((limb.lowest_km.size, distances.size))
     if not air.disperses:
         return shift
-    beam_tables.shift_table(air.traced.profile, air.traced.reference, air.least, limb, distances, shift)
-    return shift / (1.0 - air.scales[air.least])
+    beam_tables.shift_table(air.traced.profile, air.traced.reference, air.traced.least, limb, distances, shift)
+    return shift / (1.0 - air.traced.least_scale)
 
 
 def _past_lowest_point(air: _Air, limb: LimbRays, distances: np.ndarray, shift: np.ndarray) -> np.ndarray:

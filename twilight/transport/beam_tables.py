@@ -30,6 +30,8 @@ class BeamAir(NamedTuple):
         coordinates follow
     scale (W,): refractivity over the reference's; rays_of (W,): the first wavelength of the same refractive index,
         whose rays each shares (terms of one wavelength differ in what a gas absorbs)
+    least, least_scale: index in the profile of the least refracted wavelength, and its refractivity over the
+        reference's; between the two a ray turns in proportion to that
     spreading: whether the refracted beam thins out
     edges: of `beam_edges.Edges.flat`, and n_edges: how many pieces it holds
     """
@@ -38,6 +40,8 @@ class BeamAir(NamedTuple):
     reference: int
     scale: np.ndarray
     rays_of: np.ndarray
+    least: int
+    least_scale: float
     spreading: bool
     edges: np.ndarray
     n_edges: int
@@ -116,20 +120,20 @@ def interpolate(x, xs, ys):
 
 
 @njit(inner=True, cache=True, makes_arrays=False)
-def _own_angle(air, w, altitude_km, apparent, bending, beta):
-    """Apparent zenith angle of the sun at a wavelength, by a Newton step, and whether the ray is free.
+def _lowering(air, altitude_km, apparent, bending, beta):
+    """By how much the sun's apparent zenith angle is larger [rad] at the least refracted wavelength than at the
+    reference, over 1 - `least_scale`, by a Newton step, and whether the ray is free.
 
     apparent, bending [rad], beta: of the reference's ray, as of `_reference_ray`.
     """
-    chi, own = apparent + bending, apparent + bending * (1.0 - air.scale[w])
-    x = refractive_radius(air.profile, w, altitude_km)
-    own_bending, _, _, _, ok = outward(air.profile, w, altitude_km, max(0.0, x * math.cos(own)), FAR_KM)
-    if not ok:
-        return own, False
-    residual = min(0.5 * math.pi, own) + own_bending - chi
-    if own <= 0.5 * math.pi:
-        own = max(0.0, own - residual / (1.0 + beta * air.scale[w]))
-    return own, True
+    if air.least_scale >= 1.0:
+        return 0.0, True
+    chi, own = apparent + bending, apparent + bending * (1.0 - air.least_scale)
+    x = refractive_radius(air.profile, air.least, altitude_km)
+    own_bending, _, _, _, ok = outward(air.profile, air.least, altitude_km, max(0.0, x * math.cos(own)), FAR_KM)
+    if ok and own <= 0.5 * math.pi:
+        own = max(0.0, own - (own + own_bending - chi) / (1.0 + beta * air.least_scale))
+    return (own - apparent) / (1.0 - air.least_scale), ok
 
 
 @njit(inner=True, cache=True, makes_arrays=False)
@@ -201,12 +205,9 @@ def up_table(air, altitudes, cosines, log_up, bending, beta):
             apparent, bending[j, m], beta[j, m], ok = _reference_ray(air, z, x * cosines[m])
             if ok:
                 chi = apparent + bending[j, m]
+                lowering, free = _lowering(air, z, apparent, bending[j, m], beta[j, m])
                 for w in range(own.size):
-                    first = air.rays_of[w]
-                    if first < w:
-                        own[w], free = own[first], not math.isnan(log_up[j, m, first])
-                    else:
-                        own[w], free = _own_angle(air, w, z, apparent, bending[j, m], beta[j, m])
+                    own[w] = apparent + lowering * (1.0 - air.scale[w])
                     widening = 1.0 + beta[j, m] * air.scale[w]
                     log_up[j, m, w] = _log_irradiance(air, w, z, chi, own[w], widening) if free else np.nan
             for w in range(own.size):
@@ -262,6 +263,15 @@ def shift_table(profile, reference, other, limb, distances, shift):
             shift[m, d] = min(0.0, p_own - p)
 
 
+@njit(inner=True, cache=True, makes_arrays=False)
+def _altitude_behind(profile, w, lowest_km, invariant_km, p, u_km):
+    """Altitude [km] at u = `u_km` behind the lowest point of a ray of invariant p [km], not below that of another ray,
+    of `invariant_km`, whose lowest point is at `lowest_km`."""
+    if p > invariant_km:
+        lowest_km = altitude_along(profile, w, lowest_km, math.sqrt((p - invariant_km) * (p + invariant_km)))
+    return altitude_along(profile, w, lowest_km, u_km)
+
+
 @njit(cache=True)
 def down_table(air, limb, distances, shift, far, log_down):
     """log_down (W, Y, D): log irradiance + that of the mirrored ray + log(1 + u/far), of rays that have passed below,
@@ -273,47 +283,45 @@ def down_table(air, limb, distances, shift, far, log_down):
     profile, reference, scale, rays_of = air.profile, air.reference, air.scale, air.rays_of
     lowest_km, invariant = limb.lowest_km, limb.invariant[reference]
     n_w = scale.size
-    mirror, half_tau = np.empty(n_w), np.empty(n_w)
-    mirror_apparent = 0.0
-    for w in range(n_w):
-        if rays_of[w] < w:
-            continue
-        for m in range(lowest_km.size):
-            half, half_tau[w], _, _, free = outward(profile, w, lowest_km[m], 0.0, FAR_KM)
-            for v in range(w + 1, n_w):
-                if rays_of[v] == w:
-                    half_tau[v] = outward(profile, v, lowest_km[m], 0.0, FAR_KM).optical_depth
-            p_own = refractive_radius(profile, w, lowest_km[m])
-            for d in range(distances.size):
-                for v in range(w, n_w):
-                    if rays_of[v] == w:
-                        log_down[v, m, d] = log_down[v, m - 1, d] if m > 0 else 0.0
-                if not free:
+    mirror, half, half_tau = np.empty(n_w), np.empty(n_w), np.empty(n_w)
+    free = np.empty(n_w, np.bool_)
+    whole = max(1e-300, 1.0 - air.least_scale)
+    for m in range(lowest_km.size):
+        lowest = lowest_km[m]
+        for w in range(n_w):
+            half[w], half_tau[w], _, _, free[w] = outward(profile, w, lowest, 0.0, FAR_KM)
+        for d in range(distances.size):
+            for w in range(n_w):
+                log_down[w, m, d] = log_down[w, m - 1, d] if m > 0 else 0.0
+            u = distances[d]
+            # the mirrored ray as the table of rays from above holds it, at the reference and where light is refracted
+            # least; in between it is in proportion
+            p = invariant[m] - (1.0 - air.least_scale) * shift[m, d]
+            far_km = _altitude_behind(profile, reference, lowest, invariant[m], p, u)
+            far_angle, far_bending, far_beta, far_free = _reference_ray(air, far_km, u)
+            lowering, ok = _lowering(air, far_km, far_angle, far_bending, far_beta)
+            _, bending, beta, mirrored = _reference_ray(air, altitude_along(profile, reference, lowest, u), u)
+            mirrored = mirrored and far_free and ok
+            for w in range(n_w):
+                if rays_of[w] < w or not free[w]:
                     continue
-                u = distances[d]
                 # the reference ray with the same true direction has its lowest point a little higher
                 p = invariant[m] - (1.0 - scale[w]) * shift[m, d]
-                y = lowest_km[m]
-                if p > invariant[m]:
-                    y = altitude_along(
-                        profile, reference, lowest_km[m], math.sqrt((p - invariant[m]) * (p + invariant[m]))
-                    )
-                z = altitude_along(profile, reference, y, u)
+                z = _altitude_behind(profile, reference, lowest, invariant[m], p, u)
                 x = refractive_radius(profile, w, z)
+                p_own = refractive_radius(profile, w, lowest)
                 u_own = math.sqrt(max(0.0, (x - p_own) * (x + p_own)))
                 up, up_tau, _, _, ok = outward(profile, w, z, u_own, FAR_KM)
                 if not ok:
                     continue
                 apparent = math.atan2(p_own, -u_own)
-                chi = apparent + 2.0 * half - up
-                # the mirrored ray as the table of rays from above holds it
-                above, bending, beta, mirrored = _reference_ray(air, z, u)
-                mirror_chi, mirror_widening = above + bending, 1.0 + beta * scale[w]
-                if mirrored:
-                    mirror_apparent, ok = _own_angle(air, w, z, above, bending, beta)
-                    mirror[w] = np.nan
-                    if ok:
-                        mirror[w] = _log_irradiance(air, w, z, mirror_chi, mirror_apparent, mirror_widening)
+                chi = apparent + 2.0 * half[w] - up
+                part = (1.0 - scale[w]) / whole
+                x_there = refractive_radius(profile, reference, z)
+                above = math.atan2(math.sqrt(max(0.0, (x_there - u) * (x_there + u))), u)
+                mirror_apparent = above + lowering * (1.0 - scale[w])
+                mirror_chi = above + bending + part * (far_bending - bending)
+                mirror_widening = 1.0 + (beta + part * (far_beta - beta)) * scale[w]
                 widening = max(_SMALLEST_WIDENING, mirror_widening - limb.slope[w, m] * u_own)
                 spread = 0.0
                 if air.spreading:
@@ -321,14 +329,13 @@ def down_table(air, limb, distances, shift, far, log_down):
                     spread = math.log(max(1e-300, n * n * math.sin(apparent) / max(1e-12, math.sin(chi)) / widening))
                 xx = p * p + u * u
                 own_u = -math.sqrt(max(0.0, u * u + (p - invariant[m]) * (p + invariant[m])))
-                x_there = refractive_radius(profile, reference, z)
                 for v in range(w, n_w):
                     if rays_of[v] != w:
                         continue
                     if v > w:
                         up_tau = outward(profile, v, z, u_own, FAR_KM).optical_depth
-                        if mirrored:
-                            mirror[v] = _log_irradiance(air, v, z, mirror_chi, mirror_apparent, mirror_widening)
+                    if mirrored:
+                        mirror[v] = _log_irradiance(air, v, z, mirror_chi, mirror_apparent, mirror_widening)
                     value = up_tau - 2.0 * half_tau[v] + spread
                     if air.n_edges > 0:
                         value += _edges_from_above(air, v, z, xx, x_there * math.cos(mirror_apparent))

@@ -352,10 +352,14 @@ def trace_rays(
     return trace(int(first[-1]), True)
 
 
-def species_fraction(medium: Medium, altitude_km: np.ndarray) -> np.ndarray:
-    """Fraction (1 + K, P, W) of air and of each aerosol phase function in the scattering at altitudes (P,) [km]."""
-    at = medium.at(altitude_km)
-    species = np.concatenate([at.air_scattering[None], at.aerosol_scattering[None] * at.aerosol_phase_fraction])
+def species_fraction(profile: Profile, altitude_km: np.ndarray, some: slice = slice(None)) -> np.ndarray:
+    """Fraction (1 + K, P, W) of air and of each aerosol phase function in the scattering at altitudes (P,) [km] of the
+    profile, at some of its wavelengths."""
+    levels, scattering = profile.altitude_km, profile.species_scattering[..., some]
+    i = np.clip(np.searchsorted(levels, altitude_km, side="right") - 1, 0, levels.size - 2)
+    step = levels[i + 1] - levels[i]
+    f = ((altitude_km - levels[i]) / np.where(step > 0.0, step, 1.0))[:, None]
+    species = scattering[:, i] * (1.0 - f) + scattering[:, i + 1] * f
     total = species.sum(axis=0)
     fraction = np.where(total > 0, species / np.where(total > 0, total, 1.0), 0.0)
     fraction[0] = np.where(total > 0, fraction[0], 1.0)

@@ -136,7 +136,7 @@ def truncation_needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Pr
     z = profile.altitude_km
     scattering = profile.species_scattering.sum(axis=0)
     counts = scattering >= tuned.NEGLIGIBLE_FRACTION * scattering.max(axis=0)
-    fraction = np.where(counts, species_fraction(scaled.medium, z), 0.0)
+    fraction = np.where(counts, species_fraction(profile, z), 0.0)
     moments = np.einsum("kzw,klw->lzw", fraction, scaled.moments).max(axis=(1, 2))
     orders = _grown(settings.azimuth_directions, _exceeding(moments, tuned.EARLY_MOMENT), tuned.AZIMUTH_SLACK)
     orders = max(settings.azimuth_directions, min(orders, moments.size))

@@ -169,7 +169,7 @@ class ZonesField(BareField):
         lines = self._cached_lines.get(
             (altitude, with_ground, rows.tobytes()),
             lambda: lines_of_sight.trace_lines_of_sight(
-                grids.line_profile, grids.scaled.medium, altitude, rows, density, with_ground, grids.layout.thin_layer
+                grids.line_profile, altitude, rows, density, with_ground, grids.layout.thin_layer
             ),
         )
         lift = lines_of_sight.sun_lift(self.beam, altitude, directions.zenith_rad)

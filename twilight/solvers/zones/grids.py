@@ -330,7 +330,7 @@ class FieldGrids:
             layout.directions,
             zenith_range_deg,
             scaled,
-            SpeciesMoments.of(air, scaled, _spin2_degree(settings)),
+            SpeciesMoments.of(air, scaled, layout.profile, _spin2_degree(settings)),
             layout.profile,
             bent if settings.bent_lines_of_sight else layout.profile,
             bent if settings.bent_paths else layout.profile,

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from twilight.atmosphere.medium import Medium
 from twilight.jit.kernels import njit
 from twilight.jit.simd import LANES, exp, load, maximum, store
 from twilight.solvers.zones import constants as tuned
@@ -84,7 +83,6 @@ class LineCache:
 
 def trace_lines_of_sight(
     profile: Profile,
-    scaled: Medium,
     altitude_km: float,
     ends: np.ndarray,
     density: float,
@@ -93,8 +91,8 @@ def trace_lines_of_sight(
 ) -> LinesOfSight:
     """Lines of sight from an altitude at ends (2, R): elevation [deg], and distance [km] at which each stops.
 
-    profile: through which they go; scaled: the medium that scatters; density: of their points; pairs_for_all: two
-    points a step for light scattered more than once too, which across a thin layer is one step or two.
+    profile: through which they go; density: of their points; pairs_for_all: two points a step for light scattered more
+    than once too, which across a thin layer is one step or two.
     """
     start, cosine = np.full(ends.shape[1], altitude_km), np.sin(np.radians(ends[0]))
     rays = trace_rays(profile, start, cosine, density, pairs=pairs_for_all, far_km=ends[1])
@@ -108,7 +106,7 @@ def trace_lines_of_sight(
     )
     if not with_ground:
         rays, pairs = (r._replace(ground_weight=np.zeros_like(r.ground_weight)) for r in (rays, pairs))
-    of_rays, of_pairs = (np.ascontiguousarray(species_fraction(scaled, r.place[:, ALTITUDE])) for r in (rays, pairs))
+    of_rays, of_pairs = (np.ascontiguousarray(species_fraction(profile, r.place[:, ALTITUDE])) for r in (rays, pairs))
     return LinesOfSight(rays, pairs, of_rays, of_pairs)
 
 

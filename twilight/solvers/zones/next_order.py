@@ -208,18 +208,16 @@ def empty_slab_source(point, light, grid, series):
 
 @njit(inner=True, cache=True, inline=True, makes_arrays=False)
 def sum_intensity(amplitudes, j, b0, b1, c, highest):
-    """I over the mean, `Lanes`, at an azimuth.
+    """I over the mean, `Lanes`, at an azimuth, by Clenshaw's recurrence.
 
     j: row of amplitudes, b0, b1: weights of this row and of the next; highest: largest order that counts.
     """
-    amplitude = b0 * load(amplitudes, (j, 0)) + b1 * load(amplitudes, (j + 1, 0))
-    before, current = ONE, c
     twice = TWO * c
-    for m in range(1, highest + 1):
-        y0, y1 = b0 * current, b1 * current
-        amplitude += y0 * load(amplitudes, (j, m)) + y1 * load(amplitudes, (j + 1, m))
-        before, current = current, twice * current - before
-    return amplitude
+    after, value = broadcast(ZERO), broadcast(ZERO)
+    for m in range(highest, 0, -1):
+        amplitude = b0 * load(amplitudes, (j, m)) + b1 * load(amplitudes, (j + 1, m))
+        after, value = value, amplitude + twice * value - after
+    return b0 * load(amplitudes, (j, 0)) + b1 * load(amplitudes, (j + 1, 0)) + c * value - after
 
 
 @njit(inner=True, cache=True, inline=True, makes_arrays=False)
@@ -231,17 +229,14 @@ def sum_q_and_u(amplitudes, j, b0, b1, c, first, azimuthal_orders):
     c = min(ONE, max(-ONE, c))
     sine = np.float32(math.sqrt(max(ZERO, ONE - c * c)))
     twice = TWO * c
-    cos_m, cos_before = ONE, c
-    sin_m, sin_before = ZERO, -sine
-    q, u = broadcast(ZERO), broadcast(ZERO)
-    for m in range(first, first + azimuthal_orders):
-        q += cos_m * (b0 * load(amplitudes, (j, m)) + b1 * load(amplitudes, (j + 1, m)))
-        u += sin_m * (
-            b0 * load(amplitudes, (j, m + azimuthal_orders)) + b1 * load(amplitudes, (j + 1, m + azimuthal_orders))
-        )
-        cos_m, cos_before = twice * cos_m - cos_before, cos_m
-        sin_m, sin_before = twice * sin_m - sin_before, sin_m
-    return q, u
+    q_after, q, u_after, u = broadcast(ZERO), broadcast(ZERO), broadcast(ZERO), broadcast(ZERO)
+    for m in range(first + azimuthal_orders - 1, first, -1):
+        n = m + azimuthal_orders
+        of_q = b0 * load(amplitudes, (j, m)) + b1 * load(amplitudes, (j + 1, m))
+        of_u = b0 * load(amplitudes, (j, n)) + b1 * load(amplitudes, (j + 1, n))
+        q_after, q = q, of_q + twice * q - q_after
+        u_after, u = u, of_u + twice * u - u_after
+    return b0 * load(amplitudes, (j, first)) + b1 * load(amplitudes, (j + 1, first)) + c * q - q_after, sine * u
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})

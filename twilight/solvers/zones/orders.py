@@ -276,8 +276,8 @@ def solve_orders(
 ) -> scattering.Solution:
     """Follow orders until the missing rest is known to `tolerance`, and add it as a geometric series.
 
-    Every wavelength stops by itself.  Where the light decays slowly, or the air is thick, all orders are solved at
-    once, unless max_orders or a tolerance of 0 says how many orders are wanted.
+    Every wavelength stops by itself.  All orders after the early ones are solved at once, unless max_orders or a
+    tolerance of 0 says how many orders are wanted; those of thick air from the first on.
     early: operator of the first `early_orders` orders; late: gives that of later orders, whose light is smooth: fewer
     directions and harmonics do; thick: gives that of light that decays slowly; slow (LANES,): wavelengths at which the
     air is thick; tolerance: relative, 0 follows max_orders and adds no rest."""
@@ -302,20 +302,21 @@ def solve_orders(
         if operator is not early and orders == max(early_orders, 1):
             retained = early.angles.shared_with(operator.angles)
             order = np.ascontiguousarray(order[:, :, retained])
-        if orders == tuned.SETTLED_ORDER and all_at_once:
-            # solved faster with the same operator; or where its small losses would add up, with one that conserves
-            weak = unfinished & (decay > tuned.STIFF_DECAY) & (decay <= tuned.CONSERVED_DECAY)
-            strong = unfinished & (decay > tuned.CONSERVED_DECAY)
+        if all_at_once and (orders >= max(early_orders, 2) or orders == tuned.SETTLED_ORDER):
+            # faster with the same operator; or where its small losses would add up, with one that conserves
+            settled = orders == tuned.SETTLED_ORDER
+            weak = unfinished & (decay <= (tuned.CONSERVED_DECAY if settled else tuned.FAST_DECAY))
+            strong = unfinished & ~weak & settled
             for some in (np.flatnonzero(weak), np.flatnonzero(strong)):
                 if not some.size:
                     continue
-                rest_operator = operator
+                rest_operator, enough = operator, tuned.STEP_TOLERANCE * tolerance
                 if strong[some[0]]:
                     rest_operator = (early if operator is early else thick()).conserving()
+                    enough = min(tolerance, tuned.STIFF_TOLERANCE)
                 remaining = all_orders_from(
-                    rest_operator, some, (order, ground), total[:, :, 0] - mean, tuned.FAINT,
-                    min(tolerance, tuned.STIFF_TOLERANCE), max(1, max_orders - orders),
-                    partial(_after, progress, orders),
+                    rest_operator, some, (order, ground), total[:, :, 0] - mean, tuned.FAINT, enough,
+                    max(1, max_orders - orders), partial(_after, progress, orders),
                 )  # fmt: skip
                 total[:, :, retained[:, None], some] += remaining.moments - order[..., some]
                 total_ground[..., some] += remaining.ground - ground[..., some]

@@ -15,6 +15,7 @@ from twilight.jit.simd import LANES
 from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.angles import Truncation, even_harmonics, spin2_harmonics
 from twilight.transport.lines import ALTITUDE, ANGLE, COSINE, RayBundle, species_fraction
+from twilight.transport.profile import Profile
 from twilight.transport.scaling import MatrixMoments, ScaledMedium, matrix_moments
 
 POINTS_AT_ONCE = 8192
@@ -37,7 +38,7 @@ class RayPoints(NamedTuple):
     node (P,), node_fraction (P,): node altitude below and the fraction of the way to the next; angle (P,): place in the
         geometry table
     polar (P, C): harmonics at the ray's local zenith angle; highest (P,): largest order that matters there
-    chi (P, degree + 1, LANES): phase moments of the mixture; fraction (P, S, LANES): of each species in scattering
+    chi (P, degree + 1, LANES): phase moments of the mixture
     weight (P, LANES): scattering coefficient x transmittance x length
     spin2_x, spin2_z (P, C'): polar parts X and Z of the spin-2 harmonics at the same zenith angle
     matrix (P, 3, spin2_degree + 1, LANES): moments b, even and odd of the mixture's phase matrix
@@ -50,7 +51,6 @@ class RayPoints(NamedTuple):
     polar: np.ndarray
     highest: np.ndarray
     chi: np.ndarray
-    fraction: np.ndarray
     weight: np.ndarray
     spin2_x: np.ndarray
     spin2_z: np.ndarray
@@ -58,17 +58,18 @@ class RayPoints(NamedTuple):
 
 
 class SpeciesMoments(NamedTuple):
-    """Phase moments of scaled air and aerosol: chi (1 + K, degree + 1, W) of I, and those of the phase matrices."""
+    """Phase moments of scaled air and aerosol: chi (1 + K, degree + 1, W) of I, and those of the phase matrices;
+    profile: how much of each there is."""
 
-    medium: Medium
+    profile: Profile
     chi: np.ndarray
     matrix: MatrixMoments
 
     @staticmethod
-    def of(medium: Medium, scaled: ScaledMedium, spin2_degree: int) -> SpeciesMoments:
-        """Of a medium and its scaled air; spin2_degree: of the harmonics of Q and U, 0 for none."""
+    def of(medium: Medium, scaled: ScaledMedium, profile: Profile, spin2_degree: int) -> SpeciesMoments:
+        """Of a medium, its scaled air and the profile of that; spin2_degree: of the harmonics of Q and U, 0 for none."""
         matrix = matrix_moments(medium, scaled.forward_fraction, max(2, spin2_degree))
-        return SpeciesMoments(scaled.medium, scaled.moments, matrix)
+        return SpeciesMoments(profile, scaled.moments, matrix)
 
 
 def make_ray_points(
@@ -104,7 +105,7 @@ def _points(
     fraction = np.clip((z - nodes_km[node]) / np.diff(nodes_km)[node], 0.0, 1.0)
     # of the wavelengths of the block alone: all of a field's would take several gigabytes
     some = slice(block * LANES, min((block + 1) * LANES, scattering.chi.shape[2]))
-    species = species_fraction(scattering.medium.select(some), z)
+    species = species_fraction(scattering.profile, z, some)
     chi = np.einsum("spw,slw->plw", species, scattering.chi[:, : series.degree + 1, some])
     polar = even_harmonics(rays.place[:, COSINE], series.degree, series.azimuthal_orders - 1)
     sine = np.sqrt(np.maximum(0.0, 1.0 - rays.place[:, COSINE] ** 2))
@@ -123,7 +124,6 @@ def _points(
         polar.astype(np.float32),
         highest.astype(np.int32),
         block_values(chi, 0),
-        block_values(species.transpose(1, 0, 2), 0),
         block_values(rays.weight, block),
         np.ascontiguousarray(spin2_x, dtype=np.float32),
         np.ascontiguousarray(spin2_z, dtype=np.float32),
@@ -132,7 +132,8 @@ def _points(
 
 
 class SunlitRayPoints(NamedTuple):
-    """Of `RayPoints` what sunlight scattered once needs: angle (P,), fraction (P, S, LANES), weight (P, LANES)."""
+    """What sunlight scattered once needs: angle (P,) and weight (P, LANES) as of `RayPoints`, and the fraction of each
+    species in scattering (P, S, LANES)."""
 
     angle: np.ndarray
     fraction: np.ndarray
@@ -142,7 +143,7 @@ class SunlitRayPoints(NamedTuple):
 def make_sunlit_points(rays: RayBundle, scattering: SpeciesMoments, step_rad: float, block: int) -> SunlitRayPoints:
     """Points of rays through the LANES wavelengths of a block; step_rad: as in `make_ray_points`."""
     some = slice(block * LANES, min((block + 1) * LANES, scattering.chi.shape[2]))
-    species = species_fraction(scattering.medium.select(some), rays.place[:, ALTITUDE])
+    species = species_fraction(scattering.profile, rays.place[:, ALTITUDE], some)
     return SunlitRayPoints(
         (rays.place[:, ANGLE] / step_rad).astype(np.float32),
         block_values(species.transpose(1, 0, 2), 0),
