@@ -265,7 +265,7 @@ def test_savings_change_nothing(few_cells):
                 for u in range(5):
                     same = (target, u) == (source, a)
                     turn = 0.0 if same else 2 * np.pi * (u - a) / s
-                    pair_capture(layers, layers.extinction, rings, target, source, turn, depth, there, back, way)
+                    pair_capture(layers, layers.extinction, rings, (target, source, turn), depth, there, back, way)
                     angle = 2 * np.pi * a / s
                     x = math.cos(angle) * way[0] - math.sin(angle) * way[1]
                     cosine = -(x * SUN[0] + way[2] * SUN[2])

@@ -13,7 +13,8 @@ from thick_media import cloud, slabs
 
 from twilight.solvers.montecarlo import MonteCarloSettings, prepare
 from twilight.solvers.montecarlo.chunks import Tally
-from twilight.solvers.montecarlo.paths import N_ORDERS, TOTAL
+from twilight.solvers.montecarlo.events import N_ORDERS
+from twilight.solvers.montecarlo.paths import TOTAL
 
 SUN_COSINE = 0.5
 SUN_DEG = float(np.degrees(np.arcsin(SUN_COSINE)))

@@ -130,7 +130,7 @@ def test_the_transfer_between_cells_is_reciprocal(air, seed):
     for _ in range(400):
         i, j = rng.integers(rings.radius.size, size=2)
         turn = rng.uniform(0, 2 * np.pi)
-        lit = pair_capture(layers, layers.extinction, rings, i, j, turn, depth, there, back, toward)
+        lit = pair_capture(layers, layers.extinction, rings, (i, j, turn), depth, there, back, toward)
         chord = np.max(rings.size[[i, j]])
         thick = chord * max(extinction[i, 0], extinction[j, 0])
         held = [extinction[k, 0] * rings.volume[k] for k in (i, j)]

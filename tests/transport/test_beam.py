@@ -8,7 +8,7 @@ import pytest
 from airs import pure_air
 from scipy.integrate import solve_ivp
 
-from twilight.transport.beam import Beam, beam_at, beam_at_one, prepare_beam
+from twilight.transport.beam import Beam, BeamNodes, beam_at, beam_at_one, prepare_beam
 from twilight.transport.ray_profile import ray_profile, refractivity_at
 from twilight.transport.rays import OUTSIDE, outward, sun_ray
 
@@ -203,7 +203,7 @@ def test_no_altitude_in_the_light_is_dark():
     """0.3 deg beyond the geometric edge the refracted sun is up at every altitude, whatever rounding does."""
     for shift in (0.0, 1e-3, 0.017, 0.31):
         levels = np.concatenate([LEVELS[:1], LEVELS[1:] + shift])
-        beam = prepare_beam(pure_air(levels), cosine_nodes=10, distance_nodes=8)
+        beam = prepare_beam(pure_air(levels), nodes=BeamNodes(cosine=10, distance=8))
         for z in np.linspace(0.0, 99.9, 3000):
             chi = math.pi / 2 + math.acos(RADIUS / (RADIUS + z)) + math.radians(0.3)
             assert beam_at_one(beam, z, math.cos(chi), 0)[0] > 0.0, (shift, z)

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from twilight.api.arguments import PlotOptions
 from twilight.base.arguments import in_units, plain
+from twilight.base.conventions import ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.io.labels import attributes
 from twilight.io.netcdf import sky_of
@@ -348,7 +349,7 @@ class _Grid(NamedTuple):
             apart = [np.abs((azimuth[:, None] - sign * turn + 180.0) % 360.0 - 180.0) for sign in (1.0, -1.0)]
             nearest = np.minimum(*apart)
             column = nearest.argmin(axis=1)
-            mirrored = apart[0][range(count), column] > apart[1][range(count), column] + 1e-9
+            mirrored = apart[0][range(count), column] > apart[1][range(count), column] + ROUNDING
             covered = 360.0 * (nearest.min(axis=1) < 1e-3).mean()
         else:
             azimuth, column = np.unique(turn % 360.0, return_index=True)

@@ -34,6 +34,7 @@ import numpy as np
 from twilight.atmosphere.levels import layer_mean, vertical_integral
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.profiles import AirProfile
+from twilight.base.conventions import ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.base.shipped_data import data_numbers
 
@@ -108,7 +109,7 @@ class GasBands:
         if (
             np.any(np.diff(self.wavelength_index) < 0)
             or np.any(self.weight < 0)
-            or not np.allclose(sums, 1.0, atol=1e-9)
+            or not np.allclose(sums, 1.0, atol=ROUNDING)
         ):
             raise TwilightError("bands: the terms of each wavelength need weights that are not negative and sum to 1")
 

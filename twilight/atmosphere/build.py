@@ -16,7 +16,7 @@ from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.opac import AerosolSpec
 from twilight.atmosphere.profiles import PROFILE_TOP_KM, AirProfile, load_profile
 from twilight.atmosphere.stratosphere import StratosphereSpec
-from twilight.base.conventions import LOWEST_GROUND_KM
+from twilight.base.conventions import LOWEST_GROUND_KM, ROUNDING
 from twilight.base.errors import TwilightError
 
 MIN_TOP_KM = 10.0
@@ -343,7 +343,7 @@ class Boundaries:
             raise TwilightError(
                 f"layers.boundaries_km must be 2 to {MAX_LAYERS + 1} altitudes, each above the one before"
             )
-        if z[0] != ground_km or not math.isclose(z[-1], top_km, rel_tol=1e-9):
+        if z[0] != ground_km or not math.isclose(z[-1], top_km, rel_tol=ROUNDING):
             raise TwilightError(
                 f"layers.boundaries_km must begin at {ground_km:g} and end at the top of the air, {top_km:g} km, "
                 f"not {z[0]:g} and {z[-1]:g}"

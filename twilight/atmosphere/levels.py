@@ -13,6 +13,8 @@ Steffen 1990, Astron. Astrophys. 239, 443.
 
 import numpy as np
 
+from twilight.base.conventions import ROUNDING
+
 
 def interpolate_coefficient(lower, upper, fraction):
     """The coefficient at a fraction of the way between its values at two levels; arrays broadcast."""
@@ -88,7 +90,7 @@ def log_cubics(altitude_km: np.ndarray, coefficient: np.ndarray) -> np.ndarray:
     log = np.log(np.where(positive, a, 1.0))
     piece = np.zeros((3, z.size - 1, a.shape[1]))
     # a curve ends at a pair of levels that do not join
-    ends = np.where(thick[:, None], ~(positive[:-1] & positive[1:]), np.abs(np.diff(log, axis=0)) > 1e-9)
+    ends = np.where(thick[:, None], ~(positive[:-1] & positive[1:]), np.abs(np.diff(log, axis=0)) > ROUNDING)
     distinct, members = np.unique(ends, axis=1, return_inverse=True)
     for p in range(distinct.shape[1]):
         columns = np.flatnonzero(members.ravel() == p)

@@ -29,7 +29,7 @@ from twilight.atmosphere.levels import (
     smooth_mean,
 )
 from twilight.atmosphere.screen import Screen
-from twilight.base.conventions import EARTH_RADIUS_KM
+from twilight.base.conventions import EARTH_RADIUS_KM, TINY
 from twilight.base.errors import TwilightError
 from twilight.numerics.phase import PhaseFunction
 
@@ -339,10 +339,10 @@ def with_joined_refractivity(medium: Medium) -> Medium:
         return replace(medium, refractivity=np.stack(joined, axis=1))
     middle = 0.5 * (z[1:] + z[:-1])[thick]
     value = 0.5 * (n[1:] + n[:-1])[thick]
-    value = np.log(np.maximum(value, np.maximum(1e-9 * value.max(axis=0), 1e-300)))
+    value = np.log(np.maximum(value, np.maximum(1e-9 * value.max(axis=0), TINY)))
     fall = (value[1] - value[0]) / (middle[1] - middle[0])
     lowest = value[0] - fall * (middle[0] - z[0])
-    top = np.minimum(value[-1], np.log(np.maximum(n[-1], 1e-9 * n.max(axis=0) + 1e-300)))
+    top = np.minimum(value[-1], np.log(np.maximum(n[-1], 1e-9 * n.max(axis=0) + TINY)))
     x, y = np.concatenate([z[:1], middle, z[-1:]]), np.concatenate([[lowest], value, [top]])
     smooth = [np.exp(monotone_cubic(levels, x, column)) * (column.max() > np.log(1e-200)) for column in y.T]
     return replace(medium, refractivity=np.stack(smooth, axis=1)[place])

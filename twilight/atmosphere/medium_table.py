@@ -22,7 +22,7 @@ from twilight.atmosphere.csv_columns import Columns, read_columns
 from twilight.atmosphere.levels import interpolate_coefficient
 from twilight.atmosphere.medium import Medium
 from twilight.atmosphere.own_aerosol import read_phase
-from twilight.base.conventions import EARTH_RADIUS_KM
+from twilight.base.conventions import EARTH_RADIUS_KM, ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.numerics.phase import PhaseFunction
 
@@ -180,7 +180,7 @@ def _at_wavelengths(
         raise TwilightError("wavelength_nm must be a list of one or more numbers")
     if np.any(np.diff(wavelength) <= 0):
         raise TwilightError("wavelength_nm must increase from one wavelength to the next")
-    slack = 1e-9
+    slack = ROUNDING
     if wavelength[0] < table_nm[0] * (1 - slack) or wavelength[-1] > table_nm[-1] * (1 + slack):
         bad = wavelength[0] if wavelength[0] < table_nm[0] * (1 - slack) else wavelength[-1]
         raise TwilightError(

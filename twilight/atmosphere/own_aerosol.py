@@ -10,6 +10,7 @@ from twilight.atmosphere.aerosols import MixtureOptics, mixture_of
 from twilight.atmosphere.csv_columns import Columns, read_columns
 from twilight.atmosphere.levels import interpolate_coefficient
 from twilight.atmosphere.mie import LogNormal
+from twilight.base.conventions import ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.numerics.phase import PhaseFunction
 
@@ -176,7 +177,7 @@ def read_phase(file: Path, wavelength_nm: np.ndarray, name: str = "") -> PhaseFu
 
 def _between(file: Path, table_nm: np.ndarray, wavelength_nm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Index of the wavelength of the table below each, and how far it is to the next in the logarithm."""
-    slack = 1e-9
+    slack = ROUNDING
     outside = (wavelength_nm < table_nm[0] * (1 - slack)) | (wavelength_nm > table_nm[-1] * (1 + slack))
     if np.any(outside):
         raise TwilightError(

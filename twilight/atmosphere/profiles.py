@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from twilight.atmosphere.levels import interpolate_coefficient, layer_mean, monotone_cubic
+from twilight.base.conventions import ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.base.shipped_data import data_numbers
 
@@ -132,7 +133,7 @@ class AirProfile:
         )
         fall_per_km = 1e3 * STANDARD_GRAVITY * molar / GAS_CONSTANT  # K / km
         depth = fall_per_km * (z[0] - altitude_km)
-        log_ratio = depth / t[0] if abs(below - t[0]) < 1e-9 else depth * np.log(below / t[0]) / (below - t[0])
+        log_ratio = depth / t[0] if abs(below - t[0]) < ROUNDING else depth * np.log(below / t[0]) / (below - t[0])
         pressure = self.pressure_hpa[0] * np.exp(log_ratio)
         denser = pressure / self.pressure_hpa[0] * t[0] / below
 

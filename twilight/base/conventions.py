@@ -34,8 +34,24 @@ Emde et al. 2015, IPRT, J. Quant. Spectrosc. Radiat. Transfer 164, 8; Hovenier a
 ``[level, wavelength]``.
 """
 
+UNSEEN = 1e-12
+"""Radiance over F0 [sr^-1] that nobody sees: a thousandth of the darkest night, 1e-7 cd m^-2."""
+
+LEAST_LUMINANCE = 1e-12
+"""Luminance [cd m^-2] in whose place 0 has no logarithm: a millionth of what an eye in the dark sees."""
+
 DARK = 1e-30
-"""Radiance over F0 [sr^-1], or transmittance, that counts as none where a logarithm or a ratio is taken."""
+"""Radiance over F0 [sr^-1], transmittance or coefficient [km^-1] that counts as none where a logarithm or a ratio is
+taken."""
+
+TINY_SINGLE = 1e-37
+"""The same of any number in single precision, whose least normal number is 1.2e-38."""
+
+TINY = 1e-300
+"""The same of any number in double precision, whose least normal number is 2.2e-308."""
+
+ROUNDING = 1e-9
+"""Difference, relative or of angles [deg] and altitudes [km], that rounding of what people write may make."""
 
 EARTH_RADIUS_KM = 6371.0
 """Mean radius of the Earth (Haber 2005 sec. 4.1.3; IUGG mean radius 6371.0088 km)."""

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from twilight.atmosphere.profiles import AirProfile, load_profile, profile_of_levels
-from twilight.base.conventions import LOWEST_GROUND_KM
+from twilight.base.conventions import LOWEST_GROUND_KM, ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.base.sections import FilePath, Flag, Increasing, Integer, Number, Section, check_lengths, increase, key
 from twilight.config.aerosol import Aerosol, Stratosphere
@@ -62,7 +62,7 @@ class Cloud(Section):
     @model_validator(mode="after")
     def _possible(self) -> Cloud:
         base, top = self.base_km, self.top_km
-        if base is not None and top is not None and top < base + THINNEST_KM * (1.0 - 1e-9):
+        if base is not None and top is not None and top < base + THINNEST_KM * (1.0 - ROUNDING):
             raise ValueError(f"top_km, {top:g}, must be {THINNEST_KM:g} km or more above base_km, {base:g}")
         if self.kind == "cirrus" and self.effective_radius_um is not None:
             raise ValueError("effective_radius_um has no meaning for cirrus, whose crystals are OPAC's (91.7 um)")
@@ -199,7 +199,7 @@ class Atmosphere(Section):
     @model_validator(mode="after")
     def _up_to_the_top(self) -> Atmosphere:
         b = self.layers.boundaries_km
-        if b is not None and abs(b[-1] - self.top_km) > 1e-9 * self.top_km:
+        if b is not None and abs(b[-1] - self.top_km) > ROUNDING * self.top_km:
             raise ValueError(f"layers.boundaries_km must end at top_km, {self.top_km:g} km, not at {b[-1]:g} km")
         if self.levels is not None and self.levels.altitude_km[-1] < self.top_km:
             highest = self.levels.altitude_km[-1]

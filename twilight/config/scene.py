@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from twilight.base.conventions import LOWEST_GROUND_KM
+from twilight.base.conventions import LOWEST_GROUND_KM, ROUNDING
 from twilight.base.sections import Flag, Increasing, Integer, Number, Section, check_lengths, key
 from twilight.config.climate import Climate
 from twilight.config.moon import MoonSection
@@ -199,7 +199,7 @@ class Texture(Section):
         if step is not None:
             if self.azimuth_count is not None or self.elevation_count is not None:
                 raise ValueError("takes either resolution_deg or azimuth_count and elevation_count, not both")
-            if abs(90.0 / step - round(90.0 / step)) > 1e-9:
+            if abs(90.0 / step - round(90.0 / step)) > ROUNDING:
                 raise ValueError(f"resolution_deg must divide 90, as 3 or 1.5 do; got {step:g}")
         return self
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from twilight import solvers
 from twilight.atmosphere.medium import Medium
 from twilight.base import cache
+from twilight.base.conventions import ROUNDING
 from twilight.base.digest import code_digest, content_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
@@ -296,7 +297,7 @@ def check_question(sun_elevation_deg: Any, elevation_deg: Any, azimuth_deg: Any)
     """TwilightError for a sun or directions [deg] that are none."""
     if not _within(sun_elevation_deg, 90.0) or np.ndim(sun_elevation_deg):
         raise TwilightError(f"sun_elevation_deg: must be a number between -90 and 90, got {sun_elevation_deg!r}")
-    if not _within(elevation_deg, 90.0 + 1e-9):
+    if not _within(elevation_deg, 90.0 + ROUNDING):
         raise TwilightError("elevation_deg: must be numbers between -90 and 90")
     if not _within(azimuth_deg, np.inf):
         raise TwilightError("azimuth_deg: must be finite numbers")

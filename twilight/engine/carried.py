@@ -26,6 +26,7 @@ from twilight import solvers
 from twilight.atmosphere.bands import GasBands
 from twilight.atmosphere.grid_medium import range_of
 from twilight.atmosphere.medium import Medium
+from twilight.base.conventions import DARK
 from twilight.base.errors import TwilightError
 from twilight.solvers.base import BareField, Convergence
 
@@ -62,8 +63,6 @@ SLACK = 0.05
 """How far beyond those of the nodes ln(L/C) of a term may be."""
 REMEMBERED = 16
 """Questions whose light at the nodes is kept: blocks of many wavelengths begin with the same, some four each."""
-DARK = 1e-30
-"""Radiance over F0 [sr^-1] that counts as none in a ratio."""
 COVERAGE = 1.5
 """Standard deviations of kriging that cover 95 % of what is added (benchmarks/hyperspectral.py)."""
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.conventions import UNSEEN
 from twilight.base.errors import TwilightWarning
 from twilight.engine.block import Block, Stokes, StokesWithError, join
 from twilight.engine.sunbeam import Direct
@@ -20,8 +21,6 @@ from twilight.sky.table import SkyTable
 from twilight.sky.table import join as join_tables
 from twilight.transport.rays import horizon_dip_deg
 
-DARK = 1e-12
-"""Radiance over F0 [sr^-1] that counts as none: a thousandth of the darkest night, 1e-7 cd m^-2."""
 LARGEST_STATED_ERROR = 0.05
 """Largest relative error of a table, where it is compared with light, beyond which there is a warning."""
 _NEAR_HORIZON_DEG = np.array([0.04, 0.15, 0.4, 0.9, 1.8, 3.5, 7.0, 14.0, 28.0, 56.0])
@@ -188,7 +187,7 @@ def warn_of_black(scene: Scene, sky: Sky, without_night: str, stacklevel: int) -
     without_night: what to do for light of the night; empty: it is in the sky.
     """
     light = sky.normalised_radiance
-    if np.isnan(light).any() or light.max() > DARK:
+    if np.isnan(light).any() or light.max() > UNSEEN:
         return
     what = "black in every direction" if not light.any() else "darker than a thousandth of any night"
     altitude, top_km = sky.observer_altitude_km, scene.medium.top_km

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from twilight.base import cache
+from twilight.base.conventions import DARK, TINY
 from twilight.base.digest import code_digest
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
@@ -112,8 +113,6 @@ TURN_DEG = 10.0
 """Distance of the azimuths of a plane's normal from the sun at which its light is held [deg]."""
 HIGHEST_SUN_DEG = 75.0
 """Highest sun whose zenith is read between suns: nearer to it the zenith has a part of the aureole."""
-DARKEST = 1e-30
-"""Radiance [sr^-1] or irradiance over F0 that stands for none in logarithms."""
 DISC_NODES = 160
 """Suns at which the beam is computed, from the first ray that arrives to the zenith, by the cube of their number."""
 FEW_LINES = 100
@@ -235,7 +234,7 @@ class SunTables:
         """Sun-normalised radiance [sr^-1] of the zenith under suns (N,), up to HIGHEST_SUN_DEG, (N, W)."""
         nodes, weights = sun_weights(self.suns_deg, sun_elevation_deg)
         used = _used(nodes, weights)
-        light = np.log(np.maximum([self._lines_of(int(k))[-1] for k in used], DARKEST))
+        light = np.log(np.maximum([self._lines_of(int(k))[-1] for k in used], DARK))
         place = np.minimum(np.searchsorted(used, nodes), used.size - 1)
         return np.exp(np.einsum("nk,nkw->nw", weights, light[place]))
 
@@ -249,7 +248,7 @@ class SunTables:
         table = self._surfaces[key]
         for k in _used(nodes, weights):
             if np.isnan(table[k, 0, 0]):
-                table[k] = np.log(np.maximum(self._integrated(surface, int(k)), DARKEST))
+                table[k] = np.log(np.maximum(self._integrated(surface, int(k)), DARK))
         heaviest = np.abs(weights).argmax(axis=1)[:, None]
         nodes = np.where(weights != 0.0, nodes, np.take_along_axis(nodes, heaviest, axis=1))
         if table.shape[1] == 1:
@@ -302,7 +301,7 @@ class SunTables:
             dark, lit = (dark, middle) if reached else (middle, lit)
         suns = lit + (90.0 - lit) * np.linspace(0.0, 1.0, DISC_NODES) ** 3
         beams = [self.solved.direct(float(e)) for e in suns]
-        logs = np.log(np.maximum([one.irradiance for one in beams], DARKEST**10))
+        logs = np.log(np.maximum([one.irradiance for one in beams], TINY))
         return suns, logs, np.array([one.bending_deg for one in beams])
 
     def _table(self, k: int) -> SkyTable:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twilight.base.conventions import TINY_SINGLE
 from twilight.engine.block import Stokes
 from twilight.numerics.directions import scattering_angle_rad
 from twilight.sky.table import SkyTable, at_angle, split
@@ -342,7 +343,7 @@ def _misses(
 
 def _errors(table: SkyTable, radiance: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
     """Relative errors of a table beside light on rows and columns, (E, A, W)."""
-    least = np.maximum(FAINT * np.exp(table.smooth[0].max(axis=(0, 1))), 1e-37)
+    least = np.maximum(FAINT * np.exp(table.smooth[0].max(axis=(0, 1))), TINY_SINGLE)
     return np.abs(table.on_grid(elevation_deg, azimuth_deg) - radiance) / np.maximum(radiance, least)
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from twilight.base.conventions import ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.base.extras import require
 from twilight.base.reading import check_expansion, first_line
@@ -80,7 +81,7 @@ class AlbedoMap:
         here = np.radians(latitude_deg)
         cosine = np.sin(lat) * np.sin(here) + np.cos(lat) * np.cos(here) * np.cos(lon)
         width = np.gradient(self.longitude_deg)
-        if self.longitude_deg[-1] - self.longitude_deg[0] > 360.0 - 1e-9:
+        if self.longitude_deg[-1] - self.longitude_deg[0] > 360.0 - ROUNDING:
             width[[0, -1]] *= 0.5  # one meridian
         area = np.gradient(self.latitude_deg)[:, None] * np.cos(lat) * width
         area = np.where((cosine >= np.cos(np.radians(radius_deg))) & np.isfinite(self.channels[..., 0]), area, 0.0)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twilight.base.conventions import EARTH_RADIUS_KM
+from twilight.base.conventions import DARK, EARTH_RADIUS_KM
 from twilight.io.environment import pixel_of, pixel_solid_angle
 from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.sky import colour
@@ -148,7 +148,7 @@ def add_to_view(sky: Sky, picture: np.ndarray, rays: np.ndarray, tone: Tone, poi
 def _within_a_pixel(steps: np.ndarray) -> np.ndarray:
     """Steps (height, width, 3) from a pixel to the next, no longer than twice their median."""
     length = np.linalg.norm(steps, axis=-1, keepdims=True)
-    return steps * np.minimum(1.0, 2.0 * np.median(length) / np.maximum(length, 1e-30))
+    return steps * np.minimum(1.0, 2.0 * np.median(length) / np.maximum(length, DARK))
 
 
 def _steps(elevation: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twilight.base.conventions import ROUNDING
 from twilight.base.errors import TwilightError
 
 HEMISPHERE_ROWS = 12
@@ -92,7 +93,7 @@ def texture_grid(step_deg: float = 3.0) -> tuple[np.ndarray, np.ndarray]:
     Raises TwilightError unless the step divides 90 deg.
     """
     rows = round(90.0 / step_deg) if step_deg > 0 else 0
-    if rows < 1 or abs(rows * step_deg - 90.0) > 1e-9:
+    if rows < 1 or abs(rows * step_deg - 90.0) > ROUNDING:
         raise TwilightError(f"step_deg: {step_deg:g} deg must be positive and divide 90 deg")
     return texture_centres((rows, 4 * rows))
 

@@ -27,6 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twilight.base.conventions import ROUNDING, TINY
 from twilight.base.errors import TwilightError, check_known
 from twilight.numerics.directions import azimuth_elevation, camera_axes
 
@@ -103,7 +104,7 @@ def _perspective(frame: ImagePlane) -> np.ndarray:
 
 def off_axis(x: np.ndarray, y: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """Directions (..., 3) at the angle theta [rad] off forward, towards x (right) and y (up); NaN where theta is."""
-    scale = np.sin(theta) / np.maximum(np.hypot(x, y), 1e-300)
+    scale = np.sin(theta) / np.maximum(np.hypot(x, y), TINY)
     return np.stack([scale * x, np.cos(theta), scale * y], axis=-1)
 
 
@@ -215,7 +216,7 @@ def shape_of(name: str, width: int, height: int | None = None) -> tuple[int, int
     """(height, width) [pixels] of a view; TwilightError for a size that it cannot have."""
     kind = projection_of(name)
     usual = round(width / kind.aspect)
-    if not kind.free and (width < 4 or abs(usual * kind.aspect - width) > 1e-9 or (height or usual) != usual):
+    if not kind.free and (width < 4 or abs(usual * kind.aspect - width) > ROUNDING or (height or usual) != usual):
         got = f"{width}" if height is None else f"{width} x {height}"
         raise TwilightError(
             f"width: a view {name} is {kind.aspect:.4g} times as wide as high, 4 pixels or more; got {got}"

@@ -19,6 +19,7 @@ from twilight.atmosphere.opac import AerosolSpec, MineralLayer, opac_type
 from twilight.atmosphere.own_aerosol import OwnAerosol
 from twilight.atmosphere.shipped_optics import WAVELENGTHS_NM
 from twilight.atmosphere.stratosphere import ExtinctionLevels, StratosphereSpec, measured_kind
+from twilight.base.conventions import ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.config.aerosol import Aerosol
 from twilight.config.climate import THINNEST_KM, Climate, Ground, Spectrum, TabulatedMedium, air_profile, climate_files
@@ -192,7 +193,7 @@ def cloud_layers(climate: Climate) -> tuple[CloudLayer, ...]:
             if top is not None and kind.base_km is not None:
                 base = min(base, top - kind.thickness_km)
         top = base + kind.thickness_km if top is None else top
-        if top < base + THINNEST_KM * (1.0 - 1e-9) or base < 0.0:
+        if top < base + THINNEST_KM * (1.0 - ROUNDING) or base < 0.0:
             raise TwilightError(
                 f"clouds: {cloud.kind} cannot end at {top:g} km, which is not {THINNEST_KM:g} km above its base at "
                 f"{base:g} km; give base_km too"

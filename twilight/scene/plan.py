@@ -11,7 +11,7 @@ from twilight import solvers
 from twilight.atmosphere import bands, gases
 from twilight.atmosphere.aerosols import VISIBLE_CONTRAST_DEPTH
 from twilight.atmosphere.medium import Medium
-from twilight.base.conventions import EARTH_RADIUS_KM
+from twilight.base.conventions import EARTH_RADIUS_KM, TINY
 from twilight.config.climate import Climate, Gases, air_profile
 from twilight.config.scene import Config
 from twilight.scene.medium import climate_medium, cloud_layers, wavelengths_of
@@ -258,7 +258,7 @@ def facts(medium: Medium) -> list[tuple[str, str]]:
         w = at_550[0]
         turbidity = 1.0 + medium.optical_depth("aerosol")[w] / max(medium.optical_depth("air")[w], 1e-300)
         seen_through = medium.air_scattering_per_km[0, w] + medium.aerosol_extinction_per_km[0, w]
-        visibility = VISIBLE_CONTRAST_DEPTH / max(seen_through, 1e-300)
+        visibility = VISIBLE_CONTRAST_DEPTH / max(seen_through, TINY)
         rows.append(("turbidity at 550 nm (Preetham 1999)", f"{turbidity:.2f}"))
         rows.append(("visibility at the ground at 550 nm (Koschmieder)", f"{visibility:.0f} km"))
     for name, bottom, top in medium.notes.get("regions", ()):

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
+from twilight.base.conventions import ROUNDING
 from twilight.config.scene import Config
 from twilight.config.sun import SunAt, SunElevation, SunElevations, SunInterval, SunTimes
 from twilight.sky.ephemeris import sun_position
@@ -69,5 +70,5 @@ def _moments(sun: SunAt | SunTimes | SunInterval) -> list[datetime]:
         return [sun.aware(moment) for moment in sun.times]
     start, stop = sun.aware(sun.start), sun.aware(sun.stop)
     step = timedelta(minutes=sun.step_minutes)
-    count = int((stop.timestamp() - start.timestamp()) / step.total_seconds() + 1e-9) + 1
+    count = int((stop.timestamp() - start.timestamp()) / step.total_seconds() + ROUNDING) + 1
     return [datetime.fromtimestamp(start.timestamp() + i * step.total_seconds(), start.tzinfo) for i in range(count)]

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.conventions import DARK
 from twilight.config.scene import Config
 from twilight.config.sun import SunInterval
 from twilight.engine import Field
@@ -141,7 +142,7 @@ def sunbeam(
     apparent = true + np.array([one.bending_deg for _, one in visible])
     factor = np.stack([one.irradiance for _, one in visible])
     refraction_deg = np.interp(nodes_deg, apparent, apparent - true)
-    logs = np.log(np.maximum(channels.of(factor), 1e-30))
+    logs = np.log(np.maximum(channels.of(factor), DARK))
     light = np.stack([np.interp(nodes_deg, apparent, column) for column in logs.T], axis=-1)
     return refraction_deg, np.exp(light)
 
@@ -179,7 +180,7 @@ PHASES_DEG = np.array([PHASE_RANGE_DEG[0], 15.0, 40.0, PHASE_RANGE_DEG[1]])
 """Phase angles at which C is found; linear in between, for the moon reddens evenly with its phase."""
 LEVEL_NM = np.array([550.0])
 """Wavelength at which the moon's irradiance over the sun's is a factor of its own [nm]."""
-DARK = 1e-25
+LEAST_SPECTRUM = 1e-25
 """Spectra are left out whose light is less than this [sr^-1]."""
 LEVEL_PHASES_DEG = np.concatenate([[0.0, 1.55, 2, 3, 4, 5, 6, 8, 10, 13, 16, 20], np.arange(25.0, 181.0, 5.0)])
 """Phase angles at which a page has the moon's light; its logarithm is linear in between."""
@@ -208,7 +209,7 @@ class MoonColours:
     def of(cls, spectra: np.ndarray, channels: Channels) -> MoonColours:
         """From spectra (..., W) of an air over the sun's irradiance [sr^-1]: least squares of relative residuals."""
         spectra = spectra.reshape(-1, spectra.shape[-1])
-        spectra = spectra[spectra.min(axis=-1) > DARK]
+        spectra = spectra[spectra.min(axis=-1) > LEAST_SPECTRUM]
         sunlit, skies = channels.of(spectra), []
         for phase in PHASES_DEG:
             moonlit = channels.of(spectra * reddening(channels.wavelength_nm, float(phase)))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.conventions import DARK
 from twilight.base.errors import TwilightError
 from twilight.clear_air.entry import HIGHEST_OBSERVER_KM, SHIPPED, check_air, check_medium, shipped_model
 from twilight.clear_air.model import NUMBER, SUN_DEG
@@ -153,7 +154,7 @@ def _ranges(medium: Medium, below: Air, above: Air) -> tuple[dict[str, float], d
     for name, air, other in (("aerosol", below, above), ("stratosphere", above, below)):
         depth, beside = air.depth[EXTINCTION].sum(axis=0), other.depth[EXTINCTION].sum(axis=0)
         aloft, aloft_beside = air.depth[HIGH].sum(axis=0), other.depth[HIGH].sum(axis=0)
-        now[name] = float(np.exp(np.interp(550.0, medium.wavelength_nm, np.log(np.maximum(depth, 1e-30)))))
+        now[name] = float(np.exp(np.interp(550.0, medium.wavelength_nm, np.log(np.maximum(depth, DARK)))))
         room = (total - beside) / np.maximum(depth, 1e-9), (high - aloft_beside) / np.maximum(aloft, 1e-9)
         if now[name] < 1e-9:
             now[name] = 0.0

@@ -26,6 +26,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twilight.base.conventions import TINY_SINGLE
 from twilight.base.progress import Progress, part_of
 from twilight.engine import Field
 from twilight.engine.sun_tables import LOWEST_SUN_DEG, SunTables, suns_between
@@ -123,7 +124,7 @@ def fill_space(
     edge[: nodes.ground] = 1.0
     filled = _at_feet(entering.seen(channels.of), nodes.columns_deg, edge, central_angle_deg)
     rows = nodes.every_second_row(space=True)
-    light = np.log(np.maximum(entering.light_at_nodes(), 1e-37))
+    light = np.log(np.maximum(entering.light_at_nodes(), TINY_SINGLE))
     whole = replace(entering, smooth=light, aureole=None, log_phase=None)
     spectra = _at_feet(whole, nodes.columns_deg[::2], edge, central_angle_deg)
     suns = every_second(spectra.sun_elevation_deg.size)

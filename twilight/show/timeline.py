@@ -8,6 +8,7 @@ from datetime import timedelta
 
 import numpy as np
 
+from twilight.base.conventions import ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.config.scene import Config
 from twilight.config.sun import SunAt, SunElevation, SunInterval, SunTimes
@@ -61,7 +62,7 @@ class Pace:
         """Times of the pictures [s] in a span of the sky."""
         if self.frames is not None:
             return np.linspace(0.0, span_s, self.frames)
-        count = int(span_s / self.step_s + 1e-9) + 1
+        count = int(span_s / self.step_s + ROUNDING) + 1
         if not 2 <= count <= MOST_FRAMES:
             raise TwilightError(
                 f"--speed, --frames-per-second: {span_s:g} s of sky at {self.step_s:g} s a picture are {count} "

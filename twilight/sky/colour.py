@@ -5,6 +5,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from twilight.base.conventions import TINY
 from twilight.base.errors import TwilightWarning, check_known
 from twilight.numerics import spectrum
 from twilight.sky.sky import Sky
@@ -255,7 +256,7 @@ def photographic(linear: np.ndarray, white: float = np.inf) -> np.ndarray:
     channel grows to all: it burns out.
     """
     x = np.maximum(np.asarray(linear, float), 0.0)
-    largest = np.maximum(_over_channels(np.maximum, x), 1e-300)[..., None]
+    largest = np.maximum(_over_channels(np.maximum, x), TINY)[..., None]
     each, leaking = PHOTOGRAPHIC_EACH_CHANNEL, x
     low, high = BURNT_OUT_STOPS
     if largest.size and largest.max() > 2.0**low:
@@ -285,7 +286,7 @@ def filmic(linear: np.ndarray) -> np.ndarray:
     """
     x = np.maximum(np.asarray(linear, float), 0.0)
     largest = x.max(axis=-1, keepdims=True)
-    return 0.5 * _shoulder(x) + 0.5 * x * (_shoulder(largest) / np.maximum(largest, 1e-300))
+    return 0.5 * _shoulder(x) + 0.5 * x * (_shoulder(largest) / np.maximum(largest, TINY))
 
 
 def _shoulder(x: np.ndarray) -> np.ndarray:

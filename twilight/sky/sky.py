@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twilight.base.arguments import in_units, plain
+from twilight.base.conventions import ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
 from twilight.sky.comparison import SkyComparison
@@ -392,7 +393,7 @@ class Sky(SkyLight):
         """Values (E, A, W) >= 0 of the grid in any direction."""
         elevation, azimuth = np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float)
         lower = self.elevation_edges_deg[0]
-        beyond = elevation[~((elevation >= lower - 1e-9) & (elevation <= 90.0 + 1e-9))]
+        beyond = elevation[~((elevation >= lower - ROUNDING) & (elevation <= 90.0 + ROUNDING))]
         if beyond.size:
             below = "; below is the ground, which observer.view shows" if beyond.min() < lower <= 0.0 else ""
             raise TwilightError(

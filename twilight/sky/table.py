@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twilight.base.conventions import DARK, TINY_SINGLE
 from twilight.numerics.directions import PHASE_COUNT, scattering_angle_rad
 from twilight.numerics.spectrum import hermite_matrix, hermite_weights, linear_weights
 
@@ -329,7 +330,7 @@ class SkyTable:
         if self.aureole is None or self.log_phase is None:
             return replace(self, smooth=_log(see(smooth)), stokes=None)
         phase = np.exp(self.log_phase.astype(float))
-        log_phase = np.log(np.maximum(see(phase) / see(np.ones_like(phase[:1])), 1e-30)).astype(np.float32)
+        log_phase = np.log(np.maximum(see(phase) / see(np.ones_like(phase[:1])), DARK)).astype(np.float32)
         channels = replace(self, log_phase=log_phase)
         parts = []
         for s, sun in enumerate(self.apparent_sun_deg):
@@ -422,7 +423,7 @@ def join(tables: Sequence[SkyTable]) -> SkyTable:
 
 def _log(light: np.ndarray) -> np.ndarray:
     """ln of light (S, R, C, W), float32, not below DARKEST of its largest."""
-    least = np.maximum(DARKEST * light.max(axis=(1, 2), keepdims=True), 1e-38)
+    least = np.maximum(DARKEST * light.max(axis=(1, 2), keepdims=True), TINY_SINGLE)
     return np.log(np.maximum(light, least)).astype(np.float32)
 
 
@@ -439,7 +440,7 @@ def split(
     angle_rad (S, R, C): scattering angles.  A holds at most `largest_fraction` of the light, so that something is left
     for S, and the fraction `rest` of all else, so that its logarithm does not fall without end in the shadow.
     """
-    light = np.maximum(light, np.maximum(DARKEST * light.max(axis=(1, 2), keepdims=True), 1e-38)).astype(float)
+    light = np.maximum(light, np.maximum(DARKEST * light.max(axis=(1, 2), keepdims=True), TINY_SINGLE)).astype(float)
     if once is None or log_phase is None:
         return np.log(light).astype(np.float32), None
     part = np.minimum(once, largest_fraction * light)

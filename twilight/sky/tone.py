@@ -34,6 +34,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from twilight.base.conventions import LEAST_LUMINANCE, TINY
 from twilight.base.errors import TwilightError, check_known
 from twilight.numerics import spectrum
 from twilight.sky import colour
@@ -276,14 +277,14 @@ SIGMA_CYCLES = float(np.sqrt(2.0 * np.log(2.0)) / (2.0 * np.pi))
 
 def cone_threshold(luminance: np.ndarray | float) -> np.ndarray:
     """Smallest visible step [cd m^-2] for cones adapted to a photopic luminance, Ferwerda et al. 1996 eq. 1."""
-    x = np.log10(np.maximum(luminance, 1e-12))
+    x = np.log10(np.maximum(luminance, LEAST_LUMINANCE))
     middle = np.maximum(0.249 * x + 0.65, 0.0) ** 2.7 - 0.72
     return 10.0 ** np.select([x <= -2.6, x >= 1.9], [-0.72, x - 1.255], middle)
 
 
 def rod_threshold(luminance: np.ndarray | float) -> np.ndarray:
     """Smallest visible step [cd m^-2] for rods adapted to a luminance, both scotopic, Ferwerda et al. 1996 eq. 2."""
-    x = np.log10(np.maximum(luminance, 1e-12))
+    x = np.log10(np.maximum(luminance, LEAST_LUMINANCE))
     middle = np.maximum(0.405 * x + 1.6, 0.0) ** 2.18 - 2.86
     return 10.0 ** np.select([x <= -3.94, x >= -1.44], [-2.86, x - 0.395], middle)
 
@@ -310,7 +311,7 @@ def adapt(time_s: np.ndarray, luminance: np.ndarray, start: float | None = None)
     The logarithm follows with the time constant of cones above 5 and of rods below 0.005 cd m^-2 where it gets darker,
     at once where it gets brighter.  start: of the adaptation, None: to the first luminance.
     """
-    t, light = np.asarray(time_s, float), np.log(np.maximum(np.asarray(luminance, float), 1e-12))
+    t, light = np.asarray(time_s, float), np.log(np.maximum(np.asarray(luminance, float), LEAST_LUMINANCE))
     state = light[0] if start is None else float(np.log(start))
     out = np.empty(t.size)
     for i in range(t.size):
@@ -354,8 +355,8 @@ class Eye:
         adapted, _ = adaptation_coefficient(np.array(day), np.array(night))
         gain = display_gain(day, night)
         from_cones = fraction * photopic
-        coloured = from_cones / np.maximum(from_cones + (1.0 - fraction) * scotopic * MESOPIC_RATIO, 1e-300)
-        hue = seen[..., :3] / np.maximum(photopic, 1e-300)[..., None]
+        coloured = from_cones / np.maximum(from_cones + (1.0 - fraction) * scotopic * MESOPIC_RATIO, TINY)
+        hue = seen[..., :3] / np.maximum(photopic, TINY)[..., None]
         mixed = coloured[..., None] * hue + (1.0 - coloured[..., None]) * night_blue()
         linear = colour.xyz_to_linear_rgb(gain * mesopic[..., None] * mixed) / DISPLAY_WHITE_CD_PER_M2
         finest = float(acuity_cycles_per_deg(day))

@@ -22,6 +22,7 @@ import os
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.conventions import ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
 from twilight.base.progress import Progress
@@ -221,7 +222,7 @@ def optics(
     air, aerosols = species[0], species[1:]
     shape = (altitude_km.size, medium.n_wavelengths)
     extinction, scattering, moments = np.zeros(shape), np.zeros(shape), np.zeros((each * n_moments, *shape))
-    thin = 1e-9
+    thin = ROUNDING
     for z in (altitude_km - thin, altitude_km + thin):
         at = medium.at(np.clip(z, medium.bottom_km, medium.top_km))
         extinction = extinction + 0.5 * at.extinction

@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from twilight.base.conventions import ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.engine.light import SOURCE_NAMES, LightField
@@ -206,7 +207,7 @@ def rows(start: datetime, stop: datetime, step: timedelta) -> list[datetime]:
     """Times from start to stop; TwilightError where stop is not later, and for too many."""
     if not start < stop:
         raise TwilightError(f"--stop: {stop.isoformat()} is not after --start, {start.isoformat()}")
-    count = int((stop - start) / step + 1e-9) + 1
+    count = int((stop - start) / step + ROUNDING) + 1
     if not 2 <= count <= MAX_ROWS:
         raise TwilightError(f"--step: makes {count:,} rows; allowed is 2 to {MAX_ROWS:,}")
     return [(start.astimezone(UTC) + i * step).astimezone(start.tzinfo) for i in range(count)]

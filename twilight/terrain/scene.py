@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.conventions import DARK, ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.base.threads import in_slices
 from twilight.numerics.directions import azimuth_elevation
@@ -90,7 +91,7 @@ class FormulaField:
     ):  # fmt: skip
         """As `SegmentField.inscatter` of the same."""
         down = np.maximum(-np.sin(np.radians(elevation_deg)), 1e-12)
-        end = np.minimum(distance_km, (1.0 - 1e-9) * self.field.height_km / down)
+        end = np.minimum(distance_km, (1.0 - ROUNDING) * self.field.height_km / down)
         return self.field.inscatter(sun_elevation_deg, elevation_deg, azimuth_deg, end)
 
 
@@ -260,7 +261,7 @@ class _SkyIrradiance:
         self.logs = []
         for level in self.levels:
             irradiances = [sky_irradiance(field, float(s), float(level)) for s in self.suns]
-            self.logs.append(np.log(np.maximum(irradiances, 1e-30)))
+            self.logs.append(np.log(np.maximum(irradiances, DARK)))
 
     def at(self, sunward_km: np.ndarray, altitude_km: np.ndarray) -> np.ndarray:
         """(D, W)."""

@@ -85,16 +85,29 @@ class _Air(NamedTuple):
         return _FAR_KM if self.traced.spreading else 1e300
 
 
+class BeamNodes(NamedTuple):
+    """Nodes of a beam's tables.
+
+    altitude_per_scale, limb_per_scale: nodes per factor e of the steepest coefficient; cosine, distance, guess:
+    intervals of the other coordinates.
+    """
+
+    altitude_per_scale: float = 8.0
+    limb_per_scale: float = 12.0
+    cosine: int = 40
+    distance: int = 12
+    guess: int = 48
+
+
+USUAL_NODES = BeamNodes()
+
+
 def prepare_beam(
     medium: Medium,
     *,
     refraction: bool = True,
     spreading: bool = True,
-    altitude_nodes_per_scale: float = 8.0,
-    limb_nodes_per_scale: float = 12.0,
-    cosine_nodes: int = 40,
-    distance_nodes: int = 12,
-    guess_nodes: int = 48,
+    nodes: BeamNodes = USUAL_NODES,
     spreading_window_km: float = 0.25,
     max_breaks: int = 120,
     laid_out_for: Medium | None = None,
@@ -103,8 +116,6 @@ def prepare_beam(
 
     refraction: bend the rays by `medium.refractivity`; without it they are straight.
     spreading: include the dilution of the beam by differential refraction.
-    altitude_nodes_per_scale, limb_nodes_per_scale: nodes per factor e of the steepest coefficient.
-    cosine_nodes, distance_nodes, guess_nodes: intervals of the other coordinates.
     A refractivity that jumps between layers is joined at the mean of both sides: at a jump all rays close to the
     horizontal would be reflected or focused, which is a property of the layers and not of the air.
     spreading_window_km: least half-width in altitude over which the bending of limb rays is differentiated.  An index
@@ -116,12 +127,12 @@ def prepare_beam(
     """
     air = _air(medium, laid_out_for, refraction, spreading, max_breaks)
     edges = segments(laid_out_for or medium, max_breaks, air.edges.altitude_km)
-    size, start, altitudes = segment_nodes(edges, air.layout, altitude_nodes_per_scale, 6, 64)
-    limb, limb_segments, lowest_free_km = _limb(air, edges, limb_nodes_per_scale, spreading_window_km)
+    size, start, altitudes = segment_nodes(edges, air.layout, nodes.altitude_per_scale, 6, 64)
+    limb, limb_segments, lowest_free_km = _limb(air, edges, nodes.limb_per_scale, spreading_window_km)
     _refuse_duct(medium, lowest_free_km)
-    edge_chi, guess = _guess(air, limb, lowest_free_km, altitudes, guess_nodes)
-    log_up, up_bending = _from_above(air, altitudes, cosine_nodes)
-    distances = _distances(distance_nodes)
+    edge_chi, guess = _guess(air, limb, lowest_free_km, altitudes, nodes.guess)
+    log_up, up_bending = _from_above(air, altitudes, nodes.cosine)
+    distances = _distances(nodes.distance)
     shift = _shift(air, limb, distances)
     profile, reference = air.traced.profile, air.traced.reference
     return pack(

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.conventions import DARK, ROUNDING
 from twilight.transport import beam_lookup as lookup
 from twilight.transport.beam_edges import Edges
 from twilight.transport.beam_lookup import Beam
@@ -42,7 +43,7 @@ def segments(medium: Medium, max_breaks: int, sharp_km: np.ndarray) -> np.ndarra
     """Altitudes [km] where tables must end: jumps and strong bends of the extinction, `sharp_km` among them, the rest
     evenly cut."""
     z = medium.altitude_km
-    k = medium.extinction_per_km + 1e-30
+    k = medium.extinction_per_km + DARK
     lower, upper = k[:-1], k[1:]
     # a jump of k counts as a tenth of its horizontal path over a table step, a bend its air mass x step^2/16
     bends = {}
@@ -113,7 +114,7 @@ def limb_edges(edges: np.ndarray, profile: RayProfile, w: int) -> tuple[np.ndarr
     first = int(np.flatnonzero(x <= lowest_above)[0])
     keep = np.isin(candidates, edges) & (candidates > candidates[first])
     keep[first] = True
-    keep[:-1] &= x[:-1] < lowest_above[1:] - 1e-9 * r
+    keep[:-1] &= x[:-1] < lowest_above[1:] - ROUNDING * r
     keep[-1] = True
     return candidates[keep], x[keep]
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twilight.base.conventions import DARK, TINY
 from twilight.clear_air.shells import (
     DARK_LOG,
     Line,
@@ -89,7 +90,7 @@ def faint_edges(medium: Medium) -> np.ndarray:
     """Altitudes [km] at which extinction changes suddenly, however little, at any wavelength: lines of sight from far
     away that graze one show a cusp."""
     z, extinction = medium.altitude_km, medium.extinction_per_km
-    least = np.maximum(np.minimum(extinction[1:], extinction[:-1]), 1e-30)
+    least = np.maximum(np.minimum(extinction[1:], extinction[:-1]), DARK)
     change = (np.abs(np.diff(extinction, axis=0)) / least).max(axis=1)
     return 0.5 * (z[1:] + z[:-1])[(np.diff(z) <= 0.01) & (change > FAINT_CHANGE)]
 
@@ -220,7 +221,7 @@ class ScatteredOnce:
             phase = np.einsum("kaw,kw->aw", each, weight)
             if bands is not None:  # all terms of a wavelength have its phase function
                 phase = phase[:, np.unique(bands.wavelength_index, return_index=True)[1]]
-            self.log_phase = np.log(np.maximum(phase, 1e-30)).astype(np.float32)
+            self.log_phase = np.log(np.maximum(phase, DARK)).astype(np.float32)
 
     def apparent_sun_deg(self, sun_elevation_deg: float) -> float:
         """Apparent elevation of a sun [deg]; of one below the horizon, as far above it as at the horizon."""
@@ -247,7 +248,7 @@ class ScatteredOnce:
         edge = int(np.searchsorted(angle, WIDENED_DEG))
         rest = found - once
         rest = rest[edge] + (angle[:, None] - angle[edge]) * (rest[-1] - rest[edge]) / (angle[-1] - angle[edge])
-        change = np.log(np.maximum(found - rest, 1e-30) / np.maximum(once, 1e-30))
+        change = np.log(np.maximum(found - rest, DARK) / np.maximum(once, DARK))
         change[edge:] = 0.0
         change[:, change.min(axis=0) < -MOST_WIDENING] = 0.0  # a sky without an aureole
         low = min(1.0, sun / FULL_WIDENING_SUN_DEG)
@@ -274,7 +275,7 @@ class ScatteredOnce:
             order = np.argsort(invariant_km)
             before = np.interp(middle, invariant_km[order], before_rad[order])
             found = self._shells.scattered_once_below(sun_elevation_deg, middle, before, azimuth_deg)
-            least = LEAST_OF_LIMB * found.max(axis=1, keepdims=True) + 1e-300
+            least = LEAST_OF_LIMB * found.max(axis=1, keepdims=True) + TINY
             rising = np.diff(np.maximum.accumulate(middle), prepend=-np.inf) > 0.0
             between = PchipInterpolator(middle[rising], np.log(found + least)[:, rising], axis=1)
             out[:, limb] = np.exp(between(np.minimum(invariant_km[limb], middle[rising][-1])))

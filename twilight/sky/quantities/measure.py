@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from twilight.base.conventions import LEAST_LUMINANCE
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
 from twilight.sky.quantities import responses as respond
@@ -32,7 +33,7 @@ NEWTON_STEPS = 6
 def adaptation_coefficient(photopic: np.ndarray, scotopic: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """m of CIE 191:2010 (0: night vision, 1: day vision) and the mesopic luminance [cd m^-2] for luminances of one
     shape; photopic and scotopic [cd m^-2]."""
-    p, s = np.maximum(np.asarray(photopic, float), 1e-12), np.maximum(np.asarray(scotopic, float), 1e-12)
+    p, s = (np.maximum(np.asarray(light, float), LEAST_LUMINANCE) for light in (photopic, scotopic))
     m = np.full(np.broadcast_shapes(p.shape, s.shape), 0.5)
     for _ in range(NEWTON_STEPS):
         light, weight = m * p + (1.0 - m) * s * MESOPIC_RATIO, m + (1.0 - m) * MESOPIC_RATIO

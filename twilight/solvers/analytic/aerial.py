@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twilight.base.conventions import ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.numerics.spectrum import hermite_matrix
 from twilight.solvers.analytic.coefficients import angles
@@ -196,7 +197,7 @@ def aerial_perspective(
     if not (np.isfinite(s).all() and (s >= 0).all()):
         raise TwilightError("distance_km must be finite and not negative")
     cosine = np.sin(np.radians(e))
-    if (height_km + s * cosine < -1e-9).any():
+    if (height_km + s * cosine < -ROUNDING).any():
         raise TwilightError(f"distance_km: a ray from {height_km:g} km above the ground ends below it")
     haze_per_km, air_per_km = haze_scattering_per_km(wavelength_nm, turbidity), air_scattering_per_km(wavelength_nm)
     integrals = path_integrals(haze_per_km, air_per_km, height_km, cosine, s)

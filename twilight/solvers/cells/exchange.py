@@ -177,14 +177,15 @@ def taken(depth, transmittance, half):
 
 
 @njit(cache=True, makes_arrays=False)
-def pair_capture(layers, extinction, rings, target, source, turn, depth, there, back, way):
+def pair_capture(layers, extinction, rings, pair, depth, there, back, way):
     """Fractions of isotropic light that a target cell takes of a source's, eq. (5), and the source of the target's.
 
-    layers: `Layers`; extinction (N, W): which of its coefficients; rings: `Rings`; target, source: their rings; turn
-    [rad]: azimuth of the target from the source's, which is at 0; depth (W,): work space; there, back (W,), way (3,):
+    layers: `Layers`; extinction (N, W): which of its coefficients; rings: `Rings`; pair: rings of target and source,
+    and the target's azimuth from the source's [rad], which is at 0; depth (W,): work space; there, back (W,), way (3,):
     filled, the latter with the unit vector from source to target.  False where the ground is in between, or the two
     are one.
     """
+    target, source, turn = pair
     if target == source and turn == 0.0:
         t = (0.75 * rings.volume[source] / math.pi) ** (1.0 / 3.0)
         for w in range(there.size):
@@ -317,11 +318,12 @@ def rounds_of_blocks(n: int) -> list[np.ndarray]:
 
 
 @njit(cache=True, nogil=True)
-def _exchange(layers, extinction, rings, power, forward, asymmetry, sun, out, pairs, begin, end):
+def _exchange(layers, rings, power, forward, sun, out, pairs, begin, end):
     """`exchange` for the pairs begin..end of blocks, added to out (G, W, H); ring i is in block i modulo BLOCKS.
 
-    layers, extinction, rings, power, forward, asymmetry, sun: as there; pairs (P, 2): of `rounds_of_blocks`.
+    layers, rings, power, forward, sun: as there; pairs (P, 2): of `rounds_of_blocks`.
     """
+    extinction, asymmetry = layers.later_extinction, layers.asymmetry
     n_rings, n_wavelengths, n_half = power.shape
     directed = forward.shape[0] > 0
     there, back = np.empty((n_half, n_wavelengths)), np.empty((n_half, n_wavelengths))
@@ -337,7 +339,7 @@ def _exchange(layers, extinction, rings, power, forward, asymmetry, sun, out, pa
                 target, source = max(a, b), min(a, b)
                 for d in range(n_half):
                     turn = math.pi * d / (n_half - 1)
-                    pair_capture(layers, extinction, rings, target, source, turn, depth, there[d], back[d], ways[d])
+                    pair_capture(layers, extinction, rings, (target, source, turn), depth, there[d], back[d], ways[d])
                     # the way back, turned and mirrored so that it begins at azimuth 0 and ends at this turn
                     c, t = math.cos(turn), math.sin(turn)
                     ways_back[d, 0] = -(c * ways[d, 0] + t * ways[d, 1])
@@ -375,11 +377,10 @@ def exchange(
     out = np.zeros(power.shape)
     forward = np.zeros((0, *power.shape[1:])) if forward is None else forward
     sun = np.zeros(3) if sun is None else sun
-    extinction, asymmetry = layers.later_extinction, layers.asymmetry
     for pairs in rounds_of_blocks(BLOCKS):
 
         def work(begin: int, end: int, pairs: np.ndarray = pairs) -> None:
-            _exchange(layers, extinction, rings, power, forward, asymmetry, sun, out, pairs, begin, end)
+            _exchange(layers, rings, power, forward, sun, out, pairs, begin, end)
 
         in_slices(work, len(pairs))
     return out

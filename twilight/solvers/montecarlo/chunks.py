@@ -17,7 +17,7 @@ import numpy as np
 
 from twilight.jit.kernels import njit
 from twilight.solvers.montecarlo.air import SPECIES
-from twilight.solvers.montecarlo.events import EVENT_COLUMNS, new_workspace
+from twilight.solvers.montecarlo.events import EVENT_COLUMNS, N_ORDERS, new_workspace
 from twilight.solvers.montecarlo.kernel import INNER, N_STOKES, start
 from twilight.solvers.montecarlo.leg import LEG_CHORDS, LEG_PIECES, new_leg, without_ground
 from twilight.solvers.montecarlo.line_of_sight import (
@@ -25,7 +25,7 @@ from twilight.solvers.montecarlo.line_of_sight import (
     LINE_OF_SIGHT_PIECES,
     integrate_line_of_sight,
 )
-from twilight.solvers.montecarlo.paths import CONTROL_VARIATE, N_ORDERS, STACK, TOTAL, PathMemory, one_sample
+from twilight.solvers.montecarlo.paths import CONTROL_VARIATE, STACK, TOTAL, PathMemory, one_sample
 from twilight.solvers.montecarlo.rays import CHORD_COLUMNS, DIRECTION, ORIGIN, REFERENCE, refractivity_at
 
 N_ARMS = 2

@@ -49,6 +49,8 @@ from twilight.solvers.montecarlo.rays import CHORD_COLUMNS, DIRECTION, ORIGIN, R
 # NUMBERS (3): in [0, 1), decide the direction of the next leg.
 POINT, HEADING, ACROSS, MATRIX = 0, 3, 6, 9
 WEIGHT, ORDER, ALTITUDE, LEVEL, FRACTION, ON_GROUND, NUMBERS = range(18, 25)
+N_ORDERS = 20
+"""Orders of scattering with sums of their own; the last one holds all higher ones."""
 EVENT_COLUMNS = NUMBERS + 3
 DEFENSIVE_FRACTION = 0.05
 """Fraction of the mean light that a direction counts as having at least, so that no weight grows beyond bounds."""
@@ -289,13 +291,15 @@ def draw_lambertian(frame, a, b, out):
 
 
 @njit(inner=True, **INNER)
-def draw_direction(air, importance, w, event, horizon, from_table, total, number, a, b, stream, work):
+def draw_direction(air, importance, w, event, mixture, numbers, stream, work):
     """Draw a candidate into work.trial from the mixture of `choose_direction`; returns its cell of directions.
 
-    event (EVENT_COLUMNS,); horizon: sine of the horizon's elevation; from_table: fraction of the draws by the table,
-    whose weights add up to `total`; number, a, b: in [0, 1), decide between table and phase function, and the two
-    angles; work: `DirectionWorkspace`, with its frame and, for the table, its running sums filled.
+    event (EVENT_COLUMNS,); mixture: sine of the horizon's elevation, fraction of the draws by the table, and the sum of
+    its weights; numbers (3): in [0, 1), decide between table and phase function, and the two angles; work:
+    `DirectionWorkspace`, with its frame and, for the table, its running sums filled.
     """
+    horizon, from_table, total = mixture
+    number, a, b = numbers
     frame = work.frame
     trial = work.trial
     if number < from_table:
@@ -328,7 +332,7 @@ def draw_direction(air, importance, w, event, horizon, from_table, total, number
 
 
 @njit(inner=True, **INNER)
-def choose_direction(air, importance, w, event, cos_sun, direction_fraction, n_candidates, polarised, stream, work):
+def choose_direction(air, importance, w, walk, event, cos_sun, stream, work):
     """Draw the next leg's direction into work.new; returns (p / probability density, light expected from there).
 
     Candidates have the density direction_fraction x (tabulated light x blurred phase function) + the rest x (phase
@@ -337,10 +341,11 @@ def choose_direction(air, importance, w, event, cos_sun, direction_fraction, n_c
     there, and counts mean(g / density) / g instead of 1 / density: importance resampling (Talbot, Cline & Egbert 2005),
     unbiased whatever the tables say.
 
-    event (EVENT_COLUMNS,); cos_sun: cosine of the sun's zenith angle there; direction_fraction: in [0, 1);
-    n_candidates: 1 or more; polarised: whether the path's matrix counts; work: `DirectionWorkspace`, with its frame
-    filled.
+    walk: `WalkOptions`, of which direction_fraction counts up to N_ORDERS events; event (EVENT_COLUMNS,); cos_sun:
+    cosine of the sun's zenith angle there; work: `DirectionWorkspace`, with its frame filled.
     """
+    direction_fraction = walk.importance_direction_fraction if event[ORDER] <= N_ORDERS else 0.0
+    n_candidates = walk.direction_candidates
     frame = work.frame
     trial = work.trial
     on_ground = event[ON_GROUND] > 0.0
@@ -348,7 +353,7 @@ def choose_direction(air, importance, w, event, cos_sun, direction_fraction, n_c
     z = event[ALTITUDE]
     d = event[HEADING:ACROSS]
     e = event[ACROSS:MATRIX]
-    vector = polarised and not on_ground
+    vector = walk.later.polarised and not on_ground
     horizon = horizon_sine(importance, z)
     total = 0.0
     floor = 1.0
@@ -358,9 +363,7 @@ def choose_direction(air, importance, w, event, cos_sun, direction_fraction, n_c
         vx = frame[0, 0] * d[0] + frame[0, 1] * d[1] + frame[0, 2] * d[2]
         vy = frame[1, 0] * d[0] + frame[1, 1] * d[1] + frame[1, 2] * d[2]
         vz = frame[2, 0] * d[0] + frame[2, 1] * d[1] + frame[2, 2] * d[2]
-        total = weigh_cells(
-            importance, air, w, node, (i, f), horizon, (vx, vy, vz), on_ground, work.cumulative, work.blurred
-        )
+        total = weigh_cells(importance, air, w, node, (i, f), horizon, (vx, vy, vz), on_ground, work)
     from_table = direction_fraction if total > 0.0 else 0.0
     if from_table == 0.0:
         n_candidates = 1
@@ -371,7 +374,7 @@ def choose_direction(air, importance, w, event, cos_sun, direction_fraction, n_c
         x = event[NUMBERS] if candidate == 0 else uniform(stream)
         a = event[NUMBERS + 1] if candidate == 0 else uniform(stream)
         b = event[NUMBERS + 2] if candidate == 0 else uniform(stream)
-        cell = draw_direction(air, importance, w, event, horizon, from_table, total, x, a, b, stream, work)
+        cell = draw_direction(air, importance, w, event, (horizon, from_table, total), (x, a, b), stream, work)
         density = 0.0
         if from_table > 0.0:
             of_cell = work.cumulative[cell]

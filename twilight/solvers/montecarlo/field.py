@@ -21,10 +21,10 @@ from twilight.base.threads import in_slices
 from twilight.solvers.base import BareField
 from twilight.solvers.montecarlo import chunks
 from twilight.solvers.montecarlo.air import MonteCarloAir, prepare_air
+from twilight.solvers.montecarlo.events import N_ORDERS
 from twilight.solvers.montecarlo.importance import ImportanceTables
 from twilight.solvers.montecarlo.importance_solution import solve_importance
 from twilight.solvers.montecarlo.kernel import GOLDEN, N_STOKES, mix
-from twilight.solvers.montecarlo.paths import N_ORDERS
 from twilight.solvers.montecarlo.settings import MonteCarloSettings
 from twilight.solvers.montecarlo.sunlight import SolarBeam, prepare_beam_table, screen_in_space
 from twilight.transport.beam import prepare_beam

@@ -378,15 +378,16 @@ def nearest_node(importance, z, cos_sun):
 
 
 @njit(inner=True, **INNER)
-def weigh_cells(importance, air, w, node, place, horizon, heading, on_ground, cumulative, blurred):
+def weigh_cells(importance, air, w, node, place, horizon, heading, on_ground, work):
     """Running sums over the cells of the fraction of the light x the blurred phase function; returns their total.
 
     On the ground the cosine of the zenith angle takes the place of the phase function.
 
     node (2): indices of altitude and sun in the tables; place: (i, f) of the event among the levels of the air;
     horizon: sine of the horizon's elevation; heading (3): direction of the leg in the local frame; on_ground: whether
-    the event is on the ground; cumulative (D,): filled with the sums; blurred (N_SMOOTH,): work space.
+    the event is on the ground; work: `DirectionWorkspace`, whose running sums (D,) are filled.
     """
+    cumulative, blurred = work.cumulative, work.blurred
     air_i, air_f = place
     vx, vy, vz = heading
     if not on_ground:

@@ -50,6 +50,7 @@ from twilight.solvers.montecarlo.rays import (
 )
 from twilight.solvers.montecarlo.sunlight import (
     BLACK,
+    ChordPoint,
     fill_phases,
     ground_sunlight,
     sunlight,
@@ -250,25 +251,21 @@ def ground_point(air, chord, distance, to_sun):
 
 
 @njit(**INNER)
-def meet_ground(air, sun, importance, w, options, leg, stretch, n, depth, at_start, to_sun, light):
+def meet_ground(air, sun, importance, w, leg, stretch, to_sun, totals):
     """`LegTotals` of a leg that meets the ground at the end of a stretch, its last `Stretch`.
 
-    n: number of its pieces; depth: its optical depth; at_start: n - 1 where it begins; light: I, Q, U of sunlight
-    scattered on the way [sr^-1].
+    totals: those without the ground, whose transmittance counts (n_start / n)^2 at the ground.
     """
-    sun_i, sun_q, sun_u = light
-    factor = math.exp(-depth)
-    if options.bent:
-        factor *= relative_index(air.refractivity[w], 0, 0.0, at_start)
-    chord = leg.chords[stretch.number]
-    x, y, z, mu_sun = ground_point(air, chord, stretch.end, to_sun)
+    factor = totals.transmittance
+    x, y, z, mu_sun = ground_point(air, leg.chords[stretch.number], stretch.end, to_sun)
     reflected = factor * air.ground_albedo[w]
     direct = 0.0
     diffuse = 0.0
     if reflected > 0.0:
         direct = factor * ground_sunlight(air, sun, w, x, y, z, mu_sun, to_sun)
         diffuse = reflected / math.pi * math.exp(log_ground_light(importance, w, mu_sun))
-    return LegTotals(n, stretch.number, sun_i, sun_q, sun_u, direct, stretch.end, factor, diffuse)
+    n, last, sun_i, sun_q, sun_u = totals[:5]
+    return LegTotals(n, last, sun_i, sun_q, sun_u, direct, stretch.end, factor, diffuse)
 
 
 @njit(**INNER)
@@ -383,9 +380,8 @@ def trace(air, sun, importance, w, ray, to_sun, options, stream, leg):
                         at.table, i, f, phases, math.exp(log_light), bending, options.polarised
                     )
                 if options.random and uniform(stream) < sun.exact_beam_fraction:
-                    exact_i, exact_q, exact_u = sunlight(
-                        air, sun, w, z, mu_sun, row, s_point, to_sun, i, f, options.polarised
-                    )
+                    point = ChordPoint(s_point, z, mu_sun, i, f)
+                    exact_i, exact_q, exact_u = sunlight(air, sun, w, point, row, to_sun, options.polarised)
                     light_i += (exact_i - light_i) / sun.exact_beam_fraction
                     light_q += (exact_q - light_q) / sun.exact_beam_fraction
                     light_u += (exact_u - light_u) / sun.exact_beam_fraction
@@ -415,7 +411,10 @@ def trace(air, sun, importance, w, ray, to_sun, options, stream, leg):
             n += 1
             if depth > OPAQUE_DEPTH:
                 return without_ground(n, stretch.number, sun_i, sun_q, sun_u, 0.0)
+    transmittance = math.exp(-depth)
     if stretch.then == TO_SPACE:
-        return without_ground(n, stretch.number, sun_i, sun_q, sun_u, math.exp(-depth))
-    light = (sun_i, sun_q, sun_u)
-    return meet_ground(air, sun, importance, w, options, leg, stretch, n, depth, at_start, to_sun, light)
+        return without_ground(n, stretch.number, sun_i, sun_q, sun_u, transmittance)
+    if options.bent:
+        transmittance *= relative_index(air.refractivity[w], 0, 0.0, at_start)
+    totals = without_ground(n, stretch.number, sun_i, sun_q, sun_u, transmittance)
+    return meet_ground(air, sun, importance, w, leg, stretch, to_sun, totals)

@@ -51,7 +51,7 @@ from twilight.solvers.montecarlo.rays import (
     refractivity_on_ray,
     relative_index,
 )
-from twilight.solvers.montecarlo.sunlight import sunlight
+from twilight.solvers.montecarlo.sunlight import ChordPoint, sunlight
 from twilight.transport.beam import beam_at_one
 
 LINE_OF_SIGHT_PIECES = 8192
@@ -167,12 +167,13 @@ def finer_parts(sums, lit_begin, lit_end):
 
 
 @njit(**INNER)
-def quadrature(air, sun, importance, w, options, line, piece, at_observer, parts, edge):
+def quadrature(air, sun, importance, w, options, line, piece, at_observer, cut):
     """`PieceSums` of one piece (a row of `pieces`, filled up to CHORD).
 
-    line: `SunlitChord` that the piece lies on; at_observer: n - 1 where the line begins; parts: number that the piece
-    is cut into; edge: look for the edge of the shadow in every part.
+    line: `SunlitChord` that the piece lies on; at_observer: n - 1 where the line begins; cut: number of parts that the
+    piece is cut into, and whether the edge of the shadow is looked for in every part, as of `finer_parts`.
     """
+    parts, edge = cut
     bottom = air.shell_km[0]
     per_depth = 1.0 / (air.shell_km[air.shell_km.size - 1] - bottom)
     chord, row, to_sun = line.chord, line.row, line.to_sun
@@ -195,9 +196,8 @@ def quadrature(air, sun, importance, w, options, line, piece, at_observer, parts
                 s, z, mu_sun, i, f, weight = gauss_node(air, w, options, line, piece, at_observer, a, b, k)
                 scattering = column(air.table[w], i, f, SCATTERING)
                 if side == 0:
-                    source_i, source_q, source_u = sunlight(
-                        air, sun, w, z, mu_sun, row, s, to_sun, i, f, options.polarised
-                    )
+                    point = ChordPoint(s, z, mu_sun, i, f)
+                    source_i, source_q, source_u = sunlight(air, sun, w, point, row, to_sun, options.polarised)
                     darkest = min(darkest, source_i)
                     brightest = max(brightest, source_i)
                     light_i += weight * source_i
@@ -283,14 +283,13 @@ def integrate_line_of_sight(air, sun, importance, w, options, ray, to_sun, far_k
                 piece[FIRST] = stretch.first
                 piece[LAST] = stretch.last
                 piece[CHORD] = stretch.number
-                sums = quadrature(
-                    air, sun, importance, w, options, line, piece, at_observer, np.int64(1), np.bool_(False)
-                )
+                whole_piece = (np.int64(1), np.bool_(False))
+                sums = quadrature(air, sun, importance, w, options, line, piece, at_observer, whole_piece)
                 lit_before = lit
                 lit = is_lit(air, sun.beam, w, line, start + length)
                 finer, edge = finer_parts(sums, lit_before, lit)
                 if finer > 1:
-                    sums = quadrature(air, sun, importance, w, options, line, piece, at_observer, finer, edge)
+                    sums = quadrature(air, sun, importance, w, options, line, piece, at_observer, (finer, edge))
                 light_i += sums.light_i
                 light_q += sums.light_q
                 light_u += sums.light_u
@@ -306,5 +305,8 @@ def integrate_line_of_sight(air, sun, importance, w, options, ray, to_sun, far_k
             return without_ground(n, stretch.number, light_i, light_q, light_u, math.exp(-depth))
     if stretch.then != TO_GROUND or far_km < math.inf:
         return without_ground(n, stretch.number, light_i, light_q, light_u, math.exp(-depth))
-    light = (light_i, light_q, light_u)
-    return meet_ground(air, sun, importance, w, options, leg, stretch, n, depth, at_observer, to_sun, light)
+    transmittance = math.exp(-depth)
+    if options.bent:
+        transmittance *= relative_index(air.refractivity[w], 0, 0.0, at_observer)
+    totals = without_ground(n, stretch.number, light_i, light_q, light_u, transmittance)
+    return meet_ground(air, sun, importance, w, leg, stretch, to_sun, totals)

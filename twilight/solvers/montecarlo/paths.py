@@ -14,7 +14,7 @@ Arguments that kernels share: `kernel`.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from twilight.solvers.montecarlo.events import (
     HEADING,
     LEVEL,
     MATRIX,
+    N_ORDERS,
     NUMBERS,
     ON_GROUND,
     ORDER,
@@ -60,8 +61,6 @@ from twilight.solvers.montecarlo.rays import (
     relative_index,
 )
 
-N_ORDERS = 20
-"""Orders of scattering with sums of their own; the last one holds all higher ones."""
 CONTROL_VARIATE = N_ORDERS
 """Column of a sample behind those of the orders: the control variate, whose mean is 0."""
 TOTAL = N_ORDERS
@@ -71,13 +70,13 @@ MAX_EVENTS = 5000
 LEAST_SURVIVAL = 0.1
 """Least probability with which a path goes on (Russian roulette), so that no weight grows more than tenfold."""
 NEGLIGIBLE = 1e-12
-"""Worth of a path, in units of one at the line of sight, below which it ends: so little moves no mean."""
+"""Contribution of a path, in units of one at the line of sight, below which it ends: so little moves no mean."""
 MOST_COPIES = 16.0
 """Most paths that go on from one leg (splitting)."""
-LEAST_WORTH = 0.33
-"""Worth below which a path of more than N_ORDERS events meets the roulette; see MOST_WORTH."""
-MOST_WORTH = 3.0
-"""Worth above which a path of more than N_ORDERS events is split.
+LEAST_CONTRIBUTION = 0.33
+"""Contribution below which a path of more than N_ORDERS events meets the roulette; see MOST_CONTRIBUTION."""
+MOST_CONTRIBUTION = 3.0
+"""Contribution above which a path of more than N_ORDERS events is split.
 
 In between it goes on alone, in directions of the phase function: in thick air, the noise of a roulette and of the
 directions of the importance function would add up over hundreds of events.
@@ -95,8 +94,8 @@ class WalkOptions(NamedTuple):
     paths_per_sample: stratified paths that go on from one line of sight.
     importance_point_fraction, importance_direction_fraction: fractions of the points of events and of the directions
         after them that are drawn with the importance function; direction_candidates: directions of which one is taken.
-    roulette_threshold: worth, in units of one path at the line of sight, below which a path may end; 0: neither
-        roulette nor splitting; splitting_rate: paths that go on from a leg of the worth 1.
+    roulette_threshold: contribution, in units of one path at the line of sight, below which a path may end; 0: neither
+        roulette nor splitting; splitting_rate: paths that go on from a leg of the contribution 1.
     control_variate: take the importance function for the light beyond each leg and sample the difference.
     """
 
@@ -110,6 +109,16 @@ class WalkOptions(NamedTuple):
     splitting_rate: float
     control_variate: bool
     max_orders: int
+
+
+class Continuation(NamedTuple):
+    """How a path goes on from a leg: at_start: n - 1 where the leg begins, for bent legs; weight: of each path from it;
+    copies: how many; order: of scattering of the light that they gather."""
+
+    at_start: float
+    weight: float
+    copies: int
+    order: Any
 
 
 class PathMemory(NamedTuple):
@@ -129,18 +138,17 @@ class PathMemory(NamedTuple):
 
 
 @njit(inner=True, **INNER)
-def push_events(air, w, walk, options, at_start, leg, totals, weight, copies, order, size, memory):
-    """Draw `copies` stratified events on a leg and put them on the stack, of which `size` rows are in use.
+def push_events(air, w, walk, options, leg, totals, following, size, memory):
+    """Draw stratified events on a leg and put them on the stack, of which `size` rows are in use.
 
-    options: by which the leg was cut; at_start: n - 1 where the leg begins, for bent legs; leg, totals: `Leg` and its
-    `LegTotals`; weight: of the path on that leg; order: of scattering of the light that the legs after the events
-    gather.
+    options: by which the leg was cut; leg, totals: `Leg` and its `LegTotals`; following: `Continuation`.
 
     Returns (new size of the stack or -1 if it is full, the light of the importance function that the events stand for).
     The numbers of the copies are a shifted lattice (Roberts' sequence in three dimensions), each uniform by itself, so
     that copies do not crowd.
     """
     stack, stream, matrix = memory.stack, memory.stream, memory.work.matrix
+    at_start, weight, copies, order = following
     ground_scattered = 0.0
     if totals.ground_km >= 0.0:
         ground_scattered = totals.transmittance * air.ground_albedo[w]
@@ -215,32 +223,27 @@ def push_first_events(air, w, walk, at_observer, line_of_sight, memory):
     for m in range(9):
         matrix[m] = 1.0 if m % 4 == 0 else 0.0
     n = walk.paths_per_sample
-    return push_events(
-        air, w, walk, walk.first, at_observer, memory.line_of_sight, line_of_sight, 1.0 / n, n, np.int64(1),
-        np.int64(0), memory,
-    )  # fmt: skip
+    following = Continuation(at_observer, 1.0 / n, n, np.int64(1))
+    return push_events(air, w, walk, walk.first, memory.line_of_sight, line_of_sight, following, np.int64(0), memory)
 
 
 @njit(inner=True, **INNER)
 def next_leg(air, importance, w, walk, event, unit, memory):
     """Draw the leg after an event into work.new and work.matrix of the memory; returns its weight, 0 if the path ends.
 
-    unit [sr^-1]: light that one path is worth at the line of sight.
+    unit [sr^-1]: light that one path stands for at the line of sight.
     """
     work, stream = memory.work, memory.stream
     polarised = walk.later.polarised
-    direction_fraction = walk.importance_direction_fraction if event[ORDER] <= N_ORDERS else 0.0
     cos_sun = local_frame(event[POINT], event[POINT + 1], event[POINT + 2], memory.to_sun, work.frame)
-    ratio, light = choose_direction(
-        air, importance, w, event, cos_sun, direction_fraction, walk.direction_candidates, polarised, stream, work
-    )
+    ratio, light = choose_direction(air, importance, w, walk, event, cos_sun, stream, work)
     weight = event[WEIGHT] * ratio
     if weight <= 0.0:
         return 0.0
     weight *= begin_leg(air, w, event, polarised, work)
     if walk.roulette_threshold > 0.0:
-        worth = weight * light / unit
-        survival = worth / walk.roulette_threshold
+        contribution = weight * light / unit
+        survival = contribution / walk.roulette_threshold
         if survival < 1.0:
             survival = max(LEAST_SURVIVAL, survival)
             if uniform(stream) >= survival:
@@ -250,15 +253,16 @@ def next_leg(air, importance, w, walk, event, unit, memory):
 
 
 @njit(inner=True, **INNER)
-def continuations(walk, worth, order, stream):
+def continuations(walk, contribution, order, stream):
     """(number of paths that go on from a leg, their mean number, by which the weight of each is divided).
 
-    worth: light expected of one, in units of one path at the line of sight; order: of the light that they gather.
+    contribution: light expected of one, in units of one path at the line of sight; order: of the light they gather.
     """
-    if walk.roulette_threshold > 0.0 and (order <= N_ORDERS or not LEAST_WORTH < worth < MOST_WORTH):
-        mean = min(max(worth * walk.splitting_rate, LEAST_SURVIVAL), MOST_COPIES)
+    usual = LEAST_CONTRIBUTION < contribution < MOST_CONTRIBUTION
+    if walk.roulette_threshold > 0.0 and (order <= N_ORDERS or not usual):
+        mean = min(max(contribution * walk.splitting_rate, LEAST_SURVIVAL), MOST_COPIES)
         return int(mean + uniform(stream)), mean
-    return (0 if worth < NEGLIGIBLE else 1), 1.0
+    return (0 if contribution < NEGLIGIBLE else 1), 1.0
 
 
 @njit(inner=True, **INNER)
@@ -270,7 +274,7 @@ def one_sample(air, sun, importance, walk, w, at_observer, line_of_sight, memory
     function along every leg, less what the events drawn on that leg stand for.  The sum of that over the legs of a path
     has the mean 0, and takes away most of the noise of the orders' sum.
 
-    From every leg as many paths go on as its expected light is worth, in units of one path at the line of sight: none
+    From every leg as many paths go on as its expected light makes, in units of one path at the line of sight: none
     (roulette) or several (splitting), so that the weights of long paths do not drift apart.
 
     at_observer: n - 1 there; line_of_sight: `LegTotals` of the leg that memory.line_of_sight holds.
@@ -314,9 +318,8 @@ def one_sample(air, sun, importance, walk, w, at_observer, line_of_sight, memory
             if order >= MAX_EVENTS:
                 limit_met = 1
             elif copies > 0:
-                full, known = push_events(
-                    air, w, walk, walk.later, at_start, leg, totals, weight / mean_copies, copies, order, size, memory
-                )
+                following = Continuation(at_start, weight / mean_copies, copies, order)
+                full, known = push_events(air, w, walk, walk.later, leg, totals, following, size, memory)
                 if full < 0:
                     return 1
                 for m in range(n_stokes):

@@ -115,14 +115,14 @@ class MonteCarloSettings:
     )
     roulette_threshold: float = option(
         "a path may end by chance (Russian roulette) where the light expected of it is below this fraction of what "
-        "one path is worth at the line of sight; 0: neither roulette nor splitting",
+        "one path stands for at the line of sight; 0: neither roulette nor splitting",
         default=0.3,
         ge=0.0,
         le=100.0,
         expert=True,
     )
     splitting_rate: float = option(
-        "paths that go on from a later leg whose expected light is what one path is worth at the line of sight",
+        "paths that go on from a later leg whose expected light is what one path stands for at the line of sight",
         default=1.0,
         ge=0.01,
         le=100.0,

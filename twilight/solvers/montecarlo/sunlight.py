@@ -276,13 +276,24 @@ def lifted_sun(x, y, z, to_sun, mu_sun, bending):
     return a * to_sun[0] + b * x, a * to_sun[1] + b * y, a * to_sun[2] + b * z
 
 
+class ChordPoint(NamedTuple):
+    """A point of a chord: s [km], its distance from the chord's start; z [km], its altitude; mu_sun: cosine of the true
+    sun's zenith angle there; (i, f): its place among the levels."""
+
+    s: float
+    z: float
+    mu_sun: float
+    i: int
+    f: float
+
+
 @njit(**INNER)
-def sunlight(air, sun, w, z, mu_sun, chord, s, to_sun, i, f, polarised):
+def sunlight(air, sun, w, point, chord, to_sun, polarised):
     """(I, Q, U) of sunlight scattered at a point against a chord: sum over species of beta_s P_s E / F0 [sr^-1 km^-1].
 
-    chord (9,): its start, direction and reference; s [km]: the point's distance; z [km] its altitude; mu_sun: cosine of
-    the true sun's zenith angle there; (i, f): its place among the levels; to_sun (3,).
+    point: `ChordPoint`; chord (9,): its start, direction and reference; to_sun (3,).
     """
+    s, z, mu_sun, i, f = point
     irradiance, bending = beam_at_one(sun.beam, z, mu_sun, w)
     if irradiance <= 0.0:
         return 0.0, 0.0, 0.0

@@ -21,6 +21,7 @@ from typing import Literal
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.conventions import TINY
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress
 from twilight.base.sections import option, settings
@@ -164,7 +165,7 @@ def refuse_unseen_layers(medium: Medium, mapping: Mapping) -> None:
 
 def _optical_depth(medium: Medium, altitude_km: np.ndarray) -> np.ndarray:
     """Vertical, of every interval (Z - 1, W), of air that is exponential in it."""
-    k = np.maximum(medium.at(altitude_km).extinction, 1e-300)
+    k = np.maximum(medium.at(altitude_km).extinction, TINY)
     low, high = k[:-1], k[1:]
     ratio = np.log(high / low)
     flat = np.abs(ratio) < 1e-6

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
+from twilight.base.conventions import DARK
 from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.transport.lines import species_fraction
@@ -287,7 +288,7 @@ def resolve_layers(altitude_km: np.ndarray, profile: Profile, density: float) ->
         middle = out[:-1] + 0.5 * step
         # just inside the ends, which may be jumps
         nudge = np.minimum(1e-6, 1e-3 * step)
-        low, mid, high = (np.maximum(extinction(z), 1e-30) for z in (out[:-1] + nudge, middle, out[1:] - nudge))
+        low, mid, high = (np.maximum(extinction(z), DARK) for z in (out[:-1] + nudge, middle, out[1:] - nudge))
         depth = step * (low + 4.0 * mid + high) / 6.0
         bend = np.abs(np.log(mid / np.sqrt(low * high)))
         above = np.array([np.interp(middle, levels, column[-1] - column) for column in through.T])

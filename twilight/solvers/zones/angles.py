@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twilight.base.conventions import DARK
 from twilight.solvers.zones import constants as tuned
 from twilight.transport.scaling import wigner_d
 
@@ -349,6 +350,6 @@ def scattering_geometry(
     of_v = sine * up - mu * aside * cos_azimuth
     of_h = -aside * sin_azimuth
     square = of_v * of_v + of_h * of_h
-    safe = np.where(square > 1e-30, square, 1.0)
-    lit = square > 1e-30
+    safe = np.where(square > DARK, square, 1.0)
+    lit = square > DARK
     return along, np.where(lit, (of_v * of_v - of_h * of_h) / safe, 0.0), np.where(lit, 2.0 * of_v * of_h / safe, 0.0)

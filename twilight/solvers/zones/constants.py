@@ -10,6 +10,8 @@ import sys
 from typing import Annotated as Tuned
 from typing import NamedTuple, get_origin
 
+from twilight.base.conventions import UNSEEN
+
 ANY = "any"
 COARSE = "dust, sea salt"
 VOLCANO = "volcanic layer"
@@ -235,7 +237,7 @@ SLOW_DEPTH: Tuned[float, "optical depth", CLOUD,
     "test_conservative_air_of_every_depth_is_right_and_solved_in_tens_of_steps",
     "vertical depth of scattering, reduced by 1 - g, beyond which all orders are solved at once"] = 2.0
 FAINT: Tuned[float, "1/sr", ANY, "test_deep_night_is_finite_and_darker_and_darker",
-    "radiance over F0 below which convergence does not matter: a thousandth of a moonless night's own light"] = 1e-12
+    "radiance over F0 below which convergence does not matter: a thousandth of a moonless night's own light"] = UNSEEN
 FAST_DECAY: Tuned[float, "1", ANY, "test_slow_orders_solved_at_once_are_those_followed_one_by_one",
     "fraction of an order's light left in the next up to which all after the early ones are solved at once; where more "
     "is left, it is known after SETTLED_ORDER whether directions must conserve energy"] = 0.6

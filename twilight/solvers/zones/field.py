@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from twilight.atmosphere.medium import observer_at
+from twilight.base.conventions import ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.base.threads import in_slices
 from twilight.solvers.base import BareField, Convergence, check_sun
@@ -74,7 +75,7 @@ class ZonesField(BareField):
     def _check_sun(self, sun_elevation_deg: float, observer_altitude_km: float) -> None:
         check_sun(sun_elevation_deg)
         lowest, highest = self._suns_seen_from(observer_altitude_km)
-        if self.solutions and not lowest - 1e-9 <= sun_elevation_deg <= highest + 1e-9:
+        if self.solutions and not lowest - ROUNDING <= sun_elevation_deg <= highest + ROUNDING:
             solved_for = f"{lowest:g} to {highest:g} deg" if lowest <= highest + 1e-9 else "lower observers"
             raise TwilightError(
                 f"sun.elevation_deg is {sun_elevation_deg:g} and the observer at {observer_altitude_km:g} km; "

@@ -36,7 +36,7 @@ from twilight.solvers.zones.next_order import ZenithGrid
 from twilight.solvers.zones.ray_points import SpeciesMoments
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.small_jumps import without_small_jumps
-from twilight.transport.beam import Beam, prepare_beam
+from twilight.transport.beam import Beam, BeamNodes, prepare_beam
 from twilight.transport.lines import with_refraction
 from twilight.transport.profile import Profile, expected_factors, prepare_profile, with_steps_of
 from twilight.transport.scaling import ScaledMedium, delta_scaled
@@ -352,15 +352,15 @@ class FieldGrids:
     def sunbeam(self) -> Beam:
         """Tables of the sunbeam in the scaled air."""
         d = self.settings.beam_density
+        nodes = BeamNodes(
+            tuned.ALTITUDE_NODES_PER_SCALE * d,
+            tuned.LIMB_NODES_PER_SCALE * d,
+            round(tuned.COSINE_NODES * d),
+            max(tuned.MIN_DISTANCE_NODES, round(tuned.DISTANCE_NODES * d)),
+            round(tuned.GUESS_NODES * d),
+        )
         return prepare_beam(
-            self.scaled.medium,
-            refraction=self.settings.refraction,
-            altitude_nodes_per_scale=tuned.ALTITUDE_NODES_PER_SCALE * d,
-            limb_nodes_per_scale=tuned.LIMB_NODES_PER_SCALE * d,
-            cosine_nodes=round(tuned.COSINE_NODES * d),
-            distance_nodes=max(tuned.MIN_DISTANCE_NODES, round(tuned.DISTANCE_NODES * d)),
-            guess_nodes=round(tuned.GUESS_NODES * d),
-            laid_out_for=self.layout.beam,
+            self.scaled.medium, refraction=self.settings.refraction, nodes=nodes, laid_out_for=self.layout.beam
         )
 
 

@@ -40,6 +40,7 @@ import numpy as np
 import yaml
 from pydantic import Field, model_validator
 
+from twilight.base.conventions import ROUNDING
 from twilight.base.document import read_yaml
 from twilight.base.errors import TwilightError
 from twilight.base.sections import Flag, Integer, Number, Origins, Section, key, validate
@@ -393,7 +394,7 @@ def _slope_coefficients(coefficients: Sequence[float]) -> list[float]:
 def largest_radius(projection: str, coefficients: Sequence[float]) -> float:
     """The largest u at which the projection with its distortion can still be inverted; inf where there is no limit."""
     roots = np.roots([*reversed(_slope_coefficients(coefficients)), 1.0])
-    extrema = [float(np.sqrt(r.real)) for r in roots if abs(r.imag) <= 1e-9 * abs(r) and r.real > 0]
+    extrema = [float(np.sqrt(r.real)) for r in roots if abs(r.imag) <= ROUNDING * abs(r) and r.real > 0]
     return min([_LARGEST_RADIUS[projection], *extrema])
 
 

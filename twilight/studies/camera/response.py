@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from twilight.atmosphere.csv_columns import read_columns
+from twilight.base.conventions import ROUNDING
 from twilight.base.errors import TwilightError
 from twilight.base.extras import missing
 from twilight.base.whole_files import write_csv
@@ -72,7 +73,7 @@ def read_response(path: str | Path) -> ResponseCurve:
     if names not in (["sample", "exposure"], ["sample", "red", "green", "blue"]):
         raise TwilightError(f"{path}: a response curve has the columns sample,exposure or sample,red,green,blue")
     sample, exposure = table[:, 0], table[:, 1:]
-    if (np.diff(sample) <= 0).any() or abs(sample[0]) > 1e-9 or sample[-1] != 1.0:
+    if (np.diff(sample) <= 0).any() or abs(sample[0]) > ROUNDING or sample[-1] != 1.0:
         raise TwilightError(f"{path}: the samples of a response curve must increase from 0 to 1")
     if (np.diff(exposure, axis=0) < 0).any() or (exposure[-1] <= exposure[0]).any():
         raise TwilightError(f"{path}: the exposures of a response curve must not decrease, nor be all the same")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import erf
 
+from twilight.base.conventions import TINY
 from twilight.numerics import spectrum
 from twilight.sky.colour import MIDDLE_GREY, colour_is_defined, spectrum_to_xyz
 
@@ -113,7 +114,7 @@ def colour_errors(
 
     def luminance(factor: np.ndarray, at_nm: np.ndarray) -> np.ndarray:
         xyz = spectrum_to_xyz(factor, at_nm, solar_spectrum=solar_spectrum, observer="cie1931_2deg")
-        return np.maximum(xyz[..., 1], 1e-300)
+        return np.maximum(xyz[..., 1], TINY)
 
     y = luminance(reference, there)
     white_cd_per_m2 = float(np.exp(np.mean(np.log(y)))) / MIDDLE_GREY

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import sparse
 
+from twilight.base.conventions import TINY
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of
 from twilight.base.whole_files import whole_folder
@@ -176,7 +177,7 @@ def _store(
     """One sky in all channels (C,) as half floats; functions of the zenith angle are fitted to the rounded others."""
     sun = found[0].astype(np.float16).astype(float)
     zenith = solve_half(alpha, at_directions(gamma, sun), target, target**-2, found[1])
-    size = ZENITH_SIZE / np.maximum(np.abs(zenith).max(axis=1), 1e-300)
+    size = ZENITH_SIZE / np.maximum(np.abs(zenith).max(axis=1), TINY)
     records["term"]["sun"] = sun.swapaxes(1, 2)
     records["term"]["scale"] = size / level[:, None]
     records["term"]["zenith"] = (zenith * size[:, None]).swapaxes(1, 2)
@@ -343,7 +344,7 @@ def alternate(
     sun, zenith = start
     for _ in range(steps):
         sun = solve_half(gamma, at_directions(alpha, zenith), target, weight, sun)
-        size = np.maximum(np.abs(sun).max(axis=1, keepdims=True), 1e-300)
+        size = np.maximum(np.abs(sun).max(axis=1, keepdims=True), TINY)
         sun, zenith = sun / size, zenith * size
         zenith = solve_half(alpha, at_directions(gamma, sun), target, weight, zenith)
     return sun, zenith

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from twilight import solvers
+from twilight.base.conventions import TINY
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, part_of, silent
 from twilight.config.scene import Config, Observer
@@ -143,7 +144,7 @@ class Photometer:
         """Irradiance of level ground by sun and sky at 450 and at 650 nm over that at 550 nm, (2,)."""
         factor = self.solved.horizontal_irradiance(sun_elevation_deg, direct=True)
         nm = np.array(BLUE_GREEN_RED_NM)
-        at = np.exp(np.interp(nm, self.medium.wavelength_nm, np.log(np.maximum(factor, 1e-300))))
+        at = np.exp(np.interp(nm, self.medium.wavelength_nm, np.log(np.maximum(factor, TINY))))
         blue, green, red = at * spectrum.solar_irradiance(nm, self.config.solar_spectrum)
         return np.array([blue / green, red / green])
 

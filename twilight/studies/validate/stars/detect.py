@@ -8,6 +8,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates, maximum_filter, median_filter
 from scipy.spatial import cKDTree
 
+from twilight.base.conventions import DARK
 from twilight.studies.camera.model import CameraModel
 
 CELL_PX = 24
@@ -150,7 +151,7 @@ def _detect_flat(light: np.ndarray, threshold: float, single_pixels: bool) -> So
     _, noise = background(smooth)
     # a sky that 8 bits made black has no noise of its own
     usual = float(np.median(noise))
-    floor = LEAST_NOISE * usual if usual > 0 else BLACK_SKY_NOISE * max(float(smooth.max()), 1e-30)
+    floor = LEAST_NOISE * usual if usual > 0 else BLACK_SKY_NOISE * max(float(smooth.max()), DARK)
     ratio = smooth / np.maximum(noise, floor)
     peaks = (ratio >= threshold) & (smooth == maximum_filter(smooth, size=5, mode="nearest"))
     edge = HALF_PATCH + 1

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from scipy.special import bdtrc
 
+from twilight.base.conventions import TINY
 from twilight.sky.night.points import Stars
 from twilight.studies.camera.model import CameraModel
 from twilight.studies.validate.stars.coordinates import lifted
@@ -214,7 +215,7 @@ def find_attitude(own: np.ndarray, stars: Stars, picture_sr: float, sky_sr: floa
         tried += len(matrices)
         hits = _count_hits(matrices, checks, near)
         top = int(hits.argmax())
-        probability = max(float(bdtrc(hits[top] - 1, len(checks), chance)), 1e-300) if hits[top] else 1.0
+        probability = max(float(bdtrc(hits[top] - 1, len(checks), chance)), TINY) if hits[top] else 1.0
         significance = -np.log10(probability)
         if best is None or significance > best.significance:
             best = Attitude(matrices[top], significance, int(hits[top]), len(checks), middle)
