@@ -17,7 +17,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # benchmarks, wher
 import results
 from clear_air_airs import BETTER, SETTINGS, SIDE_BY_SIDE, UNSOLVED
 from clear_air_kept import components, degrees, solved
-from clear_air_learners import TOLERATED, Network, process
+from clear_air_learners import TOLERATED, Data, Network, process
 
 from twilight import __version__
 from twilight.base.whole_files import whole_file
@@ -68,26 +68,6 @@ FORMER_SHARE = 0.25
 """Share of the former model in the teacher's answer where both say the same."""
 FORMER_APART = 0.1
 """Distance of their ln M, at 95 % of the nodes, at which that share is half as much."""
-
-
-@dataclass
-class Data:
-    """Samples, one for each air, observer and wavelength: inputs (N, F'), ln M_0 (N, B), ln(M / M_0) (N, P), Q / M and
-    U / M (N, 2 P), part of M in all light (N, P), number of the file (N,); what limits the airs (10, 2) and each of
-    them (N, 10); the first four of airs that are not solved, as the former model says; places (B,) of samples that are
-    solved once more, better, and what that added to ln M (B, P)."""
-
-    inputs: np.ndarray
-    log_base: np.ndarray
-    ratio: np.ndarray
-    polarised: np.ndarray
-    part: np.ndarray
-    number: np.ndarray
-    limits: np.ndarray
-    limits_of: np.ndarray
-    told: tuple[np.ndarray, ...]
-    better: np.ndarray
-    added: np.ndarray
 
 
 def read(airs: Path, approximate: Path, held_out_alone: bool = False) -> Data:

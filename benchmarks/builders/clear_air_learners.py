@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twilight.clear_air.model import NODES, SUN_DEG, Model
-
-if TYPE_CHECKING:
-    from clear_air_fit import Data
 
 DEPTH = 3
 """Hidden layers."""
@@ -37,6 +34,26 @@ LENGTH_RATE = 0.05
 """Largest step of ln(length)."""
 LEADING = 40
 """Components that it looks at."""
+
+
+@dataclass
+class Data:
+    """Samples, one for each air, observer and wavelength: inputs (N, F'), ln M_0 (N, B), ln(M / M_0) (N, P), Q / M and
+    U / M (N, 2 P), part of M in all light (N, P), number of the file (N,); what limits the airs (10, 2) and each of
+    them (N, 10); the first four of airs that are not solved, as the former model says; places (B,) of samples that are
+    solved once more, better, and what that added to ln M (B, P)."""
+
+    inputs: np.ndarray
+    log_base: np.ndarray
+    ratio: np.ndarray
+    polarised: np.ndarray
+    part: np.ndarray
+    number: np.ndarray
+    limits: np.ndarray
+    limits_of: np.ndarray
+    told: tuple[np.ndarray, ...]
+    better: np.ndarray
+    added: np.ndarray
 
 
 def process(inputs: np.ndarray, target: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
