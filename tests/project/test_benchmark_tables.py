@@ -22,9 +22,7 @@ def compare(monkeypatch):
     import compare
     import results
 
-    headings = iter(
-        f"# twilight 0.1.0, commit {n}{n}: python benchmarks/compare.py urban --solvers some" for n in "234"
-    )
+    headings = iter(f"twilight 0.1.0, commit {n}{n}: python benchmarks/compare.py urban --solvers some" for n in "234")
     monkeypatch.setattr(results, "heading", lambda command="": next(headings))
     return compare
 

@@ -1,7 +1,6 @@
 """Error against run time: statistics, tables of the reference solution, workers, and the command from end to end."""
 
 import csv
-import json
 import os
 import signal
 import subprocess
@@ -18,7 +17,6 @@ from twilight.base.errors import TwilightError
 from twilight.base.progress import silent
 from twilight.config import load
 from twilight.studies.compare import bench as bench_module
-from twilight.studies.compare.ablations import ABLATIONS, Ablation, ablate, chosen_ablations
 from twilight.studies.compare.bench import Bench
 from twilight.studies.compare.comparison import compare
 from twilight.studies.compare.job import Job, SampleDirections, stratified_directions
@@ -30,7 +28,6 @@ from twilight.studies.compare.reference_solution import (
     write_references,
 )
 from twilight.studies.compare.report import read_points
-from twilight.studies.compare.worker import Compiled, execute
 
 NM = (450.0, 550.0, 680.0)
 SCENE = {"version": 1, "climate": {"version": 1, "name": "toy air"}, "wavelengths": {"list_nm": list(NM)}}
@@ -240,84 +237,6 @@ def test_an_interrupt_keeps_what_is_finished_and_ends_the_worker(files, log):
     assert result.exit_code == 0, result.output
     assert all((out / "rows" / name).read_bytes() == content for name, content in finished.items())
     assert len(log.read_text().splitlines()) > before
-
-
-@pytest.mark.slow
-def test_an_ablation_is_the_difference_of_two_runs(toy, tmp_path):
-    """An ablation would be stated against another run."""
-    base = {"solver.name": "toy"}
-    ablations = (
-        Ablation("worse", {**base, "solver.factor": 1.02}, base),
-        Ablation("top", {**base, "atmosphere.top_km": 500.0}, base),
-    )
-    found = list(ablate(SCENE, {}, (5.0, -12.0), Bench(tmp_path / "rows"), ablations=ablations))
-    day, deep = found[0]
-    for percent in (day.difference.median, day.difference.largest, day.difference.mean):
-        assert percent == pytest.approx(2.0, rel=1e-3)
-    assert day.colour.luminance.mean == pytest.approx(2.0, rel=1e-3)
-    assert "-10 deg or higher" in deep.reason
-    assert "top_km" in found[1][0].reason
-
-
-def test_every_ablation_is_a_configuration_that_can_be_read():
-    """An ablation would be refused, or change nothing."""
-    assert len({a.name for a in ABLATIONS}) == len(ABLATIONS)
-    for ablation in ABLATIONS:
-        simple, full = load("continental-average", ablation.settings), load("continental-average", ablation.against)
-        assert simple != full, ablation.name
-
-
-TINY = {"wavelengths": {"list_nm": [450.0, 620.0]}, "texture.resolution_deg": 30.0}
-
-
-def run_in_process(config) -> np.ndarray:
-    """The radiances that a worker would send, of one sun in two directions."""
-    directions = SampleDirections((10.0, 80.0), (0.0, 90.0))
-    message = Job(config, (-2.0,), {-2.0: directions}, timed=False).message((-2.0,), ())
-    for _ in range(3):
-        sent: list[dict] = []
-        try:
-            execute(json.loads(json.dumps(message)), sent.append)
-        except Compiled:
-            continue
-        assert not [answer["reason"] for answer in sent if "reason" in answer]
-        return np.array([answer["radiance"] for answer in sent if "radiance" in answer])
-    raise AssertionError("machine code is made again and again")
-
-
-def tiny(settings):
-    """An ablation's settings at little cost: what it changes stays, unless it is the size of the cells."""
-    small = {**TINY, "aerosol.phase_function": "henyey_greenstein", **settings}
-    if "wavelengths.count" in settings:
-        small.pop("wavelengths")
-        small["wavelengths.count"] = 4 if settings["wavelengths.count"] == 40 else 3
-    elif "wavelengths" in settings and len(settings["wavelengths"]["list_nm"]) > 3:
-        small["wavelengths"] = {"list_nm": [400.0, 450.0, 550.0, 650.0]}
-    if settings.get("solver.quality") == "haber2005":
-        small["solver.azimuth_cells"] = 12
-        small["solver.max_orders"] = 2
-    else:
-        small["solver.quality"] = "draft"
-    return small
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("ablation", ABLATIONS, ids=lambda a: a.name)
-def test_every_ablation_runs(ablation):
-    """An ablation would have no numbers before the benchmark is run again; options of experts be a TypeError."""
-    for settings in (ablation.settings, ablation.against):
-        assert np.all(run_in_process(load("continental-average", tiny(settings))) > 0.0)
-
-
-def test_ablations_are_picked_by_parts_of_their_names():
-    """`--ablations` would run others."""
-    assert chosen_ablations("all") == ABLATIONS
-    assert [a.name for a in chosen_ablations("polarisation, OZONE")] == [
-        "no polarisation", "ozone as a vertical filter", "no ozone",
-    ]  # fmt: skip
-    assert not any("," in a.name for a in ABLATIONS)
-    with pytest.raises(TwilightError, match=r"colour is in the name of no ablation: all, or no polarisation;"):
-        chosen_ablations("polarisation,colour")
 
 
 def test_the_reference_solver_caches_each_sun(tmp_path, monkeypatch):

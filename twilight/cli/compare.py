@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-from twilight.base.errors import TwilightError
 from twilight.base.extras import require
 from twilight.cli import options
 from twilight.cli.options import Within, argument, option
@@ -43,13 +42,6 @@ def compare(
     reference: Annotated[
         Path | None, option("FILE.csv", "Stored radiances that are taken for right; without it, montecarlo makes them.")
     ] = None,
-    ablations: Annotated[
-        str | None,
-        option(
-            "NAME,...",
-            "Instead: what each simplification changes, and the time it saves; all, or parts of names: ozone,orders.",
-        ),
-    ] = None,
     settings: Annotated[list[str] | None, options.SETTINGS] = None,
     output: Annotated[Path | None, option("DIR", "Folder for tables, picture and finished rows.")] = None,
 ) -> None:
@@ -72,11 +64,6 @@ def compare(
     from twilight.studies.compare.job import stratified_directions, sun_elevations
 
     bench = Bench(folder / "rows", limits.time_limit)
-    if ablations is not None:
-        if solvers is not None or reference is not None:
-            raise TwilightError("--ablations: compares runs of one solver; it takes no --solvers and no --reference")
-        _ablate(scene, chosen, ablations, suns or sun_elevations(config), bench, limits.repeats, folder)
-        return
     wanted = None if solvers is None else [name for name in solvers.split(",") if name.strip()]
     wanted_presets = presets.solver_presets(wanted)
     check_size(config)
@@ -108,26 +95,3 @@ def compare(
     for line in report.remarks(rows):
         print(line)
     print(f"wrote compare.csv, wavelengths.csv{', error-against-time.png' if drawn else ''} to {folder}/")
-
-
-def _ablate(
-    scene: str, chosen: dict[str, Any], names: str, suns: list[float], bench: Any, repeats: int, folder: Path
-) -> None:
-    """Write ablations.csv as it grows, and print it."""
-    from twilight.base.whole_files import write_csv
-    from twilight.studies.compare import ablations
-
-    wanted = ablations.chosen_ablations(names)
-    folder.mkdir(parents=True, exist_ok=True)
-    rows: list[ablations.AblationRow] = []
-    with progress_bar() as progress:
-        batches = ablations.ablate(
-            scene, chosen, tuple(suns), bench, ablations=wanted, repeats=repeats, progress=progress
-        )
-        for batch in batches:
-            rows += batch
-            write_csv(folder / "ablations.csv", ablations.COLUMNS, ablations.lines(rows))
-    print_table(list(ablations.PRINTED), ablations.printed(rows), right=tuple(range(1, len(ablations.PRINTED))))
-    for name, reason in dict.fromkeys((row.name, row.reason) for row in rows if row.reason):
-        print(f"{name}: {reason}")
-    print(f"wrote ablations.csv to {folder}/")

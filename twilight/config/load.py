@@ -163,7 +163,11 @@ class _Draft:
     def validated(self, *, solver: bool = True) -> Config:
         origins = Origins(self.origins, frozenset(self.hidden))
         if isinstance(self.data.get("climate"), dict):
-            _find_shipped_files(self.data["climate"])
+            for section, _, name, _ in climate_files(self.data["climate"]):
+                here = section[name]
+                if isinstance(here, str) and Path(here).name == here and not isfile(here):  # of a record
+                    beside = next(iter(shipped("climates").values())).parent / here
+                    section[name] = str(beside) if isfile(beside) else here
         config = validate(Config, self.data, origins)
         for section, place, name, _ in climate_files(config.climate.model_dump()):
             if not isfile(section[name]):
@@ -187,16 +191,6 @@ def _measured(config: Config, origins: Origins) -> dict[str, Any]:
 
 
 Target = str | Path | Mapping[str, Any]
-
-
-def _find_shipped_files(climate: dict[str, Any]) -> None:
-    """Find the files that a record names without their folder, where they come with the program."""
-    for section, _, name, _ in climate_files(climate):
-        here = section[name]
-        if isinstance(here, str) and Path(here).name == here and not isfile(here):
-            folder = next(iter(shipped("climates").values())).parent
-            if isfile(folder / here):
-                section[name] = str(folder / here)
 
 
 def load(target: Target, settings: Mapping[str, Any] | None = None) -> Config:

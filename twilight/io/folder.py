@@ -95,7 +95,11 @@ def open_folder(
                 finished = {} if overwrite else check_folder_content(root, wanted, code)
                 yield RenderFolder(root, code, finished, journal)
             finally:
-                _remove_if_no_sky(root)
+                # a render that has finished no sky leaves no folder
+                with suppress(OSError):
+                    if not any(_remaining(root, name, line) for name, line in _last_entries(root).items()):
+                        (root / JOURNAL).unlink()
+                        root.rmdir()
 
 
 def check_folder_content(root: Path, wanted: Mapping[str, RequestedSky], code: str) -> dict[str, dict[str, Any]]:
@@ -210,14 +214,6 @@ def _clear(root: Path) -> None:
         with suppress(OSError):
             (root / FRAMES).rmdir()
     (root / JOURNAL).write_text("", encoding="utf-8")
-
-
-def _remove_if_no_sky(root: Path) -> None:
-    """A render that has finished no sky leaves no folder."""
-    with suppress(OSError):
-        if not any(_remaining(root, name, line) for name, line in _last_entries(root).items()):
-            (root / JOURNAL).unlink()
-            root.rmdir()
 
 
 def _configuration(path: Path) -> dict[str, Any] | None:

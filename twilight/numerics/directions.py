@@ -9,9 +9,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twilight.base.conventions import ROUNDING
-from twilight.base.errors import TwilightError
-
 HEMISPHERE_ROWS = 12
 """Nodes of `whole_hemisphere` below the sun's elevation, and as many above it (uniform skies: test_light.py)."""
 HEMISPHERE_COLUMNS = 20
@@ -88,13 +85,8 @@ def texture_centres(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def texture_grid(step_deg: float = 3.0) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column centres (elevation_deg, azimuth_deg) of the hemisphere texture: 30 x 120 at the default 3 deg.
-
-    Raises TwilightError unless the step divides 90 deg.
-    """
-    rows = round(90.0 / step_deg) if step_deg > 0 else 0
-    if rows < 1 or abs(rows * step_deg - 90.0) > ROUNDING:
-        raise TwilightError(f"step_deg: {step_deg:g} deg must be positive and divide 90 deg")
+    """Row and column centres (elevation_deg, azimuth_deg) of the hemisphere texture: 30 x 120 at the default 3 deg."""
+    rows = round(90.0 / step_deg)
     return texture_centres((rows, 4 * rows))
 
 

@@ -299,7 +299,7 @@ class Animation:
         path: Path,
         facts: dict[str, Any],
     ) -> None:
-        pixel_deg = _pixel_deg(self.view)
+        pixel_deg = (self.view.field_of_view_deg or PROJECTIONS[self.view.kind].field_deg) / self.view.width
         sun, moon = self._sun(i), self._moon(i)
         light = painter.light(float(self.line.time_s[i]), sun, moon)
         bodies = [Sun(sun[0], 0.0, sun[2])] if self.config.sun.disc else []
@@ -334,10 +334,6 @@ class Animation:
         if exposure_of_frame.adapted is not None:
             settings["eye"]["adapted_cd_per_m2"] = exposure_of_frame.adapted
         return tone_of(output.tone_mapping, output.colour_observer, settings)
-
-
-def _pixel_deg(view: View) -> float:
-    return (view.field_of_view_deg or PROJECTIONS[view.kind].field_deg) / view.width
 
 
 def _smaller(view: View) -> View:

@@ -86,11 +86,7 @@ class _Air(NamedTuple):
 
 
 class BeamNodes(NamedTuple):
-    """Nodes of a beam's tables.
-
-    altitude_per_scale, limb_per_scale: nodes per factor e of the steepest coefficient; cosine, distance, guess:
-    intervals of the other coordinates.
-    """
+    """Nodes of a beam's tables: per factor e of the steepest coefficient, and intervals of the other coordinates."""
 
     altitude_per_scale: float = 8.0
     limb_per_scale: float = 12.0
@@ -99,15 +95,12 @@ class BeamNodes(NamedTuple):
     guess: int = 48
 
 
-USUAL_NODES = BeamNodes()
-
-
 def prepare_beam(
     medium: Medium,
     *,
     refraction: bool = True,
     spreading: bool = True,
-    nodes: BeamNodes = USUAL_NODES,
+    nodes: BeamNodes = BeamNodes(),  # noqa: B008, a tuple of numbers
     spreading_window_km: float = 0.25,
     max_breaks: int = 120,
     laid_out_for: Medium | None = None,
@@ -129,7 +122,12 @@ def prepare_beam(
     edges = segments(laid_out_for or medium, max_breaks, air.edges.altitude_km)
     size, start, altitudes = segment_nodes(edges, air.layout, nodes.altitude_per_scale, 6, 64)
     limb, limb_segments, lowest_free_km = _limb(air, edges, nodes.limb_per_scale, spreading_window_km)
-    _refuse_duct(medium, lowest_free_km)
+    if lowest_free_km - medium.bottom_km > DEEPEST_DUCT_KM:
+        raise TwilightError(
+            f"{medium.name or 'the medium'}: its air bends light around the Earth up to {lowest_free_km:.3g} km, so "
+            f"that sunlight would come from all sides at once; allowed is a duct of up to {DEEPEST_DUCT_KM:g} km: the "
+            "refractivity must fall more slowly with altitude"
+        )
     edge_chi, guess = _guess(air, limb, lowest_free_km, altitudes, nodes.guess)
     log_up, up_bending = _from_above(air, altitudes, nodes.cosine)
     distances = _distances(nodes.distance)
@@ -212,15 +210,6 @@ def _limb(air: _Air, edges: np.ndarray, nodes_per_scale: float, window_km: float
             bending[reference, m] = bending[reference, m - 1]
     lowest_free_km = float(lowest[int(np.argmax(free[reference]))])
     return LimbRays(lowest, invariant, bending, slope), Segments(x, size, start), lowest_free_km
-
-
-def _refuse_duct(medium: Medium, lowest_free_km: float) -> None:
-    if lowest_free_km - medium.bottom_km > DEEPEST_DUCT_KM:
-        raise TwilightError(
-            f"{medium.name or 'the medium'}: its air bends light around the Earth up to {lowest_free_km:.3g} km, so "
-            f"that sunlight would come from all sides at once; allowed is a duct of up to {DEEPEST_DUCT_KM:g} km: the "
-            "refractivity must fall more slowly with altitude"
-        )
 
 
 def _guess(

@@ -46,11 +46,6 @@ def relative_optical_mass(sun_zenith_deg) -> np.ndarray:
     return 1.0 / (np.cos(np.radians(z)) + 0.15 * (93.885 - z) ** -1.253)
 
 
-def angstrom_turbidity(turbidity) -> np.ndarray:
-    """Angstrom's beta = 0.04608 T - 0.04586, the optical depth of the aerosol at 1 um; not below 0."""
-    return np.maximum(0.04608 * np.asarray(turbidity, float) - 0.04586, 0.0)
-
-
 def transmittances(
     wavelength_nm,
     sun_zenith_deg: float,
@@ -74,9 +69,10 @@ def transmittances(
 
     water = k("water") * precipitable_water_cm * m
     mixed = k("mixed") * m
+    beta = np.maximum(0.04608 * np.asarray(turbidity, float) - 0.04586, 0.0)  # Angstrom's, the aerosol's depth at 1 um
     return {
         "air": np.exp(-0.008735 * micrometre**-RAYLEIGH_EXPONENT * m),
-        "aerosol": np.exp(-angstrom_turbidity(turbidity) * micrometre**-ANGSTROM_EXPONENT * m),
+        "aerosol": np.exp(-beta * micrometre**-ANGSTROM_EXPONENT * m),
         "ozone": np.exp(-k("ozone") * ozone_cm * m),
         "mixed_gases": np.exp(-1.41 * mixed / (1.0 + 118.93 * mixed) ** 0.45),
         "water": np.exp(-0.2385 * water / (1.0 + 20.07 * water) ** 0.45),

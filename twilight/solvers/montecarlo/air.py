@@ -246,11 +246,6 @@ def moments(altitude_km, extinction) -> np.ndarray:
     return np.ascontiguousarray(np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1))
 
 
-def sampling_cosines() -> np.ndarray:
-    """Cosines that bound the cells of the sampling tables: cos = 1 - 2 x^4, x uniform; dense in the forward peak."""
-    return 1.0 - 2.0 * np.linspace(0.0, 1.0, N_SAMPLING + 1) ** 4
-
-
 def _phase_at(medium: Medium, cosine: np.ndarray) -> np.ndarray:
     """Phase functions (W, C, *cosine.shape), air first."""
     rho = medium.depolarisation.reshape(-1, *([1] * cosine.ndim))
@@ -259,8 +254,8 @@ def _phase_at(medium: Medium, cosine: np.ndarray) -> np.ndarray:
 
 
 def _sampling_tables(medium: Medium):
-    edges = sampling_cosines()
     x = np.linspace(0.0, 1.0, N_SAMPLING + 1)
+    edges = 1.0 - 2.0 * x**4  # cosines, dense in the forward peak
     offsets = (np.arange(4) + 0.5) / 4
     inner = 1.0 - 2.0 * (x[:-1, None] + offsets[None, :] * np.diff(x)[:, None]) ** 4
     mass = _phase_at(medium, inner).mean(axis=-1) * -np.diff(edges)

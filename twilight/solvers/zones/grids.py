@@ -250,12 +250,7 @@ def _fixed(medium: Medium, ranges: set[int]) -> Medium | None:
     known = medium.at_grid_wavelengths
     if known is None or not ranges <= {range_of(w) for w in known.wavelength_nm}:
         return None
-    return _of_ranges(known, ranges)
-
-
-def _of_ranges(fixed: Medium, ranges: set[int]) -> Medium:
-    """The air at those of the fixed wavelengths that are in some ranges."""
-    return fixed.select(np.isin([range_of(w) for w in fixed.wavelength_nm], list(ranges)))
+    return known.select(np.isin([range_of(w) for w in known.wavelength_nm], list(ranges)))
 
 
 def _clearest(medium: Medium) -> np.ndarray | None:

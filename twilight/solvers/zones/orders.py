@@ -316,7 +316,7 @@ def solve_orders(
                     enough = min(tolerance, tuned.STIFF_TOLERANCE)
                 remaining = all_orders_from(
                     rest_operator, some, (order, ground), total[:, :, 0] - mean, tuned.FAINT, enough,
-                    max(1, max_orders - orders), partial(_after, progress, orders),
+                    max(1, max_orders - orders), partial(lambda before, steps, left: progress(before + steps, left), orders),
                 )  # fmt: skip
                 total[:, :, retained[:, None], some] += remaining.moments - order[..., some]
                 total_ground[..., some] += remaining.ground - ground[..., some]
@@ -348,11 +348,6 @@ def solve_orders(
             total_ground += ground * rest[0]
             unfinished &= ~done
     return _solution(early, total, total_ground, max(orders, steps) + 1, residual)
-
-
-def _after(progress: Callable[[int, float], None], orders: int, steps: int, residual: float) -> None:
-    """Report steps that come after some orders."""
-    progress(orders + steps, residual)
 
 
 def _solution(
