@@ -316,7 +316,8 @@ def solve_orders(
                     enough = min(tolerance, tuned.STIFF_TOLERANCE)
                 remaining = all_orders_from(
                     rest_operator, some, (order, ground), total[:, :, 0] - mean, tuned.FAINT, enough,
-                    max(1, max_orders - orders), partial(lambda before, steps, left: progress(before + steps, left), orders),
+                    max(1, max_orders - orders),
+                    partial(lambda before, steps, left: progress(before + steps, left), orders),
                 )  # fmt: skip
                 total[:, :, retained[:, None], some] += remaining.moments - order[..., some]
                 total_ground[..., some] += remaining.ground - ground[..., some]
