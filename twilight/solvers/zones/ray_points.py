@@ -67,7 +67,7 @@ class SpeciesMoments(NamedTuple):
 
     @staticmethod
     def of(medium: Medium, scaled: ScaledMedium, profile: Profile, spin2_degree: int) -> SpeciesMoments:
-        """Of a medium, its scaled air and the profile of that; spin2_degree: of the harmonics of Q and U, 0 for none."""
+        """Of a medium, its scaled air and its profile; spin2_degree: of the harmonics of Q and U, 0 for none."""
         matrix = matrix_moments(medium, scaled.forward_fraction, max(2, spin2_degree))
         return SpeciesMoments(profile, scaled.moments, matrix)
 
