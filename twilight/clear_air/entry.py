@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -46,9 +47,12 @@ RADIUS_KM = (6345.0, 6396.0)
 MOST_DEPOLARISATION = 0.1
 """Largest depolarisation factor of air, 0.03 in the fitted ones; with 0.1 light is 0.8 % off, with 0.5 3.6 %."""
 
-MOST_BY_NUMPY = 8
-"""Most wavelengths of an air whose diffuse light numpy computes: some 20 processor ms each, where kernels take 7 and
-numba starts in 300."""
+MOST_BY_NUMPY = 16
+"""Most wavelengths of a process whose diffuse light numpy computes, those of a sky with its screen: some 20 processor
+ms each, where kernels take 7 and numba starts in 300."""
+
+_asked: list[int] = []
+"""Numbers of wavelengths whose diffuse light was asked for in this process."""
 
 CACHED_SKIES = 8
 """Observers whose skies are cached, before a screen and behind it."""
@@ -177,9 +181,10 @@ def skies(
 
 
 def diffuse_of(air: Air, shells: Shells) -> np.ndarray:
-    """`diffuse_light`; compiled, and the same but for rounding, of more wavelengths than a process should load numba
-    for."""
-    if not COMPILED or air.degree.size <= MOST_BY_NUMPY:
+    """`diffuse_light`; compiled, and the same but for rounding, once a process has loaded numba or asks for more
+    wavelengths than it should not be loaded for."""
+    _asked.append(air.degree.size)
+    if not COMPILED or ("numba" not in sys.modules and sum(_asked) <= MOST_BY_NUMPY):
         return diffuse_light(air, shells)
     from twilight.clear_air import lanes  # start-up
 

@@ -103,6 +103,7 @@ class Skies:
         self.nodes = self.shells.line(ELEVATION_DEG)
         self._taken = np.zeros(SUN_DEG.size)
         self._lines: dict[bool, Line] = {}
+        self._spared: dict[Screen, float] = {}
 
     @functools.cached_property
     def _diffuse(self) -> np.ndarray:
@@ -152,9 +153,11 @@ class Skies:
     def lowest_spared_deg(self, screen: Screen) -> float:
         """Sun elevation [deg] from which on a screen takes nothing (0.1 %) of a sky: `SPARED_DEG` above the highest one
         whose beams it dims anywhere."""
-        dims = screen.at(self.shells._least_km(screen)) < 1.0
-        first = self.shells.beams.zenith_rad[dims].min(initial=np.pi)
-        return 90.0 - float(np.degrees(first)) + SPARED_DEG
+        if screen not in self._spared:
+            dims = screen.at(self.shells._least_km(screen)) < 1.0
+            first = self.shells.beams.zenith_rad[dims].min(initial=np.pi)
+            self._spared[screen] = 90.0 - float(np.degrees(first)) + SPARED_DEG
+        return self._spared[screen]
 
     def base(self, sun_deg: np.ndarray) -> np.ndarray:
         """M_0 under suns (S,) at the nodes, (S, E, A, W)."""

@@ -240,11 +240,14 @@ def sum_q_and_u(amplitudes, j, b0, b1, c, first, azimuthal_orders):
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def scatter(rays, point, light, grid, series, out, begin, end):
+def scatter(rays, point, sequence, light, grid, series, out, begin, end):
     """Stokes parameters out[node, polar, zenith, azimuth, I Q U, LANES] from the light of the order before.
 
     Node altitudes begin..end are computed; the ground is Lambertian.  The Stokes axis has one entry where series has no
     spin-2 harmonics.
+
+    sequence (P, 2): points and the polar angles of their rays, those of a node altitude by their own altitudes: the
+    light there is read from memory once
     """
     n_polar, n_zenith, n_azimuth = out.shape[1], out.shape[2], out.shape[3]
     n_fine = grid.node.shape[0]
@@ -253,30 +256,31 @@ def scatter(rays, point, light, grid, series, out, begin, end):
     log_mean, amplitudes = source.log_mean, source.amplitude
     last = geometry.shape[0] - 2
     for node in range(begin, end):
+        for n in range(rays.first[node * n_polar], rays.first[(node + 1) * n_polar]):
+            k, i = sequence[n, 0], sequence[n, 1]
+            fill_slab_source(point, k, light, grid, series, _FIRST, n_zenith - 1, source)
+            place = point.angle[k]
+            step = min(int(place), last)
+            h1 = place - np.float32(step)
+            h0 = ONE - h1
+            highest = point.highest[k]
+            strength = load(point.weight, k)
+            for t in range(n_zenith):
+                for a in range(n_azimuth):
+                    x = h0 * geometry[step, t, a, PLACE] + h1 * geometry[step + 1, t, a, PLACE]
+                    c = h0 * geometry[step, t, a, COS_AZIMUTH] + h1 * geometry[step + 1, t, a, COS_AZIMUTH]
+                    j = min(int(x), n_fine - 2)
+                    b1 = x - np.float32(j)
+                    b0 = ONE - b1
+                    mean = strength * exp(b0 * load(log_mean, j) + b1 * load(log_mean, j + 1))
+                    amplitude = maximum(sum_intensity(amplitudes, j, b0, b1, c, highest), MIN_SOURCE)
+                    store(out, (node, i, t, a, 0), load(out, (node, i, t, a, 0)) + mean * amplitude)
+                    if series.spin2_orders > 0:
+                        q, u = sum_q_and_u(amplitudes, j, b0, b1, c, series.azimuthal_orders, series.spin2_orders)
+                        store(out, (node, i, t, a, 1), load(out, (node, i, t, a, 1)) + mean * q)
+                        store(out, (node, i, t, a, 2), load(out, (node, i, t, a, 2)) + mean * u)
         for i in range(n_polar):
             ray = node * n_polar + i
-            for k in range(rays.first[ray], rays.first[ray + 1]):
-                fill_slab_source(point, k, light, grid, series, _FIRST, n_zenith - 1, source)
-                place = point.angle[k]
-                step = min(int(place), last)
-                h1 = place - np.float32(step)
-                h0 = ONE - h1
-                highest = point.highest[k]
-                strength = load(point.weight, k)
-                for t in range(n_zenith):
-                    for a in range(n_azimuth):
-                        x = h0 * geometry[step, t, a, PLACE] + h1 * geometry[step + 1, t, a, PLACE]
-                        c = h0 * geometry[step, t, a, COS_AZIMUTH] + h1 * geometry[step + 1, t, a, COS_AZIMUTH]
-                        j = min(int(x), n_fine - 2)
-                        b1 = x - np.float32(j)
-                        b0 = ONE - b1
-                        mean = strength * exp(b0 * load(log_mean, j) + b1 * load(log_mean, j + 1))
-                        amplitude = maximum(sum_intensity(amplitudes, j, b0, b1, c, highest), MIN_SOURCE)
-                        store(out, (node, i, t, a, 0), load(out, (node, i, t, a, 0)) + mean * amplitude)
-                        if series.spin2_orders > 0:
-                            q, u = sum_q_and_u(amplitudes, j, b0, b1, c, series.azimuthal_orders, series.spin2_orders)
-                            store(out, (node, i, t, a, 1), load(out, (node, i, t, a, 1)) + mean * q)
-                            store(out, (node, i, t, a, 2), load(out, (node, i, t, a, 2)) + mean * u)
             if rays.ground_weight[ray].max() > ZERO:
                 add_ground(rays, ray, light.log_ground, out[node, i])
 

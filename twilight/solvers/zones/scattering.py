@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -74,6 +75,15 @@ class ScatteringOperator:
             ray_points.block_values(self.rays.ground_weight, self.block),
             ground_place,
         )
+
+    @functools.cached_property
+    def _sequence(self) -> np.ndarray:
+        """`sequence` of `next_order.scatter`."""
+        node, polar = np.divmod(
+            np.repeat(np.arange(self.rays.first.size - 1), np.diff(self.rays.first)), self.angles.cosine.shape[1]
+        )
+        order = np.lexsort((self.points.node, node))
+        return np.stack([order, polar[order]], axis=1)
 
     def no_light(self) -> np.ndarray:
         """Stokes parameters (Z, M, T, F, Stokes, LANES) of zero."""
@@ -154,7 +164,8 @@ class ScatteringOperator:
         out = self.no_light()
         light = RadianceField(*self.nodes.refine_altitude(*normalised(mean, moments)), self.log_ground(ground))
         rays = self.node_rays()
-        in_slices(partial(scatter, rays, self.points, light, self.nodes.zenith, self.angles.series, out), out.shape[0])
+        of_points = rays, self.points, self._sequence
+        in_slices(partial(scatter, *of_points, light, self.nodes.zenith, self.angles.series, out), out.shape[0])
         return out
 
     def analyse(self, radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -82,7 +82,7 @@ class ZonesSettings:
     )
     late_azimuth_directions: int = option(
         "azimuth_directions for the orders after early_orders; more beside coarse particles",
-        default=7,
+        default=5,
         ge=3,
         le=96,
         expert=True,
@@ -118,7 +118,7 @@ class ZonesSettings:
     tolerance: float = option(
         "stop earlier when one more order changes the sum, with a geometric series for the rest, by less than this "
         "fraction at every node; 0 follows max_orders and adds no rest",
-        default=5e-3,
+        default=1e-2,
         ge=0.0,
         le=0.5,
         expert=True,
@@ -163,13 +163,11 @@ QUALITIES: dict[str, ZonesSettings] = {
         degree=12,
         max_degree=20,
         azimuth_directions=7,
-        late_azimuth_directions=5,
         altitude_density=0.5,
         zenith_density=0.7,
         first_order_step_density=1.0,
         line_of_sight_density=0.7,
         beam_density=0.35,
-        tolerance=1e-2,
         polarisation_degree=4,
         late_polarisation_degree=2,
     ),
