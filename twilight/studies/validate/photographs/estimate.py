@@ -7,7 +7,7 @@ Every aerosol type is fitted in turn (`photographs.fit`), and the one that is ta
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -54,10 +54,6 @@ ALBEDOS = (0.25, 0.7)
 LARGE_PITCH_DEG = 5.0
 """Error of a camera's pitch beyond which a fit begins at several."""
 
-Refine = Callable[[str, Mapping[str, float], Frame, np.ndarray, np.ndarray], np.ndarray]
-"""From an aerosol type, the values of all parameters, a frame, elevations and azimuths to ln(XYZ) (n, 3) of that sky by
-another solver."""
-
 
 @dataclass(frozen=True)
 class Options:
@@ -79,14 +75,12 @@ def find_air(
     airs: Airs,
     frames: Sequence[Frame],
     options: Options,
-    refine: Refine | None = None,
     progress: Progress = silent,
     first: Fit | None = None,
 ) -> list[AirEstimate]:
     """The best air of every type, the best type first; the one that is taken has parameters with intervals.
 
     frames: one whose sun may be unknown, or several of one camera, held the same, whose suns are known.
-    refine: another solver's sky of an air; all types are fitted again with the difference from `airs` at the best one.
     first: `first_look` of the same frames, where it was made.
     Errors: TwilightError for an air that cannot be computed.
     """
@@ -109,16 +103,6 @@ def find_air(
             if name not in settled and fit.chi2 - best.chi2 <= near and _again(fit, airs) < SETTLED:
                 settled.add(name)
     best = min(fits, key=lambda fit: fit.chi2)
-    if refine is not None:
-        progress(f"computing the sky of {best.skies.aerosol_type} by the scene's solver", 0.8)
-        values, there = best.values(), best.log_xyz(best.x)
-        for k, frame in enumerate(frames):
-            error = refine(best.skies.aerosol_type, values, frame, *best.where(frame, values)) - there[k]
-            for fit in fits:
-                fit.corrections[k] = fit.corrections[k] + error
-        for fit in fits:
-            fit.find([fit.x])
-        best = min(fits, key=lambda fit: fit.chi2)
     alike = [fit for fit in fits if fit.chi2 - best.chi2 < EQUIVALENT]
     taken = next((fit for fit in alike if fit.skies.aerosol_type == options.own_type), best)
     progress(f"intervals of {taken.skies.aerosol_type}", 0.9)
