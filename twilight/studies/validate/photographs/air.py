@@ -192,7 +192,7 @@ class Airs:
             raise TwilightError(f"{base.title}: has clouds, and clear sky is estimated; name a climate without")
         self.base, self.design, self.progress = base, design, progress
         self._airs: dict[tuple, ClearAir] = {}
-        self._errors: dict[tuple, float] = {}
+        self._errors: dict[int, float] = {}
         self._splines: dict[tuple[tuple, float], np.ndarray] = {}
 
     def log_xyz(
@@ -202,10 +202,19 @@ class Airs:
 
         Errors: TwilightError for a sky that is black there.
         """
-        air, key = self._air(aerosol_type, values), self._key(aerosol_type, values)
+        return self._log_xyz(self._air(aerosol_type, values), sun, elevation, azimuth)
+
+    def behind_nothing(
+        self, aerosol_type: str, values: Mapping[str, float], sun: float, elevation: np.ndarray, azimuth: np.ndarray
+    ) -> np.ndarray:
+        """The same behind a clean horizon."""
+        medium = replace(self._air(aerosol_type, values).medium, screen=None)
+        return self._log_xyz(ClearAir(medium), sun, elevation, azimuth)
+
+    def _log_xyz(self, air: ClearAir, sun: float, elevation: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
         altitude_km = max(air.medium.bottom_km, self.base.observer.altitude_km)
         seen = skies([air], [float(sun)], np.clip(elevation, 0.0, 90.0), azimuth, [altitude_km])
-        self._errors[key] = float(seen.relative_error[0, 0, 0])
+        self._errors[id(air)] = float(seen.relative_error[0, 0, 0])
         xyz = colour.factor_to_xyz(seen.radiance[0, 0, 0], WAVELENGTH_NM, self.base.solar_spectrum, observer=OBSERVER)
         if not (xyz > 0.0).all():
             raise TwilightError("estimate: a computed sky is black where the photograph shows clear sky")

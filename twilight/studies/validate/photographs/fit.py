@@ -235,6 +235,8 @@ class Fit:
         self.strength = (self.high - self.low) / usual[:, 1]
         self.angles = np.array([p.name in OF_CAMERA for p in self.parameters])
         self.corrections = [np.zeros((f.elevation_deg.size, 3)) for f in frames]
+        self.fixed: list[tuple[np.ndarray, np.ndarray]] = []
+        """Where fits with skies of their own began, and how far each moved."""
         self.x, self.chi2, self.jacobian = np.full(self.low.size, 0.5), np.inf, np.zeros((0, 0))
 
     def values(self, x: np.ndarray | None = None) -> dict[str, float]:

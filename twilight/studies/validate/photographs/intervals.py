@@ -130,13 +130,19 @@ def plain(fit: Fit, best: Fit) -> AirEstimate:
     )
 
 
-def described(fit: Fit, best: Fit, lifted_ln: np.ndarray | None = None) -> AirEstimate:
+def described(
+    fit: Fit, best: Fit, lifted_ln: np.ndarray | None = None, beyond_ln: np.ndarray | None = None
+) -> AirEstimate:
     """The same with intervals, by curvature and profiles; lifted_ln (`DRAWN`,): of `Airs.lifted_ln`, for a camera of
-    unknown altitude."""
+    unknown altitude; beyond_ln (3 n,): one standard error of the sky by what lies beyond a horizon that is not known.
+    """
     made, x = plain(fit, best), fit.x
     covariance = _covariance(fit.jacobian)
     deviation = np.sqrt(np.diag(covariance))
-    pulled = np.sqrt(np.maximum(_pulled(fit) - deviation**2, 0.0))
+    pulled = np.maximum(_pulled(fit) - deviation**2, 0.0)
+    if beyond_ln is not None:
+        pulled += _moved(fit, beyond_ln) ** 2
+    pulled = np.sqrt(pulled)
     drawn, weight = _drawn(fit, covariance)
     random = np.random.default_rng(2)
     column = np.cumsum(~fit.angles) - 1
@@ -272,6 +278,16 @@ def _pulled(fit: Fit) -> np.ndarray:
     inverse = np.linalg.inv((fit.jacobian.T @ fit.jacobian + 12.0e-3 * np.eye(fit.x.size))[np.ix_(held, held)])
     made = np.zeros(fit.x.size)
     made[held] = PULL**2 * ((scores[:, held] @ inverse) ** 2).sum(axis=0)
+    return made
+
+
+def _moved(fit: Fit, change_ln: np.ndarray) -> np.ndarray:
+    """How far a change (3 n,) of the computed sky moves the parameters (P,), scaled; those at a bound stay there."""
+    free, n = np.flatnonzero((fit.x > 0.0) & (fit.x < 1.0)), fit.errors.root.shape[0]
+    information = fit.jacobian.T @ fit.jacobian + 12.0e-3 * np.eye(fit.x.size)
+    score = fit.jacobian[:n].T @ (fit.errors.whitening @ change_ln[fit.errors.used])
+    made = np.zeros(fit.x.size)
+    made[free] = np.linalg.solve(information[np.ix_(free, free)], score[free])
     return made
 
 

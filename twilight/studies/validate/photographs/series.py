@@ -131,6 +131,7 @@ def estimate_air(photographs: Sequence[Photograph], given: Config, says: Estimat
 
     Errors: TwilightError for whatever cannot be done.
     """
+    horizon_known = given.horizon is not None
     given = given.model_copy(update={"horizon": usual_horizon(given, solvers.load("compact"))})
     given, others = _before(given, photographs[0].stated, says.parameters)
     given, altitude_known, above = at_the_camera(photographs, given)
@@ -164,7 +165,7 @@ def estimate_air(photographs: Sequence[Photograph], given: Config, says: Estimat
         saturation=SATURATION if rendered and says.colour else 0.0,
     )
     most = max(MOST_CELLS // len(shown), LEAST_CELLS)
-    options, known = Options(order, own, low, high, free, altitude_known), low == high
+    options, known = Options(order, own, low, high, free, altitude_known, horizon_known), low == high
     frames = [_frame(one, most, known) for one in shown]
     first = None
     if not known or max(free.pitch, free.roll) > 0.0:
