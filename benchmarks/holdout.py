@@ -11,9 +11,9 @@ row that says why.  `holdout_residuals.csv` is ln(picture / computed) by elevati
 and the scatter over the pictures whose sky is fitted.
 *evenings*: drawn by zones as in `phone.py`; one frame is fitted and predicts the others, exposure alone being free.
 *drawn*: twenty airs by zones, of which the last ten judge, with refraction, behind a clean horizon or clouds of their
-own and not behind the screen that the fit assumes, from an altitude of 0 to 1 km; in turn a phone's JPEG (`phone.py`:
-noise, lens, curve, 8 bits) and a panorama of eight frames, each 4 % (rms) brighter or darker than it should be and 5 %
-darker in its corners, with noise.
+own and not behind the screen that the fit assumes, from altitudes as people's are (`air.ALTITUDE_KM`), with ozone and
+albedo as in `phone.py`; in turn a phone's JPEG (`phone.py`: noise, lens, curve, 8 bits) and a panorama of eight frames,
+each 4 % (rms) brighter or darker than it should be and 5 % darker in its corners, with noise.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from twilight.io.stored_image import write_exr
 from twilight.numerics.directions import direction
 from twilight.sky.ephemeris import sun_position
 from twilight.studies.camera import CameraModel
+from twilight.studies.validate.photographs.air import ALTITUDE_KM
 from twilight.studies.validate.photographs.comparison import Balance, balance
 from twilight.studies.validate.photographs.picture import Photograph, read_photograph
 from twilight.studies.validate.photographs.picture_sky import PhotoSky, simulated_sky
@@ -288,11 +289,10 @@ def one_drawn(index: int) -> list[list[str]]:
     """Rows of a picture: its truth and its intervals."""
     random = np.random.default_rng(7000 + index)
     when, place, sun = phone.moment(random)
-    elevation, altitude_km = float(sun.elevation_deg), float(random.uniform(0.0, 1.0))
+    elevation, altitude_km = float(sun.elevation_deg), float(-ALTITUDE_KM * np.log(random.uniform(0.0, 1.0)))
     truth = {
         "aerosol": float(np.exp(random.uniform(np.log(0.04), np.log(0.5)))),
-        "ozone": float(random.uniform(230.0, 420.0)),
-        "albedo": float(random.uniform(0.05, 0.45)),
+        **phone.usual(random, when, place[0]),
         "sun": elevation,
     }
     kind = phone.TYPES[index % 4]

@@ -3,19 +3,19 @@
     python benchmarks/phone.py [--count 50] [--summary]      # phone_pictures.csv, row by row; resumes
     python benchmarks/phone.py --evenings [--count 8]        # phone_evenings.csv: series of one camera and one air
 
-Each picture: a place and a time drawn at random, for every four of them an air, its sky behind the horizon `typical` by
+Each picture: a place, a time and an air drawn at random, its sky behind the horizon `typical` by
 the solver zones (which is not what the fit takes), seen by a phone held 3 to 25 deg above the horizontal, tilted by up
 to 4 deg, over dark hills of up to 2 deg; its lens darkens the corners by up to 8 %; noise of 1.5 % a pixel; gains of
 10 % between the colours; a tone curve with 0.85 to 1.35 times the contrast and a shoulder; sRGB in 8 bits, JPEG of
 quality 92.  Its Exif says time, place, altitude, heading (5 deg off), focal length in 35 mm (a whole number) and
-exposure (40 % off).  Drawn alike are ln of the optical depth, ozone and albedo, within the bounds of the fit.
+exposure (40 % off).  ln of the optical depth is drawn alike within the bounds of the fit; ozone and albedo about what
+is usual at the place (`usual`), with the spread that nature has.
 An evening are six pictures, 16 minutes apart, from a sun of 3 to 6 deg to one below -3 deg, on a tripod.
 """
 
 from __future__ import annotations
 
 import argparse
-import functools
 import tempfile
 import time
 from datetime import UTC, datetime, timedelta
@@ -27,16 +27,16 @@ import results
 from PIL import ExifTags, Image
 
 import twilight
+from twilight.atmosphere.measured import climatological_column_du
 from twilight.numerics import spectrum
 from twilight.sky import colour
 from twilight.sky.ephemeris import SunPosition, sun_position
 from twilight.studies.camera import CameraModel
 from twilight.studies.camera.exif import FULL_FRAME_MM, LENS_TRANSMISSION, MIDDLE_GREY
+from twilight.studies.validate.photographs.air import ALBEDO_ERROR, OZONE_DU
 from twilight.studies.validate.photographs.intervals import LARGEST_MISFIT
 
 WIDTH, HEIGHT = 640, 480
-PER_AIR = 4
-"""Pictures of each air."""
 FIRST_EVENING = 3
 """Number of the first that is judged: those before set `fit.SERIES_INFLATED`."""
 PER_EVENING = 6
@@ -60,21 +60,22 @@ def moment(random: np.random.Generator) -> tuple[datetime, tuple[float, float], 
             return when, place, sun
 
 
-@functools.lru_cache(maxsize=1)
-def air(number: int) -> tuple[dict[str, float], str, twilight.Field]:
-    """What an air holds, the type of its aerosol, and its field for the suns of its pictures."""
-    pictures = range(PER_AIR * number, PER_AIR * (number + 1))
-    return solved(number, [moment(np.random.default_rng(1000 + index))[2].elevation_deg for index in pictures])
+def usual(random: np.random.Generator, when: datetime, latitude_deg: float) -> dict[str, float]:
+    """Ozone [DU] and albedo of a place and time: normal about the zonal mean and about farmland's."""
+    column_du = climatological_column_du(latitude_deg, when.timetuple().tm_yday) + OZONE_DU * random.standard_normal()
+    albedo = 0.0
+    while not 0.01 < albedo < 0.59:
+        albedo = 0.15 + ALBEDO_ERROR * random.standard_normal()
+    return {"ozone": float(np.clip(column_du, 201.0, 449.0)), "albedo": float(albedo)}
 
 
-def solved(number: int, suns_deg: list[float]) -> tuple[dict[str, float], str, twilight.Field]:
-    """The same for any suns."""
+def solved(
+    number: int, when: datetime, latitude_deg: float, suns_deg: list[float]
+) -> tuple[dict[str, float], str, twilight.Field]:
+    """What an air holds, the type of its aerosol, and its field for some suns."""
     random = np.random.default_rng(number)
-    truth = {
-        "aerosol": float(np.exp(random.uniform(np.log(0.03), np.log(0.6)))),
-        "ozone": float(random.uniform(220.0, 430.0)),
-        "albedo": float(random.uniform(0.02, 0.55)),
-    }
+    truth = {"aerosol": float(np.exp(random.uniform(np.log(0.03), np.log(0.6))))}
+    truth |= usual(random, when, latitude_deg)
     kind = TYPES[number % 4]
     settings = {
         "aerosol.type": kind,
@@ -90,9 +91,9 @@ def solved(number: int, suns_deg: list[float]) -> tuple[dict[str, float], str, t
 
 def draw(index: int, folder: Path) -> tuple[Path, dict[str, float], str, float]:
     """A picture's file, what its air holds, the type of its aerosol, and the sun's elevation [deg]."""
-    truth, kind, field = air(index // PER_AIR)
     random = np.random.default_rng(1000 + index)
     when, place, sun = moment(random)
+    truth, kind, field = solved(index, when, place[0], [sun.elevation_deg])
     sky = field.sky(float(sun.elevation_deg))
     heading = float(sun.azimuth_deg + random.uniform(-25.0, 25.0)) % 360.0
     focal_mm = float(random.uniform(22.0, 28.0))
@@ -115,7 +116,7 @@ def evening(number: int, folder: Path) -> tuple[list[Path], dict[str, float], st
         suns = [sun_position(when, *place, 0.0) for when in times]
         if 3.0 < suns[0].elevation_deg < 6.0 and -9.0 < suns[-1].elevation_deg < -3.0:
             break
-    truth, kind, field = solved(2000 + number, [sun.elevation_deg for sun in suns])
+    truth, kind, field = solved(2000 + number, first, place[0], [sun.elevation_deg for sun in suns])
     heading = float(suns[2].azimuth_deg + random.uniform(-15.0, 15.0)) % 360.0
     focal_mm, compass_deg, paths = float(random.uniform(22.0, 28.0)), heading + random.normal(0.0, 5.0), []
     camera = held(heading, focal_mm, random)

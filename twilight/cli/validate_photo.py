@@ -19,9 +19,6 @@ from twilight.cli.options import argument, flag, option
 from twilight.cli.terminal import print_table, progress_bar
 from twilight.studies.validate.photographs.options import TO_THE_HORIZON, EstimateOptions
 
-DISC_AWAY_DEG = 0.5
-"""A disc so far [deg] from the scene's sun is worth a sentence; on coarse panoramas it is found to some 0.3 deg."""
-
 NEEDED = ("colour", "matplotlib", "xarray")
 """Extras with which a photograph is compared with a sky."""
 
@@ -103,15 +100,13 @@ def open_photograph(image: Path, asked: EstimateOptions) -> Any:
     "types",
     "parameters",
     "tone_curve",
-    "brightness",
     "colour",
-    "refine",
     white_balance=False,
     **TO_THE_HORIZON,
 )
 def photo(
     image: Annotated[Path, argument("IMAGE", "HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW.")],
-    config: Annotated[str, option("CLIMATE_OR_CONFIG", "The scene to compare with; several suns are tried in turn.")],
+    config: Annotated[str, option("CLIMATE_OR_CONFIG", "The scene to compare with, of one sun.")],
     asked: EstimateOptions,
     polariser: Annotated[
         float | None,
@@ -122,12 +117,18 @@ def photo(
 ) -> None:
     """Compare a photograph with the computed sky, and write a side-by-side picture with its figures.
 
-    Writes comparison.png, figures.json, profiles.csv and comparison.h5; with several suns also suns.csv, and the files
-    are those of the sun that fits best.
+    Writes comparison.png, figures.json and comparison.h5.
     """
     require("validate photo", *NEEDED)
-    chosen, names = options.settings_of(settings)
+    from twilight.base.progress import part_of
+    from twilight.engine import run
+    from twilight.scene import resolve
+    from twilight.studies.validate.photographs import comparison as comparing
+    from twilight.studies.validate.photographs.figure import REPORT, summary, write_report
+    from twilight.studies.validate.photographs.picture import place_sun
     from twilight.studies.validate.photographs.series import with_file
+
+    chosen, names = options.settings_of(settings)
 
     photograph = open_photograph(image, asked)
     chosen["texture"] = {"resolution_deg": asked.resolution_deg}
@@ -140,114 +141,24 @@ def photo(
     for line in said:
         print(line)
     folder = options.output_folder(output, "photo", image.stem, "photo")
-    folder.mkdir(parents=True, exist_ok=True)
-    compare_with_sky(photograph, loaded, asked.sun_azimuth_deg, bool(asked.white_balance), folder)
-
-
-def compare_with_sky(
-    photograph: Any, config: Any, sun_azimuth: float | None, white_balance: bool, folder: Path
-) -> None:
-    from twilight.base.progress import part_of
-    from twilight.engine import frames
-    from twilight.scene import resolve
-    from twilight.scene.suns import count_suns
-    from twilight.studies.validate.photographs import comparison as comparing
-    from twilight.studies.validate.photographs.figure import summary, write_report, write_suns
-    from twilight.studies.validate.photographs.picture import place_sun
-
-    best: Any = None
-    rows = []
-    note = ""
-    config, disc = _with_disc(config, photograph, sun_azimuth)
     with progress_bar() as bar:
-        bar("looking at the photograph", 0.0)
-        for frame in frames(resolve(config), part_of(bar, 0.0, 0.9), numpy_only_sun=count_suns(config) == 1):
-            sky = frame.sky
-            if config.output.polariser_deg is not None:
-                sky = sky.through_polariser(config.output.polariser_deg)
-            azimuth, _, note, _ = place_sun(photograph, sky.sun_azimuth_deg, sun_azimuth)
-            apparent = (
-                sky.sun_elevation_deg if sky.apparent_sun_elevation_deg is None else sky.apparent_sun_elevation_deg
-            )
-            comparison = comparing.compare(photograph.seen(azimuth, apparent), sky, white_balance=white_balance)
-            residuals = comparing.residual_vector(comparison.photo, comparison.simulated, white_balance=white_balance)
-            misfit = float(residuals @ residuals)
-            rows.append((frame.name, sky.sun_elevation_deg, misfit, comparison.figures))
-            of_disc = disc is not None and sky.sun_elevation_deg == disc
-            if best is None or of_disc or (misfit < best[0] and best[1].sun_elevation_deg != disc):
-                best = (misfit, sky, comparison, azimuth)
+        sky = run(resolve(loaded), part_of(bar, 0.0, 0.9), numpy_only_sun=True)
+        if loaded.output.polariser_deg is not None:
+            sky = sky.through_polariser(loaded.output.polariser_deg)
+        sun = sky.sun_elevation_deg
+        azimuth, _, note, _ = place_sun(photograph, sky.sun_azimuth_deg, asked.sun_azimuth_deg, (sun, sun))
+        apparent = sun if sky.apparent_sun_elevation_deg is None else sky.apparent_sun_elevation_deg
+        white_balance = bool(asked.white_balance)
+        compared = comparing.compare(photograph.seen(azimuth, apparent), sky, white_balance=white_balance)
         bar("drawing", 0.92)
-        _, sky, comparison, azimuth = best
-        facts = {"photograph": photograph.name, "scene": config.title, "sun_azimuth_deg": azimuth, "sun_azimuth": note}
-        lines = (f"scene: {config.title}, sun {sky.sun_elevation_deg:+.2f} deg", note)
-        write_report(folder, comparison, sky, facts, lines)
-        if count_suns(config) > 1:
-            write_suns(folder / "suns.csv", rows)
-    if len(rows) > 1:
-        columns = ["sun", "misfit", "luminance rms", "solar meridian", "u'v'"]
-        table = [[name, f"{misfit:.4g}", *_cells(figures)] for name, _, misfit, figures in rows]
-        print_table(columns, table, right=(1, 2, 3, 4))
-        print(_chosen(rows, sky.sun_elevation_deg, disc))
-    elif _disc_differs(photograph, sun_azimuth, sky):
-        print(_disc_differs(photograph, sun_azimuth, sky))
+        facts = {"photograph": photograph.name, "scene": loaded.title, "sun_azimuth_deg": azimuth, "sun_azimuth": note}
+        write_report(folder, compared, sky, facts, (f"scene: {loaded.title}, sun {sun:+.2f} deg", note))
     print(note)
-    for cause, fraction in comparison.photo.taken.items():
+    for cause, fraction in compared.photo.taken.items():
         print(f"masked, {cause}: {100 * fraction:.1f} % of the sky")
-    for line in summary(comparison.figures):
+    for line in summary(compared.figures):
         print(line)
-    names = "comparison.png, figures.json, profiles.csv, comparison.h5" + (", suns.csv" if len(rows) > 1 else "")
-    print(f"wrote {names} to {folder}/")
-
-
-def _with_disc(config: Any, photograph: Any, sun_azimuth: float | None) -> tuple[Any, float | None]:
-    """The configuration with the sun that the photograph shows among those to try, and its true elevation [deg].
-
-    None, and the configuration as it is, where it has one sun, the disc is not seen, or it is not asked for.
-    """
-    from twilight.config.sun import SunElevations
-
-    if not isinstance(config.sun, SunElevations) or sun_azimuth is not None:
-        return config, None
-    elevation_deg = photograph.sun.disc_elevation_deg
-    if elevation_deg is None:
-        return config, None
-    disc = round(float(elevation_deg), 2)
-    suns = tuple(sorted({*config.sun.elevations_deg, disc}))
-    return config.model_copy(update={"sun": config.sun.model_copy(update={"elevations_deg": suns})}), disc
-
-
-def _chosen(rows: list[Any], taken: float, disc: float | None) -> str:
-    """Which of several suns is compared, why, and what speaks against it."""
-    ordered = sorted(rows, key=lambda row: row[2])
-    closest = ordered[0][1]
-    if disc is not None:
-        line = f"sun {taken:+.2f} deg, by its disc in the photograph"
-        return line if closest == taken else f"{line}; the sky alone fits best with {closest:+.2f} deg"
-    line = f"best: sun {taken:+.2f} deg"
-    elevations = [row[1] for row in rows]
-    if taken in (min(elevations), max(elevations)):
-        side = "lowest" if taken == min(elevations) else "highest"
-        line += f", the {side} of those tried: the true one may lie beyond"
-    return line
-
-
-def _disc_differs(photograph: Any, sun_azimuth: float | None, sky: Any) -> str:
-    """A sentence where the disc in the photograph stands elsewhere than the scene's only sun, else an empty one."""
-    disc = None if sun_azimuth is not None else photograph.sun.disc_elevation_deg
-    if disc is None or abs(disc - sky.sun_elevation_deg) < DISC_AWAY_DEG:
-        return ""
-    return (
-        f"the sun's disc in the photograph stands at {disc:+.2f} deg, the scene's sun at {sky.sun_elevation_deg:+.2f}"
-    )
-
-
-def _cells(figures: dict[str, Any]) -> list[str]:
-    uv, solar = figures.get("uv_distance_median"), figures["solar_meridian_rms_percent"]
-    return [
-        f"{figures['luminance_rms_percent']:.1f} %",
-        "-" if solar is None else f"{solar:.1f} %",
-        "-" if uv is None else f"{uv:.4f}",
-    ]
+    print(f"wrote {', '.join(REPORT)} to {folder}/")
 
 
 @of_options()
@@ -293,7 +204,6 @@ def estimate(
         others = estimated.other_suns()
         for k, shown in enumerate(estimated.shown):
             where = folder if len(images) == 1 else folder / f"{k + 1:02d}-{Path(shown.name).stem}"
-            where.mkdir(parents=True, exist_ok=True)
             sky, comparison = estimated.compared(shown)
             facts = {"photograph": shown.name, "scene": estimated.given.title, "sun_azimuth_deg": shown.sun_azimuth_deg}
             lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {estimated.best.aerosol_type}", *estimated.about)

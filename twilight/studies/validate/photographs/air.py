@@ -20,13 +20,13 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from twilight.base.errors import TwilightError
 from twilight.base.progress import Progress, silent
+from twilight.clear_air.entry import ClearAir, skies
 from twilight.config.load import load
 from twilight.config.scene import PLACED_NM, Config
 from twilight.numerics import spectrum
 from twilight.scene.medium import climate_medium
 from twilight.scene.usual import screen_of, usual_horizon
 from twilight.sky import colour
-from twilight.solvers import compact
 from twilight.studies.validate.photographs.picture_sky import OBSERVER
 
 WAVELENGTH_NM = np.array(PLACED_NM)
@@ -47,7 +47,8 @@ COLUMNS_DEG = np.arange(-30.0, 211.0, 7.5)
 class Parameter:
     """A parameter of the climate: the key it sets, its nodes (the first and last bound it), and its scale.
 
-    Between nodes it is interpolated in ``scaled``, ln for an optical depth.
+    Between nodes it is interpolated in ``scaled``, ln for an optical depth.  usual: what it is before a picture is
+    seen, and the standard error of that; None: anything between the bounds alike.  source: of that, in words.
     """
 
     name: str
@@ -55,6 +56,8 @@ class Parameter:
     unit: str
     nodes: tuple[float, ...]
     logarithmic: bool = False
+    usual: tuple[float, float] | None = None
+    source: str = ""
 
     def scaled(self, value: Any) -> Any:
         """The value in which it is interpolated and fitted."""
@@ -71,6 +74,12 @@ OTHERS = (
     Parameter("albedo", "ground.albedo", "1", (0.0, 0.25, 0.6)),
 )
 """What may be estimated besides the aerosol."""
+OZONE_DU = 30.0
+"""Standard deviation of the ozone of a day about the zonal mean of its place and season [DU]."""
+OZONE_ANYWHERE_DU = 50.0
+"""The same of a place and day that are not known: zonal means from 60 S to 60 N differ by 40 over the year [DU]."""
+ALBEDO_ERROR = 0.15
+"""Standard deviation of the albedo of a landscape about that of its climate: forest 0.1, sand 0.3, patches of snow."""
 ALTITUDE_KM = 0.28
 """Mean altitude at which people are, distributed exponentially: a median of 194 m and a third below 100 m (Cohen and
 Small 1998, PNAS 95, 14009) [km]."""
@@ -182,7 +191,8 @@ class Airs:
         if base.climate.clouds:
             raise TwilightError(f"{base.title}: has clouds, and clear sky is estimated; name a climate without")
         self.base, self.design, self.progress = base, design, progress
-        self._fields: dict[tuple, compact.Field] = {}
+        self._airs: dict[tuple, ClearAir] = {}
+        self._errors: dict[int, float] = {}
         self._splines: dict[tuple[tuple, float], np.ndarray] = {}
 
     def log_xyz(
@@ -192,9 +202,20 @@ class Airs:
 
         Errors: TwilightError for a sky that is black there.
         """
-        field = self._field(aerosol_type, values)
-        factor = field.radiance(float(sun), np.clip(elevation, 0.0, 90.0), azimuth)
-        xyz = colour.factor_to_xyz(factor, WAVELENGTH_NM, self.base.solar_spectrum, observer=OBSERVER)
+        return self._log_xyz(self._air(aerosol_type, values), sun, elevation, azimuth)
+
+    def behind_nothing(
+        self, aerosol_type: str, values: Mapping[str, float], sun: float, elevation: np.ndarray, azimuth: np.ndarray
+    ) -> np.ndarray:
+        """The same behind a clean horizon."""
+        medium = replace(self._air(aerosol_type, values).medium, screen=None)
+        return self._log_xyz(ClearAir(medium), sun, elevation, azimuth)
+
+    def _log_xyz(self, air: ClearAir, sun: float, elevation: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+        altitude_km = max(air.medium.bottom_km, self.base.observer.altitude_km)
+        seen = skies([air], [float(sun)], np.clip(elevation, 0.0, 90.0), azimuth, [altitude_km])
+        self._errors[id(air)] = float(seen.relative_error[0, 0, 0])
+        xyz = colour.factor_to_xyz(seen.radiance[0, 0, 0], WAVELENGTH_NM, self.base.solar_spectrum, observer=OBSERVER)
         if not (xyz > 0.0).all():
             raise TwilightError("estimate: a computed sky is black where the photograph shows clear sky")
         return np.log(xyz)
@@ -212,19 +233,15 @@ class Airs:
     def _key(self, aerosol_type: str, values: Mapping[str, float]) -> tuple:
         return (aerosol_type, *(round(values[p.name], 9) for p in self.design.parameters))
 
-    def _field(self, aerosol_type: str, values: Mapping[str, float]) -> compact.Field:
+    def _air(self, aerosol_type: str, values: Mapping[str, float]) -> ClearAir:
         key = self._key(aerosol_type, values)
-        if key not in self._fields:
+        if key not in self._airs:
             shown = ", ".join(f"{p.name} {values[p.name]:.3g}" for p in self.design.parameters)
-            self.progress(f"air {len(self._fields) + 1}: {aerosol_type}, {shown}", min(0.95, len(self._fields) / 24))
+            self.progress(f"air {len(self._airs) + 1}: {aerosol_type}, {shown}", min(0.95, len(self._airs) / 24))
             config = with_settings(self.base, climate_settings(self.design, values, aerosol_type))
             medium = replace(climate_medium(config.climate, WAVELENGTH_NM), screen=screen_of(usual_horizon(config)))
-            self._fields[key] = compact.prepare(
-                medium,
-                compact.CompactSettings(polarisation=False),
-                observer_altitude_km=max(medium.bottom_km, self.base.observer.altitude_km),
-            )
-        return self._fields[key]
+            self._airs[key] = ClearAir(medium)
+        return self._airs[key]
 
     def first(self, aerosol_type: str, suns: Sequence[float], depth: float | None = None) -> Skies:
         """The skies of the type that all others are told from; depth: of aerosol near which the rest is varied."""
@@ -250,8 +267,7 @@ class Airs:
     @property
     def error(self) -> float:
         """Relative error that the solver says of the skies asked for last."""
-        made = [field.convergence for field in self._fields.values()]
-        return max(float(one.error) for one in made if one is not None and one.error is not None)
+        return max(self._errors.values())
 
 
 def aerosol_above(config: Config, altitude_km: np.ndarray | float) -> np.ndarray:

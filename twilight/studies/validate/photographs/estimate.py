@@ -7,7 +7,7 @@ Every aerosol type is fitted in turn (`photographs.fit`), and the one that is ta
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from twilight.base.progress import Progress, silent
 from twilight.studies.validate.photographs.air import AEROSOL, SUN, SUN_DEG, Airs, Design, Skies
 from twilight.studies.validate.photographs.fit import Errors, Fit, Freedom
 from twilight.studies.validate.photographs.intervals import DRAWN, LARGEST_MISFIT, AirEstimate, described, plain
-from twilight.studies.validate.photographs.picture_sky import Frame
+from twilight.studies.validate.photographs.picture_sky import Frame, components
 
 SEARCHED_DEG = np.array(
     [-18, -16, -14, -12, -10, -8.5, -7, -6, -5, -4, -3, -2, -1, 0, 1, 2.5, 4, 6, 9, 12, 16, 20, 25, 30, 37, 45, 55, 65,
@@ -36,13 +36,17 @@ MOST_WINDOWS = 4
 SECOND_BEST = 30.0
 """chi^2 above that of the best sun up to which another minimum of the search is fitted too."""
 
-SETTLED = 0.02
-"""Change, as a fraction of every parameter's range, below which a fit is not made again with a sky of its own."""
+SETTLED = 0.3
+"""Change in standard errors below which a fit is not made again with a sky of its own."""
+
+SECANT = (-0.5, 0.8)
+"""Slopes between which one such fit after another is taken to go on: near the sun, where the aureole is steeper than
+the splines between airs, each goes some 0.6 of the way of that before, and three of them left a camera 0.2 deg off."""
 
 EQUIVALENT = 4.0
 """chi^2 above the best up to which a type cannot be told from it."""
 
-NEAR_ENOUGH = (16.0, EQUIVALENT)
+NEAR_ENOUGH = (16.0, EQUIVALENT, EQUIVALENT, EQUIVALENT)
 """chi^2 above the best up to which a type is fitted again with a sky of its own, in each round."""
 
 MOST_STARTS = 2
@@ -51,12 +55,11 @@ MOST_STARTS = 2
 ALBEDOS = (0.25, 0.7)
 """Where the next begins, as fractions of the range."""
 
+BEYOND_DEG = 2.0
+"""Sun below which what lies beyond the horizon counts [deg]."""
+
 LARGE_PITCH_DEG = 5.0
 """Error of a camera's pitch beyond which a fit begins at several."""
-
-Refine = Callable[[str, Mapping[str, float], Frame, np.ndarray, np.ndarray], np.ndarray]
-"""From an aerosol type, the values of all parameters, a frame, elevations and azimuths to ln(XYZ) (n, 3) of that sky by
-another solver."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,7 @@ class Options:
     low_deg, high_deg: suns between which it is sought where a frame does not know its own
     freedom: what may differ besides the air
     altitude_known: of the camera; else the aerosol's interval holds what may lie below it
+    horizon_known: what lies beyond the horizon; else intervals hold that nothing may
     """
 
     types: Sequence[str]
@@ -73,20 +77,19 @@ class Options:
     high_deg: float = SUN_DEG[1]
     freedom: Freedom = field(default_factory=Freedom)
     altitude_known: bool = True
+    horizon_known: bool = True
 
 
 def find_air(
     airs: Airs,
     frames: Sequence[Frame],
     options: Options,
-    refine: Refine | None = None,
     progress: Progress = silent,
     first: Fit | None = None,
 ) -> list[AirEstimate]:
     """The best air of every type, the best type first; the one that is taken has parameters with intervals.
 
     frames: one whose sun may be unknown, or several of one camera, held the same, whose suns are known.
-    refine: another solver's sky of an air; all types are fitted again with the difference from `airs` at the best one.
     first: `first_look` of the same frames, where it was made.
     Errors: TwilightError for an air that cannot be computed.
     """
@@ -109,21 +112,12 @@ def find_air(
             if name not in settled and fit.chi2 - best.chi2 <= near and _again(fit, airs) < SETTLED:
                 settled.add(name)
     best = min(fits, key=lambda fit: fit.chi2)
-    if refine is not None:
-        progress(f"computing the sky of {best.skies.aerosol_type} by the scene's solver", 0.8)
-        values, there = best.values(), best.log_xyz(best.x)
-        for k, frame in enumerate(frames):
-            error = refine(best.skies.aerosol_type, values, frame, *best.where(frame, values)) - there[k]
-            for fit in fits:
-                fit.corrections[k] = fit.corrections[k] + error
-        for fit in fits:
-            fit.find([fit.x])
-        best = min(fits, key=lambda fit: fit.chi2)
     alike = [fit for fit in fits if fit.chi2 - best.chi2 < EQUIVALENT]
     taken = next((fit for fit in alike if fit.skies.aerosol_type == options.own_type), best)
     progress(f"intervals of {taken.skies.aerosol_type}", 0.9)
     lifted = None if options.altitude_known else airs.lifted_ln(taken.skies.aerosol_type, DRAWN)
-    made = [described(fit, best, lifted) if fit is taken else plain(fit, best) for fit in fits]
+    beyond = None if options.horizon_known else _behind_nothing(taken, airs)
+    made = [described(fit, best, lifted, beyond) if fit is taken else plain(fit, best) for fit in fits]
     return sorted(made, key=lambda one: one.chi2_above_best)
 
 
@@ -147,16 +141,37 @@ def starts(fit: Fit) -> list[np.ndarray]:
 
 
 def _again(fit: Fit, airs: Airs) -> float:
-    """Fit again with the skies of the best values themselves, in the very directions; how far they move, as a fraction
-    of the ranges."""
-    values, before = fit.values(), fit.x
+    """Fit again with the skies of the best values themselves, in the very directions, or where a secant through the
+    last two such fits has its fixed point; how far they move then, in standard errors."""
+    before = fit.x
+    if len(fit.fixed) > 1:
+        (x0, moved0), (x1, moved1) = fit.fixed[-2:]
+        step = x1 - x0
+        slope = float(np.clip(1.0 + (moved1 - moved0) @ step / max(step @ step, 1e-12), *SECANT))
+        before = np.clip(x1 + moved1 / (1.0 - slope), 0.0, 1.0)
+    values = fit.values(before)
     computed = zip(fit.frames, fit.log_xyz(before, corrected=False), fit.uneven(before), strict=True)
     for k, (frame, log_xyz, uneven) in enumerate(computed):
         sun = values[SUN] if frame.sun_deg is None else frame.sun_deg
         exact = airs.log_xyz(fit.skies.aerosol_type, values, sun, *fit.where(frame, values))
         fit.corrections[k] = exact + uneven - log_xyz
     fit.find([before])
-    return float(np.abs(fit.x - before).max())
+    fit.fixed.append((before, fit.x - before))
+    return float(np.linalg.norm(fit.jacobian @ (fit.x - before)))
+
+
+def _behind_nothing(fit: Fit, airs: Airs) -> np.ndarray | None:
+    """ln (3 n,) of the best sky behind a clean horizon over that behind the scene's; None: the sun is too high for it
+    to matter."""
+    values, made = fit.values(), []
+    for frame in fit.frames:
+        sun = values[SUN] if frame.sun_deg is None else frame.sun_deg
+        if sun > BEYOND_DEG:
+            return None
+        at = (fit.skies.aerosol_type, values, sun, *fit.where(frame, values))
+        clean, there = (components(np.exp(of(*at)), frame.colour_known) for of in (airs.behind_nothing, airs.log_xyz))
+        made.append(clean - there)
+    return np.concatenate(made, axis=1).ravel()
 
 
 def _with_sun(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:

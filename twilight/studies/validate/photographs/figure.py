@@ -12,7 +12,7 @@ import numpy as np
 import xarray
 from scipy import ndimage
 
-from twilight.base.whole_files import save_figure, whole_file, write_csv
+from twilight.base.whole_files import save_figure, whole_file
 from twilight.io.netcdf import write_netcdf
 from twilight.sky import colour
 from twilight.sky.sky import Sky
@@ -30,6 +30,8 @@ UV_LIMIT = 0.04
 """Largest distance in u'v' on the scale of its map."""
 WIDE = 2.5
 """Width over height beyond which pictures stand below each other."""
+REPORT = ("comparison.png", "figures.json", "comparison.h5")
+"""Files that are written of a comparison."""
 DARKER = 0.7
 """Luminance of ground and trees over the computed sky behind them, at most; what is brighter is sky or cloud."""
 
@@ -238,15 +240,15 @@ def write_report(
     lines: tuple[str, ...],
     others: Sequence[tuple[str, Sky]] = (),
 ) -> None:
-    """Write comparison.png, figures.json, profiles.csv and comparison.h5 of one photograph beside its computed sky.
+    """Write `REPORT` of one photograph beside its computed sky into a folder, which is made where it is missing.
 
     facts: of the photograph, its name among them; lines: for the picture.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     said = {"sun_elevation_deg": sky.sun_elevation_deg, **facts, "masked": comparison.photo.taken}
     said |= {"figures": comparison.figures, "computed_sky": sky.provenance}
     write_figure(folder / "comparison.png", comparison, title=facts["photograph"], lines=lines, others=others)
     write_json(folder / "figures.json", said)
-    write_profiles(folder / "profiles.csv", comparison)
     write_dataset(folder / "comparison.h5", comparison, said)
 
 
@@ -266,18 +268,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value
-
-
-def write_profiles(path: str | Path, comparison: Comparison) -> None:
-    """Write both profiles: meridian, angle, luminance [cd m^-2] and u', v' of photograph and simulation."""
-    columns = "meridian angle_deg photo_cd_per_m2 computed_cd_per_m2 photo_u photo_v computed_u computed_v".split()
-    rows = []
-    for name, profile in (("solar", comparison.solar), ("perpendicular", comparison.perpendicular)):
-        for angle, one, other in zip(profile.angle_deg, profile.photo, profile.simulated, strict=True):
-            if np.isfinite(one[1]):
-                numbers = [one[1], other[1], *colour.uv_of_xyz(one), *colour.uv_of_xyz(other)]
-                rows.append([name, f"{angle:g}", *(f"{number:.6g}" for number in numbers)])
-    write_csv(path, columns, rows)
 
 
 def write_dataset(path: str | Path, comparison: Comparison, facts: dict[str, Any]) -> None:
@@ -304,13 +294,3 @@ def write_dataset(path: str | Path, comparison: Comparison, facts: dict[str, Any
     attributes = {"title": "Photograph and computed sky", "facts": json.dumps(_plain(facts))}
     encoding = {name: {"zlib": True, "complevel": 4, "dtype": "float32"} for name in variables}
     write_netcdf(xarray.Dataset(variables, coordinates, attributes), path, encoding)
-
-
-def write_suns(path: str | Path, rows: list[tuple[str, float, float, dict[str, Any]]]) -> None:
-    """Write one line for each sun that was tried: name, elevation, misfit, figures."""
-    numbers = [key for key, value in rows[0][3].items() if not isinstance(value, list)]
-    lines = [
-        [name, f"{sun:g}", f"{misfit:.6g}", *("" if found.get(k) is None else f"{found[k]:.6g}" for k in numbers)]
-        for name, sun, misfit, found in rows
-    ]
-    write_csv(path, ["frame", "sun_elevation_deg", "misfit", *numbers], lines)

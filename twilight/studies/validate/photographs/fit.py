@@ -12,9 +12,10 @@ between suns, and of the sky itself (haze in streaks, thin cloud, stitching), co
 amplitude that the picture itself says (the one of `AMPLITUDES` that makes what is left most likely).
 Together they have a covariance C, and
 
-    chi^2 = r^T C^-1 r + sum over what is fitted of the camera ((value - as told) / its error)^2,
+    chi^2 = r^T C^-1 r + sum over what is known before ((value - usual) / its error)^2,
 
-so that exposure, colours and curve are marginalised exactly; the angles are fitted, and so are the contrasts of a
+known before being the camera's angles, as told, and ozone and albedo, as usual at the place and in the season, so that
+exposure, colours and curve are marginalised exactly; the angles are fitted, and so are the contrasts of a
 picture of floats that somebody developed: its ln G, and its ln R/G and ln B/G, differ over the sky 1 + contrast and
 1 + saturation times as much as the light's.
 """
@@ -95,12 +96,11 @@ OF_CAMERA = {**ANGLES, "contrast": "1", "saturation": "1"}
 
 @dataclass(frozen=True)
 class Freedom:
-    """What besides the air may differ: gains of the colours, a tone curve; what counts: brightness, colours; standard
-    errors of the camera's angles [deg], of the width of its view [%] and of its contrasts, 0: as told."""
+    """What besides the air may differ: gains of the colours, a tone curve; whether colours count; standard errors of
+    the camera's angles [deg], of the width of its view [%] and of its contrasts, 0: as told."""
 
     white_balance: bool = False
     curve: bool = False
-    brightness: bool = True
     with_colour: bool = True
     heading: float = 0.0
     pitch: float = 0.0
@@ -118,7 +118,7 @@ class Errors:
         n = sum(counts)
         self.frame = np.repeat(np.arange(len(frames)), counts)
         coloured = freedom.with_colour and all(frame.colour_known for frame in frames)
-        used = [freedom.brightness or not coloured, coloured, coloured]
+        used = [True, coloured, coloured]
         self.used = np.repeat(used, n)
         where = [direction(f.azimuth_deg, f.elevation_deg) for f in frames]
         away = np.degrees(np.arccos(np.clip(np.concatenate(where) @ np.concatenate(where).T, -1.0, 1.0)))
@@ -226,11 +226,17 @@ class Fit:
         for name, unit in OF_CAMERA.items():
             error = getattr(freedom, name)
             if error > 0.0:
-                self.parameters.append(Parameter(name, "", unit, (-REACH * error, REACH * error)))
+                within = (-REACH * error, REACH * error)
+                self.parameters.append(Parameter(name, "", unit, within, usual=(0.0, error)))
         bounds = [p.scaled(np.array([p.nodes[0], p.nodes[-1]])) for p in self.parameters]
         self.low, self.high = np.array(bounds).T
+        usual = np.array([p.usual or (0.0, np.inf) for p in self.parameters])
+        self.usual = np.clip((usual[:, 0] - self.low) / (self.high - self.low), 0.0, 1.0)
+        self.strength = (self.high - self.low) / usual[:, 1]
         self.angles = np.array([p.name in OF_CAMERA for p in self.parameters])
         self.corrections = [np.zeros((f.elevation_deg.size, 3)) for f in frames]
+        self.fixed: list[tuple[np.ndarray, np.ndarray]] = []
+        """Where fits with skies of their own began, and how far each moved."""
         self.x, self.chi2, self.jacobian = np.full(self.low.size, 0.5), np.inf, np.zeros((0, 0))
 
     def values(self, x: np.ndarray | None = None) -> dict[str, float]:
@@ -309,8 +315,11 @@ class Fit:
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         """Residuals at x, whose sum of squares is chi^2."""
-        told = REACH * (2.0 * x[self.angles] - 1.0)
-        return np.concatenate([self.errors.whitening @ self.difference(x)[self.errors.used], told])
+        return np.concatenate([self.errors.whitening @ self.difference(x)[self.errors.used], self.before(x)])
+
+    def before(self, x: np.ndarray) -> np.ndarray:
+        """Residuals (..., K) of what was known before the picture, of the K parameters that have a usual value."""
+        return np.asarray((self.strength * (x - self.usual))[..., self.strength > 0.0])
 
     def find(self, starts: Sequence[np.ndarray], most: int = 1) -> None:
         """Move to the best x that is found from the best `most` of the starts."""

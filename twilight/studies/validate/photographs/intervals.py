@@ -4,10 +4,11 @@ Intervals are the shortest that hold 68 or 95 % of
 
     exp(-chi^2 / 2),     integrated over all other parameters (airs drawn about the best, and weighted),
 
-all values within a parameter's bounds being as likely before: 68 or 95 of 100 pictures have the truth in them, also of
-a parameter that they do not tell, whose interval is then most of what was tried.  What a sky has that no air of the fit
-has (haze that differs from side to side, a type that is none of those tried) leaves residuals that are alike over whole
-regions.  How far these pull the parameters is measured, not assumed (`_pulled`), and widens the intervals.
+all values within a parameter's bounds being as likely before, but for ozone and albedo, which are about as usual at the
+place (`Parameter.usual`): 68 or 95 of 100 pictures have the truth in them, also of a parameter that they do not tell,
+whose interval is then that of the usual value.  What a sky has that no air of the fit has (haze that differs from side
+to side, a type that is none of those tried) leaves residuals that are alike over whole regions.  How far these pull the
+parameters is measured, not assumed (`_pulled`), and widens the intervals.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ import numpy as np
 
 from twilight.studies.validate.photographs.air import AEROSOL, SUN, Parameter
 from twilight.studies.validate.photographs.comparison import Curve
-from twilight.studies.validate.photographs.fit import CONTRAST, REACH, SATURATION, STRAINED, Fit
+from twilight.studies.validate.photographs.fit import CONTRAST, SATURATION, STRAINED, Fit
 
 UNCONSTRAINED = 0.6
-"""Standard deviation over that of a uniform distribution beyond which a photograph does not tell a parameter."""
+"""Standard deviation over that before the picture was seen beyond which the picture does not tell a parameter."""
 
 LARGEST_MISFIT = 1.0
 """Q beyond which a fit does not fit: 10 % in luminance, or 0.01 in u', v', over the whole sky."""
@@ -66,7 +67,8 @@ class Estimated:
     low, high and low_95, high_95: intervals that hold the truth in 68 and in 95 of 100 pictures
     bounds: of what was tried
     constrained: the photograph tells it, which it does not where the fit does not fit, or reaches a bound
-    relative_width: standard deviation within the bounds over that of no knowledge
+    relative_width: standard deviation over that before the picture was seen
+    usual, source: of `Parameter`
     """
 
     name: str
@@ -80,6 +82,8 @@ class Estimated:
     bounds: tuple[float, float]
     relative_width: float
     constrained: bool
+    usual: tuple[float, float] | None = None
+    source: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,13 +130,19 @@ def plain(fit: Fit, best: Fit) -> AirEstimate:
     )
 
 
-def described(fit: Fit, best: Fit, lifted_ln: np.ndarray | None = None) -> AirEstimate:
+def described(
+    fit: Fit, best: Fit, lifted_ln: np.ndarray | None = None, beyond_ln: np.ndarray | None = None
+) -> AirEstimate:
     """The same with intervals, by curvature and profiles; lifted_ln (`DRAWN`,): of `Airs.lifted_ln`, for a camera of
-    unknown altitude."""
+    unknown altitude; beyond_ln (3 n,): one standard error of the sky by what lies beyond a horizon that is not known.
+    """
     made, x = plain(fit, best), fit.x
     covariance = _covariance(fit.jacobian)
     deviation = np.sqrt(np.diag(covariance))
-    pulled = np.sqrt(np.maximum(_pulled(fit) - deviation**2, 0.0))
+    pulled = np.maximum(_pulled(fit) - deviation**2, 0.0)
+    if beyond_ln is not None:
+        pulled += _moved(fit, beyond_ln) ** 2
+    pulled = np.sqrt(pulled)
     drawn, weight = _drawn(fit, covariance)
     random = np.random.default_rng(2)
     column = np.cumsum(~fit.angles) - 1
@@ -141,7 +151,7 @@ def described(fit: Fit, best: Fit, lifted_ln: np.ndarray | None = None) -> AirEs
         if fit.angles[i]:
             wide = float(np.hypot(deviation[i], pulled[i]))
             one, two = ((x[i] - k * wide, x[i] + k * wide) for k in (1.0, 2.0))
-            relative_width = float(wide * np.sqrt(12.0))
+            deviation_now = wide
         else:
             values = np.clip(drawn[:, column[i]] + pulled[i] * random.standard_normal(len(drawn)), 0.0, 1.0)
             if p.name == AEROSOL.name and lifted_ln is not None:
@@ -150,7 +160,8 @@ def described(fit: Fit, best: Fit, lifted_ln: np.ndarray | None = None) -> AirEs
             wide = AEROSOL_WIDENED if p.name == AEROSOL.name and fit.errors.inflation > 1.0 else 1.0
             values = np.clip(x[i] + wide * (values - x[i]), 0.0, 1.0)
             one, two = (_densest(values, weight, part) for part in (0.683, 0.954))
-            relative_width = float(np.sqrt(weight @ (values - weight @ values) ** 2) * np.sqrt(12.0))
+            deviation_now = np.sqrt(weight @ (values - weight @ values) ** 2)
+        relative_width = float(deviation_now / _before(fit.usual[i], fit.strength[i]))
         span = fit.high[i] - fit.low[i]
 
         def value(place: float, p: Parameter = p, low: float = fit.low[i], span: float = span) -> float:
@@ -166,14 +177,16 @@ def described(fit: Fit, best: Fit, lifted_ln: np.ndarray | None = None) -> AirEs
                 standard_error=float(per_unit * min(deviation[i], 1.0 / np.sqrt(12.0))),
                 low=value(min(one[0], x[i])),
                 high=value(max(one[1], x[i])),
-                low_95=value(min(two[0], x[i])),
-                high_95=value(max(two[1], x[i])),
+                low_95=value(min(one[0], two[0], x[i])),
+                high_95=value(max(one[1], two[1], x[i])),
                 bounds=(float(p.nodes[0]), float(p.nodes[-1])),
                 relative_width=relative_width,
                 # at a bound the best value may lie beyond it
                 constrained=made.fits
                 and relative_width <= UNCONSTRAINED
                 and bool(one[0] > NEAR_BOUND and one[1] < 1.0 - NEAR_BOUND),
+                usual=p.usual,
+                source=p.source,
             )
         )
     return replace(
@@ -187,6 +200,13 @@ def described(fit: Fit, best: Fit, lifted_ln: np.ndarray | None = None) -> AirEs
     )
 
 
+def _before(usual: float, strength: float) -> float:
+    """Standard deviation, scaled, of what was known before the picture, within the bounds."""
+    x = (np.arange(500) + 0.5) / 500
+    weight = np.exp(-0.5 * (strength * (x - usual)) ** 2)
+    return float(np.sqrt(np.cov(x, aweights=weight, ddof=0)))
+
+
 def _covariance(jacobian: np.ndarray) -> np.ndarray:
     # a prior with a thousandth of the information of a uniform distribution keeps what is not told finite
     return np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1]) * 12.0e-3)
@@ -197,7 +217,6 @@ def _drawn(fit: Fit, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     what is seen, are integrated over."""
     held, random = ~fit.angles, np.random.default_rng(1)
     angles = np.linalg.qr(fit.jacobian[:, fit.angles])[0]
-    told = fit.residuals(fit.x)[fit.errors.root.shape[0] :]
     low, span = fit.low[held], (fit.high - fit.low)[held]
     named = [p for p, chosen in zip(fit.parameters, held, strict=True) if chosen]
 
@@ -205,7 +224,9 @@ def _drawn(fit: Fit, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         scaled = low + x * span
         values = {p.name: p.value(scaled[:, i]) for i, p in enumerate(named)}
         r = fit.differences(values)[:, fit.errors.used] @ fit.errors.whitening.T
-        r = np.concatenate([r, np.broadcast_to(told, (len(r), told.size))], axis=1)
+        whole = np.tile(fit.x, (len(x), 1))
+        whole[:, held] = x
+        r = np.concatenate([r, fit.before(whole)], axis=1)
         return (r**2).sum(axis=1) - ((r @ angles) ** 2).sum(axis=1)
 
     middle, even = fit.x[held], 12.0 * np.eye(int(held.sum()))
@@ -260,12 +281,22 @@ def _pulled(fit: Fit) -> np.ndarray:
     return made
 
 
+def _moved(fit: Fit, change_ln: np.ndarray) -> np.ndarray:
+    """How far a change (3 n,) of the computed sky moves the parameters (P,), scaled; those at a bound stay there."""
+    free, n = np.flatnonzero((fit.x > 0.0) & (fit.x < 1.0)), fit.errors.root.shape[0]
+    information = fit.jacobian.T @ fit.jacobian + 12.0e-3 * np.eye(fit.x.size)
+    score = fit.jacobian[:n].T @ (fit.errors.whitening @ change_ln[fit.errors.used])
+    made = np.zeros(fit.x.size)
+    made[free] = np.linalg.solve(information[np.ix_(free, free)], score[free])
+    return made
+
+
 def _costs(fit: Fit) -> dict[str, float]:
     """How many times wider the optical depth's interval is for not knowing each of what a camera does."""
     errors, count = fit.errors, len(fit.parameters)
     turned = fit.jacobian[: errors.root.shape[0]]
     slopes = errors.root @ turned
-    own = np.eye(count) * np.where(fit.angles, (2.0 * REACH) ** 2, 12.0e-3)
+    own = np.diag(np.maximum(fit.strength**2, 12.0e-3))
     whole = np.linalg.inv(turned.T @ turned + own)[0, 0]
     made: dict[str, float] = {}
     for kind in ("exposure", "white balance", "curve", "lens"):

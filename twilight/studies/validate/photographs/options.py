@@ -67,9 +67,7 @@ class EstimateOptions:
         None, "Free gains of red, green and blue besides the exposure; unset: unless a camera is given.", "yes"
     )
     tone_curve: bool | None = asked(None, "A free curve of three numbers; unset: of sRGB pictures.", "yes")
-    brightness: bool = asked(True, "Compare differences of brightness over the sky.", "yes")
-    colour: bool = asked(True, "Compare differences of colour over the sky.", "yes")
-    refine: bool = asked(False, "End with skies of the scene's own solver, not of compact.", "yes")
+    colour: bool = asked(True, "Compare differences of colour over the sky, not of brightness alone.", "yes")
     profile: str | Path | None = asked(None, "Skyline: azimuth_deg,elevation_deg; below it is no sky.", "FILE.csv")
     mask: str | Path | None = asked(None, "Picture of the photograph's size, bright where there is sky.", "IMAGE")
     automatic_mask: bool = asked(True, "Look for ground, trees, buildings and clouds.", "yes")
@@ -86,8 +84,6 @@ class EstimateOptions:
         from twilight.base.sections import unknown  # start-up
         from twilight.config.aerosol import AerosolType  # start-up
 
-        if not (self.brightness or self.colour):
-            raise TwilightError("brightness, colour: one of them must count")
         given = (("types", self.types, get_args(AerosolType)), ("parameters", self.parameters, PARAMETERS))
         for what, names, allowed in given:
             for word in names:

@@ -50,12 +50,8 @@ WORDS = {
 }
 """Parameters in words."""
 
-OF_COLOURS = (
-    "colours that change over the sky otherwise than ozone makes them: the picture's saturation, its tone curve"
-)
 AT_BOUND = {
     "aerosol": ("air that is clearer than any that was tried", "air that is hazier than any that was tried"),
-    "ozone": (OF_COLOURS, OF_COLOURS),
     "albedo": (
         "a low sky that is darker beside the zenith than above any ground, or a picture with more contrast than light",
         "a low sky that is brighter beside the zenith than above any ground: thin haze, a picture with less contrast",
@@ -83,7 +79,6 @@ class Estimate:
     types: list[AirEstimate]
     best: AirEstimate
     freedom: Freedom
-    solver: str | None
     remarks: tuple[str, ...] = ()
 
     @property
@@ -127,9 +122,8 @@ class Estimate:
     @property
     def scene(self) -> Config:
         """The scene with what was told, and the sun."""
-        sun = {"sun": {"elevation_deg": self.sun_elevation_deg}}
-        solver = {} if self.solver is None else {"solver": {"name": self.solver}}
-        return with_settings(self.given, self.settings | sun | solver)
+        chosen = {"sun": {"elevation_deg": self.sun_elevation_deg}, "solver": {"name": "compact"}}
+        return with_settings(self.given, self.settings | chosen)
 
     @property
     def climate(self) -> dict[str, Any]:
@@ -163,8 +157,7 @@ class Estimate:
         """Names and skies of the same air at noon and at dusk, by `compact`."""
         made = []
         for name, sun in OTHER_SUNS.items():
-            settings = {"sun": {"elevation_deg": sun}, "solver": {"name": "compact"}}
-            made.append((name, run(resolve(with_settings(self.scene, settings)))))
+            made.append((name, run(resolve(with_settings(self.scene, {"sun": {"elevation_deg": sun}})))))
         return made
 
     @cached_property
@@ -362,7 +355,9 @@ def sentence_of(p: Estimated) -> str:
         )
     low, high = p.bounds
     told = "does not tell it"
-    if p.low_95 > low and p.high_95 >= high:
+    if p.usual is not None:
+        told += f"; {p.usual[0]:.3g} +- {p.usual[1]:g}{unit} is usual ({p.source})"
+    elif p.low_95 > low and p.high_95 >= high:
         told = f"tells only that it is more than {p.low_95:.3g}{unit}"
     elif p.high_95 < high and p.low_95 <= low:
         told = f"tells only that it is less than {p.high_95:.3g}{unit}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -11,28 +12,31 @@ from twilight import solvers
 from twilight.base.errors import TwilightError
 from twilight.base.progress import part_of
 from twilight.base.threads import one_blas_thread
+from twilight.config.measured import place_and_time_of
 from twilight.config.scene import Config
 from twilight.config.sun import SunAt, SunElevation, SunElevations
-from twilight.engine import run
+from twilight.io.air.lines import PlaceAndTime
 from twilight.numerics.directions import azimuth_elevation, camera_axes
-from twilight.scene import resolve
-from twilight.scene.usual import completed, usual_horizon
-from twilight.sky import colour
+from twilight.scene.usual import usual_horizon, with_usual_ozone
 from twilight.sky.ephemeris import SunPosition, sun_position
+from twilight.studies.camera.exif import Stated
 from twilight.studies.validate.photographs.air import (
+    ALBEDO_ERROR,
     OTHERS,
+    OZONE_ANYWHERE_DU,
+    OZONE_DU,
     SUN,
     SUN_DEG,
     Airs,
     Design,
-    climate_settings,
+    Parameter,
     with_settings,
 )
-from twilight.studies.validate.photographs.estimate import Options, Refine, find_air, first_look
+from twilight.studies.validate.photographs.estimate import Options, find_air, first_look
 from twilight.studies.validate.photographs.fit import ANGLES, CONTRAST, SATURATION, Freedom
 from twilight.studies.validate.photographs.options import EstimateOptions
 from twilight.studies.validate.photographs.picture import Photograph, check_sky, check_upright, place_sun
-from twilight.studies.validate.photographs.picture_sky import OBSERVER, Frame
+from twilight.studies.validate.photographs.picture_sky import Frame
 from twilight.studies.validate.photographs.report import Estimate
 
 MOST_CELLS = 160
@@ -127,8 +131,9 @@ def estimate_air(photographs: Sequence[Photograph], given: Config, says: Estimat
 
     Errors: TwilightError for whatever cannot be done.
     """
-    solver = solvers.load(given.chosen_solver[0] if says.refine else "compact")
-    given = completed(given.model_copy(update={"horizon": usual_horizon(given, solver)}))
+    horizon_known = given.horizon is not None
+    given = given.model_copy(update={"horizon": usual_horizon(given, solvers.load("compact"))})
+    given, others = _before(given, photographs[0].stated, says.parameters)
     given, altitude_known, above = at_the_camera(photographs, given)
     shown = [placed(*one, given, says) for one in zip(photographs, _suns(photographs, says), strict=True)]
     low, high = shown[0].between_deg
@@ -140,7 +145,7 @@ def estimate_air(photographs: Sequence[Photograph], given: Config, says: Estimat
             )
         shown = of_one_camera(shown)
     remarks = list(dict.fromkeys([*(note for one in shown for note in (*one.remarks, *one.sun_remarks)), *above]))
-    design = Design(tuple(p for p in OTHERS if p.name in says.parameters))
+    design = Design(others)
     own = None if given.climate.aerosol is None else given.climate.aerosol.type
     order = sorted(dict.fromkeys(says.types), key=lambda name: name != own)
     airs = Airs(given, design, part_of(says.progress, 0.05, 0.75))
@@ -151,7 +156,6 @@ def estimate_air(photographs: Sequence[Photograph], given: Config, says: Estimat
     free = Freedom(
         white_balance=developed or unknown if says.white_balance is None else says.white_balance,
         curve=developed if says.tone_curve is None else says.tone_curve,
-        brightness=says.brightness,
         with_colour=says.colour,
         heading=np.hypot(heading, LEAST_HEADING_DEG) if heading > 0.0 else 0.0,
         pitch=shown[0].errors_deg[1],
@@ -160,17 +164,8 @@ def estimate_air(photographs: Sequence[Photograph], given: Config, says: Estimat
         contrast=CONTRAST if rendered else 0.0,
         saturation=SATURATION if rendered and says.colour else 0.0,
     )
-    refined: Refine | None = None
-    if says.refine:
-
-        def refined(
-            aerosol_type: str, values: Mapping[str, float], frame: Frame, elevation: np.ndarray, azimuth: np.ndarray
-        ) -> np.ndarray:
-            sun = values.get(SUN, frame.sun_deg)
-            return _by_the_scene(given, design, aerosol_type, values, sun, elevation, azimuth)
-
     most = max(MOST_CELLS // len(shown), LEAST_CELLS)
-    options, known = Options(order, own, low, high, free, altitude_known), low == high
+    options, known = Options(order, own, low, high, free, altitude_known, horizon_known), low == high
     frames = [_frame(one, most, known) for one in shown]
     first = None
     if not known or max(free.pitch, free.roll) > 0.0:
@@ -182,10 +177,29 @@ def estimate_air(photographs: Sequence[Photograph], given: Config, says: Estimat
             turned = {name: value for name, value in look.items() if name != "zoom"}
             cut = [_found(one, turned) for one in shown]
             frames, first = [_frame(one, most, known, told) for one, told in zip(cut, frames, strict=True)], None
-    made = find_air(airs, frames, options, refined, says.progress, None if known else first)
+    made = find_air(airs, frames, options, says.progress, None if known else first)
     best = next(one for one in made if one.parameters)
     shown = [_found(one, best.values) for one in shown]
-    return Estimate(tuple(shown), given, made, best, free, None if says.refine else "compact", tuple(remarks))
+    return Estimate(tuple(shown), given, made, best, free, tuple(remarks))
+
+
+def _before(given: Config, stated: Stated, names: Sequence[str]) -> tuple[Config, tuple[Parameter, ...]]:
+    """The scene with the ozone of its place and day, else of the file's; what is estimated, with what is usual."""
+    at = place_and_time_of(given)
+    if at.time is None and stated.sun is not None:
+        at = PlaceAndTime(stated.moment, stated.latitude_deg)
+    climate, of_ozone = with_usual_ozone(given.climate, at)
+    error = OZONE_ANYWHERE_DU if at.time is None and of_ozone else OZONE_DU
+    column, albedo = climate.gases.ozone.column_du, climate.ground.albedo
+    usual: dict[str, Any] = {
+        "ozone": (column, error, of_ozone or "of the scene"),
+        "albedo": (albedo if isinstance(albedo, int | float) else None, ALBEDO_ERROR, "of the scene"),
+    }
+    others = []
+    for p in (p for p in OTHERS if p.name in names):
+        value, error, source = usual[p.name]
+        others.append(p if value is None else replace(p, usual=(float(value), error), source=source))
+    return given.model_copy(update={"climate": climate}), tuple(others)
 
 
 def _suns(photographs: Sequence[Photograph], says: EstimateOptions) -> list[float | None]:
@@ -305,22 +319,3 @@ def _found(photograph: Photograph, values: Mapping[str, float]) -> Photograph:
     sun = values.get(SUN, photograph.sun_elevation_deg)
     azimuth = float((photograph.sun_azimuth_deg - heading) % 360.0)
     return photograph.told(sun_elevation_deg=float(sun), sun_azimuth_deg=azimuth)
-
-
-def _by_the_scene(
-    given: Config,
-    design: Design,
-    aerosol_type: str,
-    values: Mapping[str, float],
-    sun: float | None,
-    elevation: np.ndarray,
-    azimuth: np.ndarray,
-) -> np.ndarray:
-    """ln(XYZ) (n, 3) in directions, by the scene's own solver and with all that the scene has."""
-    settings = climate_settings(design, values, aerosol_type) | {"sun": {"elevation_deg": sun}}
-    sky = run(resolve(with_settings(given, settings)), numpy_only_sun=True)
-    factor = sky.sample(elevation, azimuth)
-    xyz = colour.factor_to_xyz(factor, sky.wavelength_nm, sky.solar_spectrum, observer=OBSERVER)
-    if not (xyz > 0.0).all():
-        raise TwilightError("estimate: the computed sky is black where the photograph shows clear sky")
-    return np.log(xyz)
