@@ -21,19 +21,18 @@ from twilight.base.progress import Progress, part_of, silent
 from twilight.base.threads import one_blas_thread
 from twilight.config import Config
 from twilight.engine.block import Block, StokesWithError, check_question, join
+from twilight.engine.field_light import FieldLight
 from twilight.engine.one_sun import SunLight, interpolation_error, warn_of_black, warn_of_error
 from twilight.engine.problem import Problem, plan
 from twilight.engine.sun_tables import SunTables
 from twilight.engine.sunbeam import Direct, join_direct, make_disc
 from twilight.engine.table import row_breaks
-from twilight.numerics.directions import hemisphere, texture_centres
+from twilight.numerics.directions import texture_centres
 from twilight.numerics.spectrum import DEFAULT_SOLAR_SPECTRUM
 from twilight.scene.scene import Scene, resolve
 from twilight.sky.disc import Disc
 from twilight.sky.lights import Sun
 from twilight.sky.plain_grid import plain_grid
-from twilight.sky.quantities.measure import Quantity, Spectra, check_covered, check_of, quantity
-from twilight.sky.quantities.responses import ResponseLike
 from twilight.sky.sky import BrowserPage, Sky
 from twilight.sky.table import SkyTable
 
@@ -48,7 +47,7 @@ SKY_FACTS = ("sun_azimuth_deg", "distance_au", "latitude_deg", "longitude_deg", 
 
 @in_units
 @dataclass(frozen=True, repr=False)
-class Field:
+class Field(FieldLight):
     """Some or all wavelengths of a scene, solved."""
 
     problem: Problem
@@ -330,98 +329,6 @@ class Field:
         question = (sun_elevation_deg, elevation_deg, azimuth_deg, distance_km, observer_altitude_km)
         scattered, transmittance = zip(*(block.inscatter(*question) for block in self.blocks), strict=True)
         return np.concatenate(scattered, axis=-1), np.concatenate(transmittance, axis=-1)
-
-    def measure(
-        self,
-        name: str | Quantity,
-        sun_elevation_deg: float,
-        elevation_deg: ArrayLike | None = None,
-        azimuth_deg: ArrayLike = 0.0,
-        *,
-        direct: bool = False,
-        distance_au: float = 1.0,
-        observer_altitude_km: float | None = None,
-    ) -> np.ndarray:
-        """Any quantity of directions, or of level ground, without the night.
-
-        Parameters
-        ----------
-        name
-            As of `Sky.measure`.
-        sun_elevation_deg
-            True elevation of the sun [deg].
-        elevation_deg, azimuth_deg
-            Of the lines of sight [deg], azimuth from the sun; None: level ground under the whole sky.
-        direct
-            Whether the sun's own disc shines on the ground too.
-        distance_au
-            Earth to sun [au].
-        observer_altitude_km
-            Above sea level [km]; None: the scene's observer.
-
-        Returns
-        -------
-        numpy.ndarray
-            In the quantity's unit, the shape of the directions; of level ground a number.
-
-        Raises
-        ------
-        TwilightError
-            For a name that is none, and wavelengths that do not cover it.
-        """
-        asked = quantity(name)
-        check_of(asked, "surface" if elevation_deg is None else "direction")
-        for curve in asked.responses():
-            check_covered(curve, self.medium.wavelength_nm, "the field")
-        if elevation_deg is None:
-            factor = self.horizontal_irradiance(sun_elevation_deg, direct, observer_altitude_km)
-        else:
-            factor = self.radiance(sun_elevation_deg, elevation_deg, azimuth_deg, observer_altitude_km)
-        return asked.value(self._spectra(factor, distance_au))
-
-    def magnitude(
-        self,
-        band: ResponseLike,
-        sun_elevation_deg: float,
-        elevation_deg: ArrayLike = 90.0,
-        azimuth_deg: ArrayLike = 0.0,
-        system: str | None = None,
-    ) -> np.ndarray:
-        """Surface brightness [mag arcsec^-2]; band and system as of `Sky.magnitude`, the rest as of `measure`."""
-        factor = self.radiance(sun_elevation_deg, elevation_deg, azimuth_deg)
-        return self._spectra(factor).magnitude(band, system)
-
-    def radiance_in(
-        self,
-        response: ResponseLike,
-        sun_elevation_deg: float,
-        elevation_deg: ArrayLike = 90.0,
-        azimuth_deg: ArrayLike = 0.0,
-    ) -> np.ndarray:
-        """Radiance within a response [W m^-2 sr^-1], as `Sky.radiance_in`."""
-        factor = self.radiance(sun_elevation_deg, elevation_deg, azimuth_deg)
-        return self._spectra(factor).within(response)
-
-    def _spectra(self, factor: np.ndarray, distance_au: float = 1.0) -> Spectra:
-        return Spectra(factor, self.medium.wavelength_nm, self.solar_spectrum, distance_au, "the field")
-
-    def illuminance_lux(self, sun_elevation_deg: float, direct: bool = False) -> float:
-        """Illuminance of level ground by the sky [lx]; direct: with the sun's disc."""
-        return float(self.measure("illuminance", sun_elevation_deg, direct=direct))
-
-    def horizontal_irradiance(
-        self, sun_elevation_deg: float, direct: bool = False, observer_altitude_km: float | None = None
-    ) -> np.ndarray:
-        """Irradiance of level ground over F0, (W,); direct: with the sun's disc, each strip of it refracted."""
-        elevation, azimuth, weight = hemisphere(sun_elevation_deg)
-        out = weight @ self.radiance(sun_elevation_deg, elevation, azimuth, observer_altitude_km)
-        return out + self.disc_irradiance(sun_elevation_deg, observer_altitude_km) if direct else out
-
-    def disc_irradiance(self, sun_elevation_deg: float, observer_altitude_km: float | None = None) -> np.ndarray:
-        """Irradiance of level ground by the sun's disc over F0, (W,)."""
-        altitude = self.scene.altitude_km if observer_altitude_km is None else observer_altitude_km
-        each = [block.disc_irradiance(sun_elevation_deg, altitude) for block in self.blocks]
-        return np.concatenate(each)
 
     if TYPE_CHECKING:  # the viewer stands above this room: `twilight.api.calls` attaches it
 
