@@ -387,13 +387,8 @@ def stack(tables: Sequence[SkyTable]) -> SkyTable:
     """One table of the suns of several, in their order, whose nodes and wavelengths are the same."""
     if len(tables) == 1:
         return tables[0]
-
-    def all_of(name: str) -> Any:
-        values = [getattr(table, name) for table in tables]
-        return None if any(value is None for value in values) else np.concatenate(values)
-
-    layers = {name: all_of(name) for name in ("sun_elevation_deg", "apparent_sun_deg", "smooth", "aureole", "stokes")}
-    return replace(tables[0], **layers)
+    layers = ("sun_elevation_deg", "apparent_sun_deg", "smooth", "aureole", "stokes")
+    return replace(tables[0], **{name: _all_of(tables, name, 0) for name in layers})
 
 
 def join(tables: Sequence[SkyTable]) -> SkyTable:
@@ -405,20 +400,13 @@ def join(tables: Sequence[SkyTable]) -> SkyTable:
     rows = np.sort(np.concatenate([rows, breaks]))
     columns = np.unique(np.concatenate([t.azimuth_deg for t in tables]))
     parts = [t.at_nodes(rows, columns) for t in tables]
+    layers = {name: _all_of(parts, name, -1) for name in ("smooth", "aureole", "log_phase", "stokes")}
+    return replace(parts[0], **layers, error=max(t.error for t in tables), worst=max(t.worst for t in tables))
 
-    def all_of(name: str) -> Any:
-        values = [getattr(part, name) for part in parts]
-        return None if any(value is None for value in values) else np.concatenate(values, axis=-1)
 
-    return replace(
-        parts[0],
-        smooth=all_of("smooth"),
-        aureole=all_of("aureole"),
-        log_phase=all_of("log_phase"),
-        stokes=all_of("stokes"),
-        error=max(t.error for t in tables),
-        worst=max(t.worst for t in tables),
-    )
+def _all_of(tables: Sequence[SkyTable], name: str, axis: int) -> Any:
+    values = [getattr(table, name) for table in tables]
+    return None if any(value is None for value in values) else np.concatenate(values, axis=axis)
 
 
 def _log(light: np.ndarray) -> np.ndarray:
