@@ -4,7 +4,7 @@
 
 Writes results/prague.csv: for suns on the file's nodes and half-way between them, relative errors over the sky (uniform
 in solid angle, above 0.3 deg; and towards the afterglow, to 10 deg of elevation and 40 deg of azimuth from the sun), in
-percent, read back by `twilight.studies.export.prague_sky`, which tests hold to the
+percent, read back by `prague_reader`, which tests hold to the
 published reader.  And docs/prague.png: a sky of the file beside the field's.
 """
 
@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import results
+from prague_reader import PragueSky
 
 from twilight.base.progress import silent
 from twilight.base.whole_files import save_figure
@@ -24,7 +25,7 @@ from twilight.scene import resolve
 from twilight.studies.export.prague import SUN_DEG, PragueMaker
 from twilight.studies.export.prague_air import airs_of, channel_nodes
 from twilight.studies.export.prague_file import PragueAxes, write_prague
-from twilight.studies.export.prague_sky import SAFETY_M, PragueSky
+from twilight.studies.export.prague_sky import SAFETY_M
 
 CLIMATE = "continental-average"
 VISIBILITY_KM = 51.0

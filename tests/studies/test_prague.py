@@ -5,6 +5,7 @@ import os
 import shutil
 import struct
 import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,9 +20,12 @@ from twilight.numerics.spectrum import solar_at
 from twilight.scene.medium import climate_medium
 from twilight.studies.export import prague, prague_air
 from twilight.studies.export.prague_air import airs_of, channel_nodes, ground_extinction_per_km
-from twilight.studies.export.prague_file import PragueAxes, read_prague, write_prague
-from twilight.studies.export.prague_sky import PragueSky, angles_of, distance_nodes_m, elevation_of
+from twilight.studies.export.prague_file import PragueAxes, write_prague
+from twilight.studies.export.prague_sky import angles_of, distance_nodes_m, elevation_of
 from twilight.transport.scattered_once import ScatteredOnce
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+from prague_reader import PragueSky, read_prague
 
 READER = os.environ.get("TWILIGHT_PRAGUE_READER", "")
 """Folder with PragueSkyModel.cpp and PragueSkyModel.h of github.com/PetrVevoda/pragueskymodel."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,8 +14,6 @@ from twilight.sky.quantities.responses import ResponseLike
 
 if TYPE_CHECKING:
     from twilight.atmosphere.medium import Medium
-    from twilight.engine.block import Block
-    from twilight.scene.scene import Scene
 
 
 @in_units
@@ -23,21 +21,15 @@ class FieldLight:
     """The measures of a field: what each method needs of it is declared below."""
 
     if TYPE_CHECKING:
-        blocks: tuple[Block, ...]
+        blocks: tuple[Any, ...]
 
         @property
-        def scene(self) -> Scene: ...
+        def scene(self) -> Any: ...
         @property
         def medium(self) -> Medium: ...
         @property
         def solar_spectrum(self) -> str: ...
-        def radiance(
-            self,
-            sun_elevation_deg: float,
-            elevation_deg: ArrayLike,
-            azimuth_deg: ArrayLike,
-            observer_altitude_km: float | None = None,
-        ) -> np.ndarray: ...
+        def radiance(self, *question: Any, **more: Any) -> np.ndarray: ...
 
     def measure(
         self,

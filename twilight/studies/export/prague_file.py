@@ -1,4 +1,4 @@
-"""The file of the Prague Sky Model: its layout, read and written.
+"""The file of the Prague Sky Model: its layout, and what writes it.
 
 Little-endian, without padding (`PragueSkyModel.cpp` of github.com/PetrVevoda/pragueskymodel, Apache-2.0):
 
@@ -18,12 +18,9 @@ Vévoda et al. 2022, A wide spectral range sky radiance model, doi:10.1111/cgf.1
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from twilight.base.errors import TwilightError
-from twilight.base.reading import reading
 from twilight.base.whole_files import whole_file
 
 
@@ -122,61 +119,3 @@ def write_prague(path: str | Path, data: PragueFile) -> int:
 
 def _counted(values: np.ndarray) -> bytes:
     return struct.pack("<i", len(values)) + np.asarray(values, "<f8").tobytes()
-
-
-def read_prague(path: str | Path) -> PragueFile:
-    """Read a file: of this program, or a published one.
-
-    Errors: TwilightError where there is none, and for one that ends early or goes on behind its end.
-    """
-    path = Path(path)
-    with reading(path, "a file that can be read"):
-        content = memoryview(path.read_bytes())
-    take = _Reader(path, content)
-    visibility, albedo, altitude, elevation = (take.counted() for _ in range(4))
-    channels, start, width, rank = take.numbers("<iddi")
-    axes = PragueAxes(visibility, albedo, altitude, elevation, channels, start, width)
-    sun, zenith, emphasis = (take.counted() for _ in range(3))
-    record = radiance_record(rank, len(sun), len(zenith), len(emphasis))
-    sky = PragueTerms(sun, zenith, emphasis, take.array(record, axes.shape))
-    distances, altitudes, visibilities, observers, rank = take.numbers("<5i")
-    passed = PragueTransmittance(
-        take.array("<f4", (observers,)),
-        take.array("<f4", (visibilities,)),
-        take.array("<f4", (observers, distances, altitudes, rank)),
-        take.array("<f4", (visibilities, observers, channels, rank)),
-    )
-    pol = None
-    if take.place < len(content):
-        (rank,) = take.numbers("<i")
-        sun, zenith = (take.counted() for _ in range(2))
-        records = take.array(polarisation_record(rank, len(sun), len(zenith)), axes.shape)
-        pol = PragueTerms(sun, zenith, np.empty(0), records)
-    if take.place < len(content):
-        raise TwilightError(f"{path}: goes on for {len(content) - take.place} bytes behind its end")
-    return PragueFile(axes, sky, passed, pol)
-
-
-@dataclass
-class _Reader:
-    path: Path
-    content: memoryview
-    place: int = 0
-
-    def array(self, dtype: Any, shape: tuple[int, ...]) -> np.ndarray:
-        kind = np.dtype(dtype)
-        count = int(np.prod([max(n, 0) for n in shape], dtype=object))
-        end = self.place + count * kind.itemsize
-        if min(shape, default=1) < 1 or end > len(self.content):
-            raise TwilightError(f"{self.path}: is no whole file of the Prague Sky Model")
-        values = np.frombuffer(self.content[self.place : end], kind).reshape(shape)
-        self.place = end
-        return values
-
-    def numbers(self, layout: str) -> tuple[Any, ...]:
-        size = struct.calcsize(layout)
-        return struct.unpack(layout, self.array("u1", (size,)).tobytes())
-
-    def counted(self) -> np.ndarray:
-        (count,) = self.numbers("<i")
-        return self.array("<f8", (count,)).astype(float)
