@@ -174,7 +174,7 @@ def test_a_sky_is_as_bright_in_every_way_of_asking():
     assert sky.measure("V", 40.0, 20.0) == sky.magnitude("V", 40.0, 20.0)
     assert sky.measure("illuminance") == pytest.approx(sky.illuminance_lux(), rel=1e-5)
     assert sky.measure("melanopic") == pytest.approx(sky.illuminance_lux(eye="melanopic"))
-    assert sky.irradiance_in("photopic") * 683.002 == pytest.approx(sky.illuminance_lux(), rel=1e-5)
+    assert sky.measure("in:photopic") * 683.002 == pytest.approx(sky.illuminance_lux(), rel=1e-5)
     # AB and Vega differ by the zero points alone
     offset = -2.5 * np.log10(zero_point(response("V"), "Vega") / zero_point(response("V"), "AB"))
     assert sky.magnitude("V", system="AB") - sky.magnitude("V") == pytest.approx(offset)

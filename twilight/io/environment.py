@@ -22,7 +22,8 @@ from typing import Literal
 import numpy as np
 
 from twilight.base.errors import TwilightError, check_known
-from twilight.sky.sky import Sky, nearest_known
+from twilight.sky.polarised import nearest_known
+from twilight.sky.sky import Sky
 
 Target = Literal["openexr", "mitsuba", "blender", "radiance", "pbrt"]
 RENDERERS: tuple[str, ...] = ("openexr", "mitsuba", "blender", "radiance", "pbrt")

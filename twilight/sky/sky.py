@@ -18,6 +18,7 @@ from twilight.numerics import spectrum
 from twilight.sky.comparison import SkyComparison
 from twilight.sky.disc import Disc
 from twilight.sky.moon import MoonSeen
+from twilight.sky.polarised import PolarisedSky, nearest_known, read_table
 from twilight.sky.quantities.sky_light import SkyLight
 from twilight.sky.table import SkyTable
 
@@ -45,7 +46,7 @@ def _array(value: Any, name: str) -> np.ndarray:
 
 @in_units
 @dataclass(frozen=True, eq=False)
-class Sky(SkyLight):
+class Sky(SkyLight, PolarisedSky):
     """Radiance of the sky over directions and wavelengths, E x A x W.
 
     wavelength_nm (W,): increasing.
@@ -163,8 +164,6 @@ class Sky(SkyLight):
         if self.disc is not None and not np.array_equal(self.disc.wavelength_nm, wavelength):
             raise TwilightError("sky: disc must have the wavelengths of the sky")
 
-    # What a person sees -----------------------------------------------------------------------------------------
-
     def __repr__(self) -> str:
         """Five lines: the grid, the sun, and how bright it is."""
         w, e = self.wavelength_nm, self.elevation_deg
@@ -187,8 +186,6 @@ class Sky(SkyLight):
         def to_xarray(self) -> xarray.Dataset: ...
         def _repr_html_(self) -> str: ...
 
-    # Comparison -------------------------------------------------------------------------------------------------
-
     @overload
     def __sub__(self, other: Sky) -> SkyComparison[Sky]: ...
     @overload
@@ -205,8 +202,6 @@ class Sky(SkyLight):
     def __truediv__(self, other: Sky) -> SkyComparison[Sky]:
         """Ratio of the radiances of two skies with the same directions and wavelengths."""
         return SkyComparison(self, other, "ratio") if isinstance(other, Sky) else NotImplemented
-
-    # Lights -----------------------------------------------------------------------------------------------------
 
     @property
     def _others(self) -> Mapping[str, np.ndarray]:
@@ -236,8 +231,6 @@ class Sky(SkyLight):
             if self.direct_irradiance is not None:
                 changes["direct_irradiance"] = np.zeros_like(self.direct_irradiance)
         return replace(self, **changes)
-
-    # Grid -------------------------------------------------------------------------------------------------------
 
     @property
     def elevation_edges_deg(self) -> np.ndarray:
@@ -294,72 +287,6 @@ class Sky(SkyLight):
         if self.night_radiance is None:
             return self.sun_normalised_radiance
         return self.sun_normalised_radiance + self.night_radiance / self.solar_irradiance
-
-    # Polarisation -----------------------------------------------------------------------------------------------
-
-    @property
-    def stokes(self) -> np.ndarray:
-        """Sun-normalised Stokes parameters I, Q, U [sr^-1], (E, A, 3, W); TwilightError where Q and U are unknown."""
-        return np.concatenate([self.sun_normalised_radiance[..., None, :], self._known_polarisation], axis=2)
-
-    @property
-    def _known_polarisation(self) -> np.ndarray:
-        if self.polarisation is None:
-            raise TwilightError(
-                "this sky has no Stokes parameters: they need solver.polarisation true (solver zones or montecarlo)"
-            )
-        return self.polarisation
-
-    @property
-    def fractional_stokes(self) -> np.ndarray:
-        """Q and U over the radiance of sun and night together, (E, A, 2, W); the night counts as unpolarised."""
-        total = self.normalised_radiance[..., None, :]
-        stokes = self._known_polarisation
-        return np.divide(stokes, total, out=np.zeros(stokes.shape), where=~(total <= 0))
-
-    @property
-    def degree_of_linear_polarisation(self) -> np.ndarray:
-        """sqrt(Q^2 + U^2) / I of sun and night together, (E, A, W)."""
-        return np.linalg.norm(self.fractional_stokes, axis=2)
-
-    @property
-    def angle_of_linear_polarisation_deg(self) -> np.ndarray:
-        """Angle of vibration [deg], (E, A, W), -90 to 90: from the vertical plane through the line of sight, clockwise
-        for somebody who looks along it, that is towards larger azimuth."""
-        q, u = np.moveaxis(self._known_polarisation, 2, 0)
-        return 0.5 * np.degrees(np.arctan2(u, q))
-
-    def through_polariser(self, angle_deg: float) -> Sky:
-        """The sky behind an ideal linear polariser, (I + Q cos 2t + U sin 2t) / 2, its axis at t from the vertical.
-
-        angle_deg: as `angle_of_linear_polarisation_deg`; it is counted in every line of sight from its own vertical, as
-        when the polariser is turned to each of them.  Half of the night and of the beams of sun and moon passes.
-        """
-        t = np.radians(2.0 * angle_deg)
-        q, u = np.moveaxis(self._known_polarisation, 2, 0)
-        passed = 0.5 * (self.sun_normalised_radiance + q * np.cos(t) + u * np.sin(t))
-        return replace(
-            self,
-            sun_normalised_radiance=np.maximum(passed, 0.0),
-            standard_error=None,
-            polarisation=None,
-            polarisation_error=None,
-            night_radiance=None if self.night_radiance is None else 0.5 * self.night_radiance,
-            lights={name: 0.5 * values for name, values in self.lights.items()},
-            direct_irradiance=None if self.direct_irradiance is None else 0.5 * self.direct_irradiance,
-            disc=None if self.disc is None else self.disc.dimmed(0.5),
-            moon=None if self.moon is None else self.moon.dimmed(0.5),
-        )
-
-    def sample_fractional_stokes(self, elevation_deg, azimuth_deg, part: slice = slice(None)) -> np.ndarray:
-        """`fractional_stokes` in any direction, (..., 2, W), at a part of the wavelengths."""
-        both = self.fractional_stokes[..., part]
-        both = nearest_known(both.reshape(*both.shape[:2], -1))
-        table = SkyTable.of_signed(self.elevation_deg, self.azimuth_deg, both)
-        fractions = _read(table, np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
-        return fractions.reshape(*fractions.shape[:-1], 2, -1)
-
-    # Directions -------------------------------------------------------------------------------------------------
 
     def sample(self, elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> np.ndarray:
         """Radiance of sun and night together over F0, in any direction.
@@ -446,9 +373,7 @@ class Sky(SkyLight):
         in the nearest known direction.
         """
         table = SkyTable.of_samples(self.elevation_deg, self.azimuth_deg, nearest_known(np.asarray(values)))
-        return _read(table, np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
-
-    # Integrals --------------------------------------------------------------------------------------------------
+        return read_table(table, np.asarray(elevation_deg, float), np.asarray(azimuth_deg, float))
 
     def irradiance_factor(self, horizontal: bool = True, direct: bool = False) -> np.ndarray:
         """Irradiance from the upper hemisphere divided by F0, (W,); a uniform radiance of 1 gives pi exactly.
@@ -469,29 +394,3 @@ class Sky(SkyLight):
     def irradiance(self, horizontal: bool = True, direct: bool = False) -> np.ndarray:
         """Spectral irradiance [W m^-2 nm^-1], (W,): ``irradiance_factor`` times ``solar_irradiance``."""
         return self.irradiance_factor(horizontal, direct) * self.solar_irradiance
-
-
-def nearest_known(values: np.ndarray) -> np.ndarray:
-    """Values (E, A, K) of a grid that goes all round, with the nearest sample's in place of nan; 0 if all are nan."""
-    unknown = np.isnan(values)
-    if not unknown.any():
-        return values
-    from scipy.ndimage import distance_transform_edt  # start-up
-
-    values = values.copy()
-    for k in np.flatnonzero(unknown.any(axis=(0, 1))):
-        if unknown[..., k].all():
-            values[..., k] = 0.0
-            continue
-        round_twice = np.concatenate([unknown[..., k]] * 3, axis=1)
-        row, column = distance_transform_edt(round_twice, return_distances=False, return_indices=True)
-        middle = slice(values.shape[1], 2 * values.shape[1])
-        values[..., k] = values[row[:, middle], column[:, middle] % values.shape[1], k]
-    return values
-
-
-def _read(table: SkyTable, elevation_deg: np.ndarray, azimuth_deg: np.ndarray) -> np.ndarray:
-    """Values of a table in broadcast directions, (..., K)."""
-    if elevation_deg.ndim == azimuth_deg.ndim == 2 and elevation_deg.shape[1] == azimuth_deg.shape[0] == 1:
-        return table.on_grid(elevation_deg[:, 0], azimuth_deg[0])
-    return table.light(elevation_deg, azimuth_deg)

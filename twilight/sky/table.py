@@ -320,10 +320,6 @@ class SkyTable:
 
     # Other tables of the same sky -------------------------------------------------------------------------------
 
-    def in_channels(self, weight: np.ndarray) -> SkyTable:
-        """The table of sums over wavelengths, channels (K,) by weights (W, K) of the light, not negative."""
-        return self.seen(lambda light: light @ weight)
-
     def seen(self, see: Callable[[np.ndarray], np.ndarray]) -> SkyTable:
         """The table of what is seen of the light: of channels (..., K) of spectra (..., W), not negative."""
         smooth = np.exp(self.smooth.astype(float))

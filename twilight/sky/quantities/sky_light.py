@@ -81,10 +81,6 @@ class SkyLight:
         """Radiance within a response, integral of L R over wavelength [W m^-2 sr^-1]; arguments as `magnitude`."""
         return _number(self._spectra(self.sample(elevation_deg, azimuth_deg)).within(response))
 
-    def irradiance_in(self, response: Any, horizontal: bool = True, direct: bool = False) -> float:
-        """Irradiance within a response, integral of E R over wavelength [W m^-2]; as `irradiance_factor`."""
-        return float(self._spectra(self.irradiance_factor(horizontal, direct)).within(response))
-
     def illuminance_lux(self, horizontal: bool = True, direct: bool = False, eye: str = "photopic") -> float:
         """Illuminance from the upper hemisphere.
 
