@@ -130,7 +130,7 @@ HABER = {"solver.azimuth_cells": 48, "sun": {"elevations_deg": [5.0]}}
         ("pure-air", {**DEEP, "solver.name": "cells"}, {"solver.quality": "draft"}, "cpu_s", 1.05),
         ("pure-air", {**DEEP, "solver.name": "tables"}, {"solver.max_orders": 3}, "cpu_s", 1.05),
         ("pure-air", {**DEEP, "solver.name": "compact"}, {"wavelengths": {"count": 4}}, "cpu_s", 1.05),
-        ("pure-air", KEYS, {"wavelengths": {"count": 8}}, "cpu_s", 1.2),
+        ("pure-air", KEYS, {"wavelengths": {"count": 8}}, "cpu_s", 1.1),
         ("pure-air", KEYS | {"solver.quality": "reference"}, {"solver.quality": "standard"}, "field_bytes", 1.5),
         ("pure-air", KEYS | {"solver.quality": "standard"}, {"solver.quality": "draft"}, "field_bytes", 1.5),
         ("pure-air", KEYS | {"texture.resolution_deg": 1}, {"texture.resolution_deg": 3}, "total_bytes", 1.01),

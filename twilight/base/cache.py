@@ -1,7 +1,7 @@
 """The user's cache: what takes long to make and can be made again, in whole files named by a hash of all that enters.
 
     FOLDER/fields/KEY.h5       solved fields                        together at most TWILIGHT_CACHE_GB; the files that
-    FOLDER/skies/KEY.npz       skies that a study has computed      were used longest ago go first
+    FOLDER/skies/KEY.npz       skies that were computed             were used longest ago go first
     FOLDER/optics/KEY.npz      optics of particles by Mie theory    small, not limited
     FOLDER/kernels/            machine code, where TWILIGHT_CACHE_DIR is set and the package cannot be written
 
@@ -41,7 +41,7 @@ class FileKind(NamedTuple):
 
 
 FIELDS = FileKind("fields", ".h5", "solved fields", True)
-SKIES = FileKind("skies", ".npz", "skies of studies", True)
+SKIES = FileKind("skies", ".npz", "skies", True)
 OPTICS = FileKind("optics", ".npz", "optics of particles", False)
 KINDS = (FIELDS, SKIES, OPTICS)
 
@@ -131,6 +131,20 @@ def read_arrays(kind: FileKind, key: str) -> dict[str, np.ndarray] | None:
 def store_arrays(kind: FileKind, key: str, arrays: Mapping[str, np.ndarray]) -> None:
     """Leave arrays under a key, each with a checksum."""
     store(kind, key, lambda path: np.savez(path, **arrays))  # type: ignore[arg-type]
+
+
+def of_skies(
+    key: str, compute: Callable[[], dict[str, np.ndarray]], read: Callable[[dict[str, np.ndarray]], Any]
+) -> Any:
+    """What `read` makes of the skies under a key, or of new ones, which are then there in place of damaged ones; a key
+    is empty where nothing is to be cached."""
+    with contextlib.suppress(ValueError, KeyError, TypeError):
+        if key and (arrays := read_arrays(SKIES, key)) is not None:
+            return read(arrays)
+    arrays = compute()
+    if key:
+        store_arrays(SKIES, key, arrays)
+    return read(arrays)
 
 
 def cached_files() -> Iterator[CachedFile]:

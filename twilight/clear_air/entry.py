@@ -52,7 +52,7 @@ MOST_BY_NUMPY = 16
 ms each, where kernels take 7 and numba starts in 300."""
 
 _asked: list[int] = []
-"""Numbers of wavelengths whose diffuse light was asked for in this process."""
+"""Numbers of wavelengths whose diffuse light was asked for before numba was loaded."""
 
 CACHED_SKIES = 8
 """Observers whose skies are cached, before a screen and behind it."""
@@ -183,8 +183,11 @@ def skies(
 def diffuse_of(air: Air, shells: Shells) -> np.ndarray:
     """`diffuse_light`; compiled, and the same but for rounding, once a process has loaded numba or asks for more
     wavelengths than it should not be loaded for."""
-    _asked.append(air.degree.size)
-    if not COMPILED or ("numba" not in sys.modules and sum(_asked) <= MOST_BY_NUMPY):
+    by_numpy = not COMPILED
+    if COMPILED and "numba" not in sys.modules:
+        _asked.append(air.degree.size)
+        by_numpy = sum(_asked) <= MOST_BY_NUMPY
+    if by_numpy:
         return diffuse_light(air, shells)
     from twilight.clear_air import lanes  # start-up
 

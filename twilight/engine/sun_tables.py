@@ -9,7 +9,6 @@ read from a hemisphere of lines of sight for each sun, so that thousands of mome
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -315,7 +314,7 @@ class SunTables:
                 table = self.solved.table(sun, self.altitude_km, **nodes, aureole_sun_deg=shared, refine=False)
                 return table.arrays()
 
-            self._made[k] = self._cached(self._name(k), filled, SkyTable.of_arrays)
+            self._made[k] = cache.of_skies(self._name(k), filled, SkyTable.of_arrays)
         return self._made[k]
 
     def _lines_of(self, k: int) -> np.ndarray:
@@ -337,30 +336,17 @@ class SunTables:
                     raise ValueError("not the lines of this field")
                 return lines.astype(float)
 
-            self._lines[k] = self._cached(self._name(k, lines=True), computed, read)
+            self._lines[k] = cache.of_skies(self._name(k, lines=True), computed, read)
         return self._lines[k]
 
     def _name(self, k: int, lines: bool = False) -> str:
+        if not self._key:
+            return ""
         if lines:
             about = f"hemisphere {''.join(self.solved.keys)} {self.altitude_km!r} {float(self.suns_deg[k])!r}"
         else:
             about = f"{self._key} {self.suns_deg[k]!r} {self.rows_deg.tolist()} {self.columns_deg.tolist()}"
         return hashlib.sha256(about.encode()).hexdigest()
-
-    def _cached(
-        self, name: str, compute: Callable[[], dict[str, np.ndarray]], read: Callable[[dict[str, np.ndarray]], Any]
-    ) -> Any:
-        """What `read` makes of arrays that the cache has, or of new ones, which it then has; damaged ones are new."""
-        arrays = cache.read_arrays(cache.SKIES, name) if self._key else None
-        if arrays is not None:
-            try:
-                return read(arrays)
-            except (ValueError, KeyError, TypeError):
-                cache.discard(cache.path_of(cache.SKIES, name))
-        arrays = compute()
-        if self._key:
-            cache.store_arrays(cache.SKIES, name, arrays)
-        return read(arrays)
 
 
 def _used(nodes: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -27,17 +27,17 @@ WORKING_COPIES = 4.0
 """Copies of an order's radiances and moments while it is scattered."""
 BLOCK_BYTES = 15e6
 """Bytes of a block of LANES wavelengths beside its moments: the sunbeam's tables, and what is left of making it."""
-BLOCK_S = 0.5
+BLOCK_S = 0.35
 """Processor seconds of what every block of LANES wavelengths takes."""
 BREAK_S = 0.09
 """Processor seconds of a block per jump or sudden change of the air, whose sunbeam has tables of its own."""
-EARLY_S = 2e-6
+EARLY_S = 1.6e-6
 """Processor seconds of a block per altitude, solar zenith angle (ZENITHS more) and radiance of the early orders."""
 LATE_S = 7e-8
 """The same of one of the later orders, per radiance and azimuth."""
-FEWEST_ORDERS = 5.0
+FEWEST_ORDERS = 4.0
 """Later orders that are followed in thin air."""
-MORE_ORDERS = 5.0
+MORE_ORDERS = 1.5
 """How many more where the air is thick."""
 SLOW_AZIMUTHS = 11
 """Azimuths that count at most where all orders are solved at once: more of them stand for light that goes forward,

@@ -88,11 +88,12 @@ def _fill_between(table):
         before, after = j - EVERY_ANGLE, min(N_ANGLE, j + 2 * EVERY_ANGLE)
         for n in range(1, EVERY_ANGLE):
             s = n / EVERY_ANGLE
-            a, b = -s * (1.0 - s) * (2.0 - s) / 6.0, (1.0 + s) * (1.0 - s) * (2.0 - s) / 2.0
-            c, d = s * (1.0 + s) * (2.0 - s) / 2.0, -s * (1.0 + s) * (1.0 - s) / 6.0
+            bend = s * (1.0 - s) / 6.0
             for w in range(table.shape[1]):
                 low, high = table[j, w], table[j + EVERY_ANGLE, w]
-                value = a * table[before, w] + b * low + c * high + d * table[after, w]
+                value = low + s * (high - low)
+                value -= bend * ((2.0 - s) * (table[before, w] - 2.0 * low + high))
+                value -= bend * ((1.0 + s) * (low - 2.0 * high + table[after, w]))
                 table[j + n, w] = max(min(low, high), min(max(low, high), value))
 
 
