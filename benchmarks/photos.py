@@ -106,7 +106,7 @@ def one(name: str, file: Path, output: Path) -> list[list]:
         *map(words, found.best.parameters),
     )
     title = f"{name} (Poly Haven, CC0)"
-    write_figure(output / f"{name}.png", compared, title=title, lines=lines, others=found.other_suns())
+    write_figure(output / f"{name}.png", compared, title=title, lines=lines)
     for row in rows:
         print(*row, flush=True)
     return rows

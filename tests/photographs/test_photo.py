@@ -97,16 +97,11 @@ def test_hills_and_a_cloud_are_masked_and_the_sky_is_not():
     assert set(mask.taken) == {"glare of the sun", "ground, trees, buildings", "clouds"}
 
 
-def test_profile_mask_image_and_saturation():
+def test_mask_image_and_saturation():
     """A mask of the user's would lie turned, or burnt pixels count as light."""
     camera = latlong(360)
     rgb = take(sky(), camera, 0.0, sun=False)
     fine = fine_sky(picture(rgb), camera, 2.0, 4, 30.0)
-    azimuth = np.arange(0.0, 360.0, 5.0)
-    mask = masks.masked(fine, profile=(azimuth, hills(azimuth)), automatic=False)
-    edge = hills(fine.columns_deg + 30.0)
-    rows = fine.rows_deg[:, None]
-    assert not mask.valid[rows < edge - 0.3].any() and mask.valid[rows > edge + 0.6].all()
     shown = np.ones((180, 360))
     shown[:, 100:150] = 0.0  # azimuths 280 to 330 of the camera
     image = mask_image_on(fine, shown, camera)
@@ -118,26 +113,6 @@ def test_profile_mask_image_and_saturation():
     burnt.saturated[40:42, 180:182] = True
     mask = masks.masked(fine_sky(burnt, camera, 2.0, 4), automatic=False)
     assert set(mask.taken) == {"saturated or black"}
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "azimuth,elevation\n0,1\n",
-        "azimuth_deg,elevation_deg\n",
-        "azimuth_deg,elevation_deg\n0,x\n",
-        "azimuth_deg,elevation_deg\n0,100\n",
-        "azimuth_deg,elevation_deg\n0,1\n360,2\n",
-        "azimuth_deg,elevation_deg\n1\n",
-    ],
-)
-def test_bad_profiles_are_one_sentence(tmp_path, text):
-    """A skyline file with a slip would be a traceback."""
-    path = tmp_path / "skyline.csv"
-    path.write_text(text)
-    with pytest.raises(TwilightError, match="skyline"):
-        masks.read_profile(path)
 
 
 def test_growing_a_mask_is_round_on_the_sphere():

@@ -108,16 +108,13 @@ def photo(
     image: Annotated[Path, argument("IMAGE", "HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW.")],
     config: Annotated[str, option("CLIMATE_OR_CONFIG", "The scene to compare with, of one sun.")],
     asked: EstimateOptions,
-    polariser: Annotated[
-        float | None,
-        option("DEG", "The photograph was taken through a polariser: its axis from the vertical, clockwise."),
-    ] = None,
     settings: Settings = None,
     output: Folder = None,
 ) -> None:
     """Compare a photograph with the computed sky, and write a side-by-side picture with its figures.
 
-    Writes comparison.png, figures.json and comparison.h5.
+    Writes comparison.png, figures.json and comparison.h5.  --set output.polariser_deg=DEG: it was taken through a
+    polariser, whose axis is that far clockwise from the vertical.
     """
     require("validate photo", *NEEDED)
     from twilight.base.progress import part_of
@@ -133,8 +130,6 @@ def photo(
     photograph = open_photograph(image, asked)
     chosen["texture"] = {"resolution_deg": asked.resolution_deg}
     names["texture"] = "--resolution"
-    if polariser is not None:
-        chosen["output.polariser_deg"], names["output.polariser_deg"] = polariser, "--polariser"
     loaded = options.load_one_scene(config, chosen, names, "validate photo")
     options.check_polarised(loaded)
     loaded, said = with_file(photograph, loaded)
@@ -201,13 +196,12 @@ def estimate(
         write_json(folder / "estimate.json", estimated.facts())
         with whole_file(folder / "climate.yaml") as temporary:
             temporary.write_text(estimated.climate_yaml(), encoding="utf-8")
-        others = estimated.other_suns()
         for k, shown in enumerate(estimated.shown):
             where = folder if len(images) == 1 else folder / f"{k + 1:02d}-{Path(shown.name).stem}"
             sky, comparison = estimated.compared(shown)
             facts = {"photograph": shown.name, "scene": estimated.given.title, "sun_azimuth_deg": shown.sun_azimuth_deg}
             lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {estimated.best.aerosol_type}", *estimated.about)
-            write_report(where, comparison, sky, facts, lines, others)
+            write_report(where, comparison, sky, facts, lines)
     for line in estimated.sentences():
         print(line)
     _print_tables(estimated)

@@ -30,9 +30,6 @@ from twilight.studies.validate.photographs.fit import ANGLES, CONTRAST, OF_CAMER
 from twilight.studies.validate.photographs.intervals import DARKEST_DEG, AirEstimate, Estimated
 from twilight.studies.validate.photographs.picture import Photograph
 
-OTHER_SUNS = {"the same air at noon (sun at 60 deg)": 60.0, "the same air with the sun at -6 deg": -6.0}
-"""Other skies of the air of a photograph."""
-
 LEAST_ABOVE_KM = 0.02
 """Height of a camera above the ground from which on what is above it is said [km]."""
 LOW_SUN_DEG = 3.0
@@ -152,13 +149,6 @@ class Estimate:
         seen = shown.seen(shown.sun_azimuth_deg, sky.apparent_sun_elevation_deg)
         white_balance = self.freedom.white_balance and seen.colour_known
         return sky, compare_photo(seen, sky, white_balance=white_balance, curve=self.best.curve)
-
-    def other_suns(self) -> list[tuple[str, Sky]]:
-        """Names and skies of the same air at noon and at dusk, by `compact`."""
-        made = []
-        for name, sun in OTHER_SUNS.items():
-            made.append((name, run(resolve(with_settings(self.scene, {"sun": {"elevation_deg": sun}})))))
-        return made
 
     @cached_property
     def _first(self) -> tuple[Sky, Comparison]:
