@@ -16,7 +16,7 @@ from typing import Annotated, Any
 from twilight.base.extras import require
 from twilight.cli import options
 from twilight.cli.options import argument, flag, option
-from twilight.cli.terminal import print_table, progress_bar
+from twilight.cli.terminal import progress_bar
 from twilight.studies.validate.photographs.options import TO_THE_HORIZON, EstimateOptions
 
 NEEDED = ("colour", "matplotlib", "xarray")
@@ -204,22 +204,4 @@ def estimate(
             write_report(where, comparison, sky, facts, lines)
     for line in estimated.sentences():
         print(line)
-    _print_tables(estimated)
     print(f"wrote estimate.json, climate.yaml and the comparison to {folder}/")
-
-
-def _print_tables(estimated: Any) -> None:
-    types = [[e.aerosol_type, f"{e.misfit:.3g}", f"{e.chi2_above_best:.3g}"] for e in estimated.types]
-    print_table(["type", "misfit", "chi2 above best"], types, right=(1, 2))
-    rows = [
-        [
-            p.name,
-            f"{p.value:.4g}",
-            f"{p.low:.4g} to {p.high:.4g}",
-            f"{p.low_95:.4g} to {p.high_95:.4g}",
-            p.unit,
-            "yes" if p.constrained else "no",
-        ]
-        for p in estimated.best.parameters
-    ]
-    print_table(["parameter", "value", "68 %", "95 %", "unit", "told"], rows, right=(1,))
