@@ -264,6 +264,8 @@ class Estimate:
                     f"{line}  # from the photograph: {found.low:.3g} to {found.high:.3g} (68 %), {found.low_95:.3g} to "
                     f"{found.high_95:.3g} (95 %){self._above() if found.name == 'aerosol' else ''}"
                 )
+            elif found is not None and found.source:
+                lines.append(f"{line}  # usual, not told by the photograph: {found.source}")
             elif name == "type" and self.settings:
                 lines.append(f"{line}  # fits the photograph best of those that were tried, or as well as the best")
             else:
