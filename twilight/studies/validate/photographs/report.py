@@ -348,7 +348,7 @@ def sentence_of(p: Estimated) -> str:
     low, high = p.bounds
     told = "does not tell it"
     if p.usual is not None:
-        told += f"; {p.usual[0]:.3g} +- {p.usual[1]:g}{unit} is usual ({p.source})"
+        told += f"; {p.usual[0]:.3g} +- {p.usual[1]:g}{unit} is usual: {p.source}"
     elif p.low_95 > low and p.high_95 >= high:
         told = f"tells only that it is more than {p.low_95:.3g}{unit}"
     elif p.high_95 < high and p.low_95 <= low:
