@@ -19,7 +19,7 @@ from twilight.cli.options import argument, flag, option
 from twilight.cli.terminal import progress_bar
 from twilight.studies.validate.photographs.options import TO_THE_HORIZON, EstimateOptions
 
-NEEDED = ("colour", "matplotlib", "xarray")
+NEEDED = ("matplotlib", "xarray")
 """Extras with which a photograph is compared with a sky."""
 
 Settings = Annotated[list[str] | None, option("KEY=VALUE", "Any key of the scene; may be repeated.", "--set")]

@@ -193,11 +193,8 @@ def summary(figures: dict[str, Any]) -> list[str]:
         f"correlation of ln(luminance): {'-' if correlation is None else f'{correlation:.4f}'}",
     ]
     if "uv_distance_median" in figures:
-        lines += [
-            f"u'v' distance, median / 95 %: {figures['uv_distance_median']:.4f} / {figures['uv_distance_p95']:.4f}",
-            f"CIEDE2000, median / 95 %: {figures['ciede2000_median']:.1f} / {figures['ciede2000_p95']:.1f}",
-            f"  of the colour alone: {figures['ciede2000_colour_median']:.1f} / {figures['ciede2000_colour_p95']:.1f}",
-        ]
+        uv = figures["uv_distance_median"], figures["uv_distance_p95"]
+        lines.append("u'v' distance, median / 95 %: {:.4f} / {:.4f}".format(*uv))
     gains = figures["white_balance_gains"]
     balanced = "none" if gains == [1.0, 1.0, 1.0] else " ".join(f"{g:.3f}" for g in gains)
     return [*lines, f"exposure: 1 = {figures['exposure_cd_per_m2']:.4g} cd/m^2", f"white balance: {balanced}"]
@@ -250,8 +247,6 @@ def write_dataset(path: str | Path, comparison: Comparison, facts: dict[str, Any
     maps = {
         "log_ratio": (comparison.log_ratio, "ln(photograph / computed) luminance", "1"),
         "delta_uv": (comparison.delta_uv, "distance in CIE 1976 u', v'", "1"),
-        "ciede2000": (comparison.delta_e, "CIEDE2000", "1"),
-        "ciede2000_colour": (comparison.delta_e_colour, "CIEDE2000 at equal luminance", "1"),
         "solid_angle": (photo.solid_angle_sr, "clear part of the cell", "sr"),
     }
     variables = {

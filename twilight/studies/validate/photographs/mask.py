@@ -275,11 +275,10 @@ TILT_ERROR_DEG = 1.0
 
 
 class Horizon(NamedTuple):
-    """elevation_deg, roll_deg: as of `camera.model.Orientation`; columns: fraction of the picture's that show it."""
+    """elevation_deg, roll_deg: as of `camera.model.Orientation`."""
 
     elevation_deg: float
     roll_deg: float
-    columns: float
 
 
 def find_horizon(picture: StoredImage, camera: CameraModel) -> Horizon | None:
@@ -315,7 +314,7 @@ def find_horizon(picture: StoredImage, camera: CameraModel) -> Horizon | None:
     if up[2] < 0.0:
         up = -up
     elevation = float(np.degrees(np.arcsin(np.clip(up[1], -1.0, 1.0))))
-    return Horizon(elevation, float(np.degrees(np.arctan2(-up[0], up[2]))), float(on.sum() / drop.shape[1]))
+    return Horizon(elevation, float(np.degrees(np.arctan2(-up[0], up[2]))))
 
 
 def _line(x: np.ndarray, y: np.ndarray, band: float) -> np.ndarray:

@@ -321,7 +321,7 @@ def _held(photograph: Photograph, compass_deg: float) -> Photograph:
         elevation, roll, errors = GUESSED_PITCH_DEG, old.roll_deg, (compass_deg, UNKNOWN_PITCH_DEG, UNKNOWN_ROLL_DEG)
         note = "camera: no horizon is seen, so that its angle above the horizontal is fitted with the air"
     else:
-        elevation, roll, errors = *found[:2], (compass_deg, SKYLINE_ERROR_DEG, TILT_ERROR_DEG)
+        elevation, roll, errors = *found, (compass_deg, SKYLINE_ERROR_DEG, TILT_ERROR_DEG)
         note = (
             f"camera: {elevation:.1f} +- {SKYLINE_ERROR_DEG:g} deg above the horizontal, tilted {roll:.1f} +- "
             f"{TILT_ERROR_DEG:g} deg, by the horizon in the picture"
