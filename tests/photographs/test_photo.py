@@ -189,7 +189,7 @@ def test_a_rendered_sky_agrees_with_itself(camera, through):
     found = comparing.compare(shot.seen(130.0, 12.0), sky()).figures
     assert found["luminance_median_percent"] < 0.5 and found["luminance_rms_percent"] < 2.0
     assert found["solar_meridian_rms_percent"] < 4.0
-    assert found["uv_distance_p95"] < 0.002 and found["ciede2000_p95"] < 1.0
+    assert found["uv_distance_p95"] < 0.002
     assert found["correlation_of_log_luminance"] > 0.999
     assert found["fraction_of_hemisphere"] > 0.7
 
@@ -220,8 +220,7 @@ def test_another_sun_is_seen_as_another_sky():
 
 
 def test_figures_follow_their_definitions():
-    """A photograph 10 % brighter towards the sun and darker away: rms, median and ratio map say so; CIEDE2000 of one
-    lightness step is what the formula gives."""
+    """A photograph 10 % brighter towards the sun and darker away: rms, median and ratio map say so."""
     seen = photograph(latlong(360), 0.0, sun=False).seen(0.0, None)
     simulated = comparing.simulated_sky(sky(), seen)
     half = np.abs(np.mod(seen.azimuth_deg + 180, 360) - 180) < 90
@@ -233,7 +232,6 @@ def test_figures_follow_their_definitions():
     assert np.ptp(spread) < 1e-9
     assert found.figures["luminance_median_percent"] == pytest.approx(100 * np.log(1.1), rel=0.05)
     assert found.figures["uv_distance_p95"] < 1e-9
-    assert found.figures["ciede2000_colour_p95"] < 1e-3 < found.figures["ciede2000_median"]
 
 
 def test_a_grey_photograph_has_no_colour():
