@@ -38,7 +38,6 @@ COLUMNS = (
     *("luminance_median_percent", "luminance_rms_percent", "luminance_p95_percent"),
     *("solar_meridian_rms_percent", "perpendicular_meridian_rms_percent", "correlation_of_log_luminance"),
     *("uv_distance_median", "uv_distance_p95"),
-    *("ciede2000_median", "ciede2000_p95", "ciede2000_colour_median", "ciede2000_colour_p95"),
 )
 
 
@@ -106,7 +105,7 @@ def one(name: str, file: Path, output: Path) -> list[list]:
         *map(words, found.best.parameters),
     )
     title = f"{name} (Poly Haven, CC0)"
-    write_figure(output / f"{name}.png", compared, title=title, lines=lines, others=found.other_suns())
+    write_figure(output / f"{name}.png", compared, title=title, lines=lines)
     for row in rows:
         print(*row, flush=True)
     return rows

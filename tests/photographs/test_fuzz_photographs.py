@@ -12,7 +12,7 @@ from fuzzing import attempt, damaged_bytes, damaged_table
 from twilight.io.stored_image import read_image, write_exr
 from twilight.studies.camera.model import read_camera
 from twilight.studies.camera.response import read_response
-from twilight.studies.validate.photographs.mask import read_mask_image, read_profile
+from twilight.studies.validate.photographs.mask import read_mask_image
 
 CAMERA = """version: 1
 projection: equisolid
@@ -22,7 +22,6 @@ orientation: {azimuth_deg: 20, elevation_deg: 70, roll_deg: 3}
 response: srgb
 """
 CURVE = "sample,red,green,blue\n0,0,0,0\n0.25,0.05,0.05,0.06\n0.5,0.2,0.2,0.2\n0.75,0.5,0.5,0.5\n1,1,1,1\n"
-HORIZON = "azimuth_deg,elevation_deg\n0,3\n90,5\n180,2\n270,8\n"
 COUNT = 40
 
 
@@ -40,7 +39,7 @@ def whole(folder: Path, name: str) -> None:
         flat = b"".join(bytes((*np.clip(p * 128, 0, 255).astype(int).tolist(), 129)) for p in rgb.reshape(-1, 3))
         path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 48\n" + flat)
     else:
-        path.write_text({"camera.yaml": CAMERA, "curve.csv": CURVE, "horizon.csv": HORIZON}[name])
+        path.write_text({"camera.yaml": CAMERA, "curve.csv": CURVE}[name])
 
 
 KINDS = {
@@ -52,7 +51,6 @@ KINDS = {
     "mask.png": read_mask_image,
     "camera.yaml": read_camera,
     "curve.csv": read_response,
-    "horizon.csv": read_profile,
 }
 
 

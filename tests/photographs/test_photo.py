@@ -97,16 +97,11 @@ def test_hills_and_a_cloud_are_masked_and_the_sky_is_not():
     assert set(mask.taken) == {"glare of the sun", "ground, trees, buildings", "clouds"}
 
 
-def test_profile_mask_image_and_saturation():
+def test_mask_image_and_saturation():
     """A mask of the user's would lie turned, or burnt pixels count as light."""
     camera = latlong(360)
     rgb = take(sky(), camera, 0.0, sun=False)
     fine = fine_sky(picture(rgb), camera, 2.0, 4, 30.0)
-    azimuth = np.arange(0.0, 360.0, 5.0)
-    mask = masks.masked(fine, profile=(azimuth, hills(azimuth)), automatic=False)
-    edge = hills(fine.columns_deg + 30.0)
-    rows = fine.rows_deg[:, None]
-    assert not mask.valid[rows < edge - 0.3].any() and mask.valid[rows > edge + 0.6].all()
     shown = np.ones((180, 360))
     shown[:, 100:150] = 0.0  # azimuths 280 to 330 of the camera
     image = mask_image_on(fine, shown, camera)
@@ -118,26 +113,6 @@ def test_profile_mask_image_and_saturation():
     burnt.saturated[40:42, 180:182] = True
     mask = masks.masked(fine_sky(burnt, camera, 2.0, 4), automatic=False)
     assert set(mask.taken) == {"saturated or black"}
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "azimuth,elevation\n0,1\n",
-        "azimuth_deg,elevation_deg\n",
-        "azimuth_deg,elevation_deg\n0,x\n",
-        "azimuth_deg,elevation_deg\n0,100\n",
-        "azimuth_deg,elevation_deg\n0,1\n360,2\n",
-        "azimuth_deg,elevation_deg\n1\n",
-    ],
-)
-def test_bad_profiles_are_one_sentence(tmp_path, text):
-    """A skyline file with a slip would be a traceback."""
-    path = tmp_path / "skyline.csv"
-    path.write_text(text)
-    with pytest.raises(TwilightError, match="skyline"):
-        masks.read_profile(path)
 
 
 def test_growing_a_mask_is_round_on_the_sphere():
@@ -197,7 +172,6 @@ def test_the_sun_of_the_panoramas():
     files = (PANORAMAS / f"{name}_256.hdr" for name in ("rooitou_park", "kiara_1_dawn"))
     day, dawn = (Photograph(read_image(file), latlong(), 3.0).sun for file in files)
     assert day.method == "disc" and day.azimuth_deg == pytest.approx(36.0, abs=1.0)
-    assert day.symmetry_deg == pytest.approx(36.0, abs=3.0)
     assert dawn.method == "symmetry" and dawn.azimuth_deg == pytest.approx(47.8, abs=2.5)
 
 
@@ -215,7 +189,7 @@ def test_a_rendered_sky_agrees_with_itself(camera, through):
     found = comparing.compare(shot.seen(130.0, 12.0), sky()).figures
     assert found["luminance_median_percent"] < 0.5 and found["luminance_rms_percent"] < 2.0
     assert found["solar_meridian_rms_percent"] < 4.0
-    assert found["uv_distance_p95"] < 0.002 and found["ciede2000_p95"] < 1.0
+    assert found["uv_distance_p95"] < 0.002
     assert found["correlation_of_log_luminance"] > 0.999
     assert found["fraction_of_hemisphere"] > 0.7
 
@@ -246,8 +220,7 @@ def test_another_sun_is_seen_as_another_sky():
 
 
 def test_figures_follow_their_definitions():
-    """A photograph 10 % brighter towards the sun and darker away: rms, median and ratio map say so; CIEDE2000 of one
-    lightness step is what the formula gives."""
+    """A photograph 10 % brighter towards the sun and darker away: rms, median and ratio map say so."""
     seen = photograph(latlong(360), 0.0, sun=False).seen(0.0, None)
     simulated = comparing.simulated_sky(sky(), seen)
     half = np.abs(np.mod(seen.azimuth_deg + 180, 360) - 180) < 90
@@ -259,7 +232,6 @@ def test_figures_follow_their_definitions():
     assert np.ptp(spread) < 1e-9
     assert found.figures["luminance_median_percent"] == pytest.approx(100 * np.log(1.1), rel=0.05)
     assert found.figures["uv_distance_p95"] < 1e-9
-    assert found.figures["ciede2000_colour_p95"] < 1e-3 < found.figures["ciede2000_median"]
 
 
 def test_a_grey_photograph_has_no_colour():

@@ -114,7 +114,7 @@ def test_a_photograph_behind_a_polariser_is_compared_with_the_sky_behind_it(scen
     monkeypatch.setattr(comparing, "compare", compare)
     monkeypatch.setattr(engine, "run", lambda scene, progress, **_: polarised)
     given = ("--camera", scene / "camera.yaml", "--config", "pure-air")
-    done = photo(*given, "--polariser", 22.5, "--output", tmp_path / "out")
+    done = photo(*given, "--set", "output.polariser_deg=22.5", "--output", tmp_path / "out")
     assert done.exit_code == 0, done.output
     ratio = compare.call_args_list[0].args[1].sun_normalised_radiance / whole.sun_normalised_radiance
     assert ratio == pytest.approx(0.5 * (1.0 + np.sqrt(0.5)))
@@ -127,10 +127,12 @@ def test_a_photograph_behind_a_polariser_is_compared_with_the_sky_behind_it(scen
         (["--resolution", "7"], "divide 90"),
         (["--sun-azimuth", "999"], "--sun-azimuth"),
         (["--glare", "-1"], "glare"),
-        (["--profile", "none.csv"], "none.csv"),
         (["--mask", "none.png"], "none.png"),
         (["--set", "aerosol.tpye=urban"], "tpye"),
-        (["--polariser", "30"], "output.polariser_deg needs polarised light, and preetham (standard) computes none"),
+        (
+            ["--set", "output.polariser_deg=30"],
+            "output.polariser_deg needs polarised light, and preetham",
+        ),
     ],
 )
 def test_wrong_options_are_one_sentence(scene, tmp_path, more, words):

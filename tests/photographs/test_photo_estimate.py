@@ -162,7 +162,7 @@ def test_what_a_picture_does_not_tell_is_as_usual():
     ozone = by_name(find_air(airs, framed(part), Options(("toy",), None, 25.0, 25.0, free))[0])["ozone"]
     assert not ozone.constrained and abs(ozone.value - 300.0) < 15.0
     assert ozone.high - ozone.low == pytest.approx(60.0, rel=0.2)
-    assert "the picture does not tell it; 300 +- 30 DU is usual (as here)" in sentence_of(ozone)
+    assert "the picture does not tell it; 300 +- 30 DU is usual: as here" in sentence_of(ozone)
 
 
 def vignetted(rgb):

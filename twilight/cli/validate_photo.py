@@ -16,10 +16,10 @@ from typing import Annotated, Any
 from twilight.base.extras import require
 from twilight.cli import options
 from twilight.cli.options import argument, flag, option
-from twilight.cli.terminal import print_table, progress_bar
+from twilight.cli.terminal import progress_bar
 from twilight.studies.validate.photographs.options import TO_THE_HORIZON, EstimateOptions
 
-NEEDED = ("colour", "matplotlib", "xarray")
+NEEDED = ("matplotlib", "xarray")
 """Extras with which a photograph is compared with a sky."""
 
 Settings = Annotated[list[str] | None, option("KEY=VALUE", "Any key of the scene; may be repeated.", "--set")]
@@ -108,16 +108,13 @@ def photo(
     image: Annotated[Path, argument("IMAGE", "HDR, EXR, TIFF, PNG, JPEG, HEIF or RAW.")],
     config: Annotated[str, option("CLIMATE_OR_CONFIG", "The scene to compare with, of one sun.")],
     asked: EstimateOptions,
-    polariser: Annotated[
-        float | None,
-        option("DEG", "The photograph was taken through a polariser: its axis from the vertical, clockwise."),
-    ] = None,
     settings: Settings = None,
     output: Folder = None,
 ) -> None:
     """Compare a photograph with the computed sky, and write a side-by-side picture with its figures.
 
-    Writes comparison.png, figures.json and comparison.h5.
+    Writes comparison.png, figures.json and comparison.h5.  --set output.polariser_deg=DEG: it was taken through a
+    polariser, whose axis is that far clockwise from the vertical.
     """
     require("validate photo", *NEEDED)
     from twilight.base.progress import part_of
@@ -133,8 +130,6 @@ def photo(
     photograph = open_photograph(image, asked)
     chosen["texture"] = {"resolution_deg": asked.resolution_deg}
     names["texture"] = "--resolution"
-    if polariser is not None:
-        chosen["output.polariser_deg"], names["output.polariser_deg"] = polariser, "--polariser"
     loaded = options.load_one_scene(config, chosen, names, "validate photo")
     options.check_polarised(loaded)
     loaded, said = with_file(photograph, loaded)
@@ -201,31 +196,12 @@ def estimate(
         write_json(folder / "estimate.json", estimated.facts())
         with whole_file(folder / "climate.yaml") as temporary:
             temporary.write_text(estimated.climate_yaml(), encoding="utf-8")
-        others = estimated.other_suns()
         for k, shown in enumerate(estimated.shown):
             where = folder if len(images) == 1 else folder / f"{k + 1:02d}-{Path(shown.name).stem}"
             sky, comparison = estimated.compared(shown)
             facts = {"photograph": shown.name, "scene": estimated.given.title, "sun_azimuth_deg": shown.sun_azimuth_deg}
             lines = (f"sun {shown.sun_elevation_deg:+.2f} deg, {estimated.best.aerosol_type}", *estimated.about)
-            write_report(where, comparison, sky, facts, lines, others)
+            write_report(where, comparison, sky, facts, lines)
     for line in estimated.sentences():
         print(line)
-    _print_tables(estimated)
     print(f"wrote estimate.json, climate.yaml and the comparison to {folder}/")
-
-
-def _print_tables(estimated: Any) -> None:
-    types = [[e.aerosol_type, f"{e.misfit:.3g}", f"{e.chi2_above_best:.3g}"] for e in estimated.types]
-    print_table(["type", "misfit", "chi2 above best"], types, right=(1, 2))
-    rows = [
-        [
-            p.name,
-            f"{p.value:.4g}",
-            f"{p.low:.4g} to {p.high:.4g}",
-            f"{p.low_95:.4g} to {p.high_95:.4g}",
-            p.unit,
-            "yes" if p.constrained else "no",
-        ]
-        for p in estimated.best.parameters
-    ]
-    print_table(["parameter", "value", "68 %", "95 %", "unit", "told"], rows, right=(1,))

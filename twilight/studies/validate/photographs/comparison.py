@@ -168,8 +168,7 @@ class Comparison:
 
     photo, simulated: as compared; ``photo_xyz`` (E, A, 3) is balanced and exposed.
     log_ratio (E, A): ln(photograph / simulation) of the luminance.
-    delta_uv (E, A): distance in u', v'.  delta_e (E, A): CIEDE2000 with luminance, delta_e_colour (E, A): with the
-        photograph's luminance set to the simulation's; white is five times the log-mean luminance of the simulation.
+    delta_uv (E, A): distance in u', v'.
     figures: numbers of the report, JSON values.
     """
 
@@ -179,8 +178,6 @@ class Comparison:
     photo_xyz: np.ndarray
     log_ratio: np.ndarray
     delta_uv: np.ndarray
-    delta_e: np.ndarray
-    delta_e_colour: np.ndarray
     solar: MeridianProfile
     perpendicular: MeridianProfile
     figures: dict[str, Any]
@@ -197,34 +194,13 @@ def compare(photo: PhotoSky, sky: Sky, *, white_balance: bool = False, curve: Cu
     log_ratio[~np.isfinite(log_ratio)] = np.nan
     has_colour = photo.colour_known and simulated.colour_known
     difference = np.full((*log_ratio.shape, 2), np.nan)
-    delta_e, delta_e_colour = (np.full(log_ratio.shape, np.nan) for _ in range(2))
     if has_colour:
         difference = colour.uv_of_xyz(photo_xyz) - colour.uv_of_xyz(simulated.xyz)
-        delta_e, delta_e_colour = _ciede2000(photo_xyz, simulated.xyz, photo.solid_angle_sr)
     delta_uv = np.hypot(difference[..., 0], difference[..., 1])
     fine = found.apply(photo.fine_xyz)
     solar, across = (meridian_profile(photo, fine, simulated.fine_xyz, azimuth) for azimuth in (0.0, 90.0))
-    figures = _figures(photo, simulated, found, log_ratio, difference, delta_e, delta_e_colour, (solar, across))
-    return Comparison(
-        photo, simulated, found, photo_xyz, log_ratio, delta_uv, delta_e, delta_e_colour, solar, across, figures
-    )
-
-
-def _ciede2000(one: np.ndarray, other: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """CIEDE2000 of XYZ (..., 3) with and without the difference in luminance, NaN where masked."""
-    there = (weight > 0) & np.isfinite(one).all(axis=-1) & (one[..., 1] > 0) & (other[..., 1] > 0)
-    a, b, w = one[there], other[there], weight[there]
-    import colour as science  # optional
-
-    white_xy = science.CCS_ILLUMINANTS[spectrum.OBSERVERS[OBSERVER]]["D65"]
-    white = 5.0 * np.exp(np.average(np.log(b[:, 1]), weights=w))
-    results = []
-    for first in (a, a * (b[:, 1] / a[:, 1])[:, None]):
-        lab_first, lab_b = (science.XYZ_to_Lab(np.maximum(xyz, 0.0) / white, white_xy) for xyz in (first, b))
-        out = np.full(weight.shape, np.nan)
-        out[there] = science.delta_E(lab_first, lab_b, method="CIE 2000")
-        results.append(out)
-    return results[0], results[1]
+    figures = _figures(photo, simulated, found, log_ratio, difference, (solar, across))
+    return Comparison(photo, simulated, found, photo_xyz, log_ratio, delta_uv, solar, across, figures)
 
 
 def meridian_profile(
@@ -251,7 +227,7 @@ def meridian_profile(
     return MeridianProfile((np.arange(n) + 0.5) * 180.0 / n, means[0], means[1])
 
 
-def _figures(photo, simulated, found, log_ratio, difference, delta_e, delta_e_colour, profiles) -> dict[str, Any]:
+def _figures(photo, simulated, found, log_ratio, difference, profiles) -> dict[str, Any]:
     there = photo.counts & np.isfinite(log_ratio)
     weight = photo.solid_angle_sr[there]
     fraction = weight / weight.sum()
@@ -274,7 +250,7 @@ def _figures(photo, simulated, found, log_ratio, difference, delta_e, delta_e_co
         values = profile.log_ratio[np.isfinite(profile.log_ratio)]
         figures[f"{name}_rms_percent"] = 100 * float(np.sqrt(np.mean(values**2))) if values.size else None
         figures[f"{name}_shape_rms_percent"] = 100 * float(np.std(values)) if values.size else None
-    if np.isfinite(delta_e).any():
+    if np.isfinite(difference).any():
         du, dv = difference[there].T
         distance = np.hypot(du, dv)
         figures |= {
@@ -282,10 +258,6 @@ def _figures(photo, simulated, found, log_ratio, difference, delta_e, delta_e_co
             "uv_distance_median": _quantile(distance, weight, 0.5),
             "uv_distance_p95": _quantile(distance, weight, 0.95),
             "uv_offset": [float(fraction @ du), float(fraction @ dv)],
-            "ciede2000_median": _quantile(delta_e[there], weight, 0.5),
-            "ciede2000_p95": _quantile(delta_e[there], weight, 0.95),
-            "ciede2000_colour_median": _quantile(delta_e_colour[there], weight, 0.5),
-            "ciede2000_colour_p95": _quantile(delta_e_colour[there], weight, 0.95),
         }
     return figures
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import textwrap
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from twilight.sky import colour
 from twilight.sky.sky import Sky
 from twilight.studies.validate.photographs.comparison import Comparison, MeridianProfile
 from twilight.studies.validate.photographs.mask import GROW_DEG
-from twilight.studies.validate.photographs.picture_sky import OBSERVER, PhotoSky, simulated_sky
+from twilight.studies.validate.photographs.picture_sky import OBSERVER
 
 RATIO_LIMITS = (0.5, 1.0, 2.0)
 """Ranges of the ratio map, in factors of two; the first that holds 95 % of the cells is taken."""
@@ -36,58 +35,41 @@ DARKER = 0.7
 """Luminance of ground and trees over the computed sky behind them, at most; what is brighter is sky or cloud."""
 
 
-def write_figure(
-    path: str | Path,
-    comparison: Comparison,
-    *,
-    title: str = "",
-    lines: tuple[str, ...] = (),
-    others: Sequence[tuple[str, Sky]] = (),
-) -> None:
+def write_figure(path: str | Path, comparison: Comparison, *, title: str = "", lines: tuple[str, ...] = ()) -> None:
     """Write the picture as PNG, whole or not at all.
 
-    The photograph; the computed sky at the same exposure, alone, and behind the photograph's own ground; the same air
-    under other suns (others: names and skies); the ratio of luminances and the distance of chromaticities where clear
-    sky is compared; the profiles through the zenith.  The sun's azimuth is in the middle.  lines: sentences for the
-    panel of numbers.
+    The photograph; the computed sky at the same exposure, alone, and behind the photograph's own ground; the ratio of
+    luminances and the distance of chromaticities where clear sky is compared; the profiles through the zenith.  The
+    sun's azimuth is in the middle.  lines: sentences for the panel of numbers.
     """
     from matplotlib.figure import Figure  # optional
 
-    pictures, extent = _pictures(comparison, others)
+    pictures, extent = _pictures(comparison)
     wide = (extent[1] - extent[0]) / max(extent[3] - extent[2], 1.0) > WIDE
     sentences = (*lines, *summary(comparison.figures))
     wrapped = [textwrap.fill(line, PANEL_COLUMNS, subsequent_indent="  ") for line in sentences]
     last = max(3.2, LINE_INCHES * (sum(1 + text.count("\n") for text in wrapped) + 1))
+    left, middle, right, half, rest, across = (slice(*ends) for ends in ((2,), (2, 4), (4, 6), (3,), (3, 6), (6,)))
     if wide:
-        heights = [2.4, 2.4, 2.4, *([1.7] * ((len(others) + 1) // 2)), 2.3, last]
-        places = [(k, slice(0, 2)) for k in range(3)] + [
-            (3 + k // 2, slice(k % 2, k % 2 + 1)) for k in range(len(others))
-        ]
-        ends = len(heights)
-        maps, bottom = (
-            [(ends - 2, slice(0, 1)), (ends - 2, slice(1, 2))],
-            [(ends - 1, slice(0, 1)), (ends - 1, slice(1, 2))],
-        )
-        columns, across = 2, 11.0
+        heights, width = [2.4, 2.4, 2.4, 2.3, last], 11.0
+        places, maps, bottom = [(k, across) for k in range(3)], [(3, half), (3, rest)], [(4, half), (4, rest)]
     else:
-        heights = [3.4, 3.4, last]
-        places = [(0, slice(2 * k, 2 * k + 2)) for k in range(3)] + [(1, slice(0, 2)), (1, slice(2, 4))][: len(others)]
-        maps, bottom = [(1, slice(4, 6)), (2, slice(0, 2))], [(2, slice(2, 4)), (2, slice(4, 6))]
-        columns, across = 6, 15.0
-    figure = Figure(figsize=(across, sum(heights) + 0.4), layout="constrained")
-    grid = figure.add_gridspec(len(heights), columns, height_ratios=heights)
+        heights, width = [3.4, 3.4, last], 15.0
+        places, maps = [(0, left), (0, middle), (0, right)], [(1, left), (1, middle)]
+        bottom = [(1, right), (2, across)]
+    figure = Figure(figsize=(width, sum(heights) + 0.4), layout="constrained")
+    grid = figure.add_gridspec(len(heights), 6, height_ratios=heights)
     names = [
         f"photograph{': ' + title if title else ''}",
         "computed sky alone",
         "computed, behind the photograph's ground",
     ]
-    for place, name, image in zip(places, [*names, *(name for name, _ in others)], pictures, strict=True):
+    for place, name, image in zip(places, names, pictures, strict=True):
         axes = figure.add_subplot(grid[place[0], place[1]])
         axes.imshow(image, extent=extent, origin="lower", aspect="auto" if wide else "equal", interpolation="nearest")
         axes.set_title(name, fontsize=10 if wide else 9)
         axes.set(ylabel="elevation [deg]")
-        narrow = wide and place[1].stop - place[1].start < columns
-        axes.set_xticks(_ticks(extent)[:: 2 if narrow else 1])
+        axes.set_xticks(_ticks(extent))
     ratio = comparison.log_ratio / np.log(2.0)
     spread = float(np.nanpercentile(np.abs(ratio), 95))
     limit = next((r for r in RATIO_LIMITS if spread <= r), RATIO_LIMITS[-1])
@@ -134,9 +116,9 @@ def _draw_profile(axes: Any, profile: MeridianProfile, line_colour: str, label: 
     axes.plot(profile.angle_deg, scale * profile.photo[:, 1], ".", color=line_colour, ms=3.5)
 
 
-def _pictures(comparison: Comparison, others: Sequence[tuple[str, Sky]]) -> tuple[list[np.ndarray], tuple]:
+def _pictures(comparison: Comparison) -> tuple[list[np.ndarray], tuple]:
     """Display values (rows, columns, 3), bottom row first, the sun in the middle, cut to the photograph: the
-    photograph, the sky alone and behind the ground, and other skies, each of these at an exposure of its own."""
+    photograph, the sky alone and behind the ground."""
     seen = comparison.photo
     half = seen.columns_deg.size // 2
     order = np.roll(np.arange(seen.columns_deg.size), half)
@@ -160,24 +142,16 @@ def _pictures(comparison: Comparison, others: Sequence[tuple[str, Sky]]) -> tupl
     behind = photo.copy()
     behind[above] = np.where(ground > 0.0, ground * np.nan_to_num(photo[above]) + (1.0 - ground) * sky, sky)
     behind[~covered] = np.nan
-    ev100 = _exposure(comparison.simulated)
-    shown = [(photo, ev100), (alone(sky), ev100), (behind, ev100)]
-    for _, other in others:
-        computed = simulated_sky(other, seen)
-        shown.append((alone(computed.fine_xyz), _exposure(computed)))
-    out = []
-    for xyz, ev in shown:
-        image = colour.tone_map(colour.xyz_to_linear_rgb(np.nan_to_num(xyz), OBSERVER), ev)
+    computed, out = comparison.simulated, []
+    ev100 = float(colour.auto_exposure_ev100(np.nan_to_num(computed.xyz[..., 1]), computed.solid_angle_sr))
+    for xyz in (photo, alone(sky), behind):
+        image = colour.tone_map(colour.xyz_to_linear_rgb(np.nan_to_num(xyz), OBSERVER), ev100)
         image[~np.isfinite(xyz[..., 1])] = 0.75
         out.append(image[:, order][rows, columns])
     left, right = (first + seen.step_deg * np.array([columns.start, columns.stop])).tolist()
     bottom = seen.rows_deg[rows.start] - 0.5 * seen.step_deg
     top = seen.rows_deg[rows.stop - 1] + 0.5 * seen.step_deg
     return out, (left, right, bottom, top)
-
-
-def _exposure(sky: PhotoSky) -> float:
-    return float(colour.auto_exposure_ev100(np.nan_to_num(sky.xyz[..., 1]), sky.solid_angle_sr))
 
 
 def foreground(photo: np.ndarray, sky: np.ndarray, masked: np.ndarray, step_deg: float) -> np.ndarray:
@@ -219,11 +193,8 @@ def summary(figures: dict[str, Any]) -> list[str]:
         f"correlation of ln(luminance): {'-' if correlation is None else f'{correlation:.4f}'}",
     ]
     if "uv_distance_median" in figures:
-        lines += [
-            f"u'v' distance, median / 95 %: {figures['uv_distance_median']:.4f} / {figures['uv_distance_p95']:.4f}",
-            f"CIEDE2000, median / 95 %: {figures['ciede2000_median']:.1f} / {figures['ciede2000_p95']:.1f}",
-            f"  of the colour alone: {figures['ciede2000_colour_median']:.1f} / {figures['ciede2000_colour_p95']:.1f}",
-        ]
+        uv = figures["uv_distance_median"], figures["uv_distance_p95"]
+        lines.append("u'v' distance, median / 95 %: {:.4f} / {:.4f}".format(*uv))
     gains = figures["white_balance_gains"]
     balanced = "none" if gains == [1.0, 1.0, 1.0] else " ".join(f"{g:.3f}" for g in gains)
     return [*lines, f"exposure: 1 = {figures['exposure_cd_per_m2']:.4g} cd/m^2", f"white balance: {balanced}"]
@@ -238,7 +209,6 @@ def write_report(
     sky: Sky,
     facts: dict[str, Any],
     lines: tuple[str, ...],
-    others: Sequence[tuple[str, Sky]] = (),
 ) -> None:
     """Write `REPORT` of one photograph beside its computed sky into a folder, which is made where it is missing.
 
@@ -247,7 +217,7 @@ def write_report(
     folder.mkdir(parents=True, exist_ok=True)
     said = {"sun_elevation_deg": sky.sun_elevation_deg, **facts, "masked": comparison.photo.taken}
     said |= {"figures": comparison.figures, "computed_sky": sky.provenance}
-    write_figure(folder / "comparison.png", comparison, title=facts["photograph"], lines=lines, others=others)
+    write_figure(folder / "comparison.png", comparison, title=facts["photograph"], lines=lines)
     write_json(folder / "figures.json", said)
     write_dataset(folder / "comparison.h5", comparison, said)
 
@@ -277,8 +247,6 @@ def write_dataset(path: str | Path, comparison: Comparison, facts: dict[str, Any
     maps = {
         "log_ratio": (comparison.log_ratio, "ln(photograph / computed) luminance", "1"),
         "delta_uv": (comparison.delta_uv, "distance in CIE 1976 u', v'", "1"),
-        "ciede2000": (comparison.delta_e, "CIEDE2000", "1"),
-        "ciede2000_colour": (comparison.delta_e_colour, "CIEDE2000 at equal luminance", "1"),
         "solid_angle": (photo.solid_angle_sr, "clear part of the cell", "sr"),
     }
     variables = {

@@ -3,7 +3,7 @@
 The automatic mask assumes a sky that is smooth and continuous, as a clear sky is, and takes what is connected with the
 upper part of the photograph.  It finds buildings, trees, hills, poles and clouds with edges.  It does not see what is
 as smooth as the sky: thin cirrus, fog, an overcast, an evenly lit wall that reaches the top of the photograph.  A mask
-image or an elevation profile (or both) can be given instead or in addition.
+image can be given instead or in addition.
 
 How a camera was held, from the picture alone: the line along which bright sky ends at dark ground.
 
@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from os.path import isfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,15 +24,11 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from twilight.atmosphere.csv_columns import read_columns
-from twilight.base.errors import TwilightError
 from twilight.io.stored_image import StoredImage, read_samples
 from twilight.sky.colour import REC709_LUMINANCE
 from twilight.studies.camera.model import CameraModel
 from twilight.studies.validate.photographs.picture_sky import PhotoSky
 
-PROFILE_COLUMNS = {"azimuth_deg": (-360.0, 360.0, "-360 to 360"), "elevation_deg": (-90.0, 90.0, "-90 to 90")}
-"""Columns of an elevation profile, and the numbers that they may hold."""
 EDGE = 0.05
 """Second difference of ln(RGB) between neighbouring cells beyond which a cell is an edge and no sky."""
 EDGE_OVER_NOISE = 3.0
@@ -60,13 +55,12 @@ SUN_GLARE_DEG = 6.0
 """Radius about the sun [deg] that is masked while it is up: disc, bloom, veiling glare and ghosts of the lens."""
 SUN_DISC_DEG = 0.27
 """Angular radius of the sun [deg], above whose setting its glare is masked."""
-FOREGROUND = {"below the horizon", "below the profile", "mask image", "ground, trees, buildings"}
+FOREGROUND = {"below the horizon", "mask image", "ground, trees, buildings"}
 
 
 def masked(
     sky: PhotoSky,
     *,
-    profile: tuple[np.ndarray, np.ndarray] | None = None,
     image: np.ndarray | None = None,
     automatic: bool = True,
     min_elevation_deg: float = 0.0,
@@ -75,7 +69,6 @@ def masked(
 ) -> PhotoSky:
     """The same with its mask.
 
-    profile: (azimuth_deg, elevation_deg) in the camera's azimuths below which there is no sky (`read_profile`).
     image (e, a): a mask picture on its grid (`picture_sky.mask_image_on`).
     automatic: also look for edges and clouds.
     sun: apparent (azimuth_deg, elevation_deg) of the sun relative to the origin; its glare is masked where
@@ -91,9 +84,6 @@ def masked(
     causes["saturated or black"] = dilate(sky.saturated, sky, GROW_DEG) | dark
     if sun is not None and sun[1] > -SUN_DISC_DEG:
         causes["glare of the sun"] = separation_deg(rows[:, None], columns[None, :], sun[1], sun[0]) < glare_deg
-    if profile is not None:
-        edge = np.interp(columns + sky.origin_deg, *_around(*profile))
-        causes["below the profile"] = rows[:, None] < edge[None, :] + 0.5 * sky.step_deg
     if image is not None:
         causes["mask image"] = ~image
     if automatic:
@@ -263,27 +253,6 @@ def join_across_north(labels: np.ndarray) -> np.ndarray:
 # Files ----------------------------------------------------------------------------------------------------------
 
 
-def read_profile(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
-    """Azimuth and elevation [deg] of the skyline from a CSV with the columns azimuth_deg,elevation_deg.
-
-    Errors: TwilightError where the file is not that.
-    """
-    if not isfile(path):  # a pipe or a device could go on for ever
-        raise TwilightError(f"{path}: no such file")
-    _, table, _ = read_columns(Path(path), PROFILE_COLUMNS)
-    azimuth = np.mod(table[:, 0], 360.0)
-    if np.unique(azimuth).size < azimuth.size:
-        raise TwilightError(f"{path}: the profile gives the same azimuth twice")
-    order = np.argsort(azimuth)
-    return azimuth[order], table[order, 1]
-
-
-def _around(azimuth_deg: np.ndarray, elevation_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A profile repeated so that azimuths from -720 to 1080 deg lie within it."""
-    turns = np.arange(-3, 4)[:, None] * 360.0
-    return (azimuth_deg[None, :] + turns).ravel(), np.tile(elevation_deg, 7)
-
-
 def read_mask_image(path: str | Path) -> np.ndarray:
     """A mask picture (H, W), 1 where it is bright (sky) and 0 where dark; a PNG, JPEG or TIFF."""
     return (read_samples(path).samples.mean(axis=-1) > 0.5).astype(float)
@@ -306,11 +275,10 @@ TILT_ERROR_DEG = 1.0
 
 
 class Horizon(NamedTuple):
-    """elevation_deg, roll_deg: as of `camera.model.Orientation`; columns: fraction of the picture's that show it."""
+    """elevation_deg, roll_deg: as of `camera.model.Orientation`."""
 
     elevation_deg: float
     roll_deg: float
-    columns: float
 
 
 def find_horizon(picture: StoredImage, camera: CameraModel) -> Horizon | None:
@@ -346,7 +314,7 @@ def find_horizon(picture: StoredImage, camera: CameraModel) -> Horizon | None:
     if up[2] < 0.0:
         up = -up
     elevation = float(np.degrees(np.arcsin(np.clip(up[1], -1.0, 1.0))))
-    return Horizon(elevation, float(np.degrees(np.arctan2(-up[0], up[2]))), float(on.sum() / drop.shape[1]))
+    return Horizon(elevation, float(np.degrees(np.arctan2(-up[0], up[2]))))
 
 
 def _line(x: np.ndarray, y: np.ndarray, band: float) -> np.ndarray:

@@ -68,7 +68,6 @@ class EstimateOptions:
     )
     tone_curve: bool | None = asked(None, "A free curve of three numbers; unset: of sRGB pictures.", "yes")
     colour: bool = asked(True, "Compare differences of colour over the sky, not of brightness alone.", "yes")
-    profile: str | Path | None = asked(None, "Skyline: azimuth_deg,elevation_deg; below it is no sky.", "FILE.csv")
     mask: str | Path | None = asked(None, "Picture of the photograph's size, bright where there is sky.", "IMAGE")
     automatic_mask: bool = asked(True, "Look for ground, trees, buildings and clouds.", "yes")
     min_elevation_deg: float = asked(3.0, "Compare nothing below.", "DEG")

@@ -64,7 +64,7 @@ class Photograph:
     """A picture: its pixels, its camera, its time and place, and where its sun stands.
 
     picture: linear (`stored_image.read_image`).  camera: with its orientation; azimuths count from its own where that
-    is unknown.  cell_deg: cells of the comparison.  profile, mask_image (H, W), automatic, min_elevation_deg,
+    is unknown.  cell_deg: cells of the comparison.  mask_image (H, W), automatic, min_elevation_deg,
     glare_deg: see `mask.masked`.  errors_deg: standard errors of the camera's azimuth (from north), elevation and
     roll, 0: as told.  zoom_error: of the width of the view [%].  balanced: its colours are of the camera as described,
     else of who knows what white.  stated: what the file says.  remarks: sentences on where the camera is from.
@@ -77,7 +77,6 @@ class Photograph:
     picture: StoredImage
     camera: CameraModel
     cell_deg: float = 2.0
-    profile: tuple[np.ndarray, np.ndarray] | None = None
     mask_image: np.ndarray | None = None
     automatic: bool = True
     min_elevation_deg: float = 0.0
@@ -192,7 +191,6 @@ class Photograph:
         sky = fine_sky(self.picture, self.camera, self.cell_deg, self._k, origin_deg)
         return masks.masked(
             sky,
-            profile=self.profile,
             image=None if self.mask_image is None else mask_image_on(sky, self.mask_image, self.camera),
             automatic=self.automatic,
             min_elevation_deg=self.min_elevation_deg,
@@ -281,7 +279,6 @@ def read_photograph(path: str | Path, how: EstimateOptions | None = None) -> Pho
         raise TwilightError(f"glare: {how.glare_deg:g} deg must be from 0 to 60 deg")
     if not 0.0 <= how.min_elevation_deg < 90.0:
         raise TwilightError(f"min_elevation: {how.min_elevation_deg:g} deg must be from 0 to below 90 deg")
-    skyline = None if how.profile is None else masks.read_profile(how.profile)
     shown = None if how.mask is None else masks.read_mask_image(how.mask)
     camera = how.camera if how.camera is None or isinstance(how.camera, CameraModel) else read_camera(how.camera)
     stated = read_stated(path)
@@ -304,7 +301,7 @@ def read_photograph(path: str | Path, how: EstimateOptions | None = None) -> Pho
             stacklevel=2,
         )
     made = Photograph(
-        picture, camera, how.resolution_deg, skyline, shown, how.automatic_mask, how.min_elevation_deg, how.glare_deg,
+        picture, camera, how.resolution_deg, shown, how.automatic_mask, how.min_elevation_deg, how.glare_deg,
         balanced=not unknown, stated=stated, name=Path(path).name,
     )  # fmt: skip
     if camera.projection == "latlong":
@@ -324,7 +321,7 @@ def _held(photograph: Photograph, compass_deg: float) -> Photograph:
         elevation, roll, errors = GUESSED_PITCH_DEG, old.roll_deg, (compass_deg, UNKNOWN_PITCH_DEG, UNKNOWN_ROLL_DEG)
         note = "camera: no horizon is seen, so that its angle above the horizontal is fitted with the air"
     else:
-        elevation, roll, errors = *found[:2], (compass_deg, SKYLINE_ERROR_DEG, TILT_ERROR_DEG)
+        elevation, roll, errors = *found, (compass_deg, SKYLINE_ERROR_DEG, TILT_ERROR_DEG)
         note = (
             f"camera: {elevation:.1f} +- {SKYLINE_ERROR_DEG:g} deg above the horizontal, tilted {roll:.1f} +- "
             f"{TILT_ERROR_DEG:g} deg, by the horizon in the picture"

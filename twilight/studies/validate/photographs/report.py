@@ -30,9 +30,6 @@ from twilight.studies.validate.photographs.fit import ANGLES, CONTRAST, OF_CAMER
 from twilight.studies.validate.photographs.intervals import DARKEST_DEG, AirEstimate, Estimated
 from twilight.studies.validate.photographs.picture import Photograph
 
-OTHER_SUNS = {"the same air at noon (sun at 60 deg)": 60.0, "the same air with the sun at -6 deg": -6.0}
-"""Other skies of the air of a photograph."""
-
 LEAST_ABOVE_KM = 0.02
 """Height of a camera above the ground from which on what is above it is said [km]."""
 LOW_SUN_DEG = 3.0
@@ -153,13 +150,6 @@ class Estimate:
         white_balance = self.freedom.white_balance and seen.colour_known
         return sky, compare_photo(seen, sky, white_balance=white_balance, curve=self.best.curve)
 
-    def other_suns(self) -> list[tuple[str, Sky]]:
-        """Names and skies of the same air at noon and at dusk, by `compact`."""
-        made = []
-        for name, sun in OTHER_SUNS.items():
-            made.append((name, run(resolve(with_settings(self.scene, {"sun": {"elevation_deg": sun}})))))
-        return made
-
     @cached_property
     def _first(self) -> tuple[Sky, Comparison]:
         return self._beside(self.shown[0], numpy_only_sun=True)
@@ -274,6 +264,8 @@ class Estimate:
                     f"{line}  # from the photograph: {found.low:.3g} to {found.high:.3g} (68 %), {found.low_95:.3g} to "
                     f"{found.high_95:.3g} (95 %){self._above() if found.name == 'aerosol' else ''}"
                 )
+            elif found is not None and found.source:
+                lines.append(f"{line}  # usual, not told by the photograph: {found.source}")
             elif name == "type" and self.settings:
                 lines.append(f"{line}  # fits the photograph best of those that were tried, or as well as the best")
             else:
@@ -356,7 +348,7 @@ def sentence_of(p: Estimated) -> str:
     low, high = p.bounds
     told = "does not tell it"
     if p.usual is not None:
-        told += f"; {p.usual[0]:.3g} +- {p.usual[1]:g}{unit} is usual ({p.source})"
+        told += f"; {p.usual[0]:.3g} +- {p.usual[1]:g}{unit} is usual: {p.source}"
     elif p.low_95 > low and p.high_95 >= high:
         told = f"tells only that it is more than {p.low_95:.3g}{unit}"
     elif p.high_95 < high and p.low_95 <= low:

@@ -43,14 +43,13 @@ LARGEST_UNCERTAINTY_DEG = 20.0
 @dataclass(frozen=True)
 class SunAzimuth:
     """azimuth_deg, uncertainty_deg: in the camera's azimuths, one standard deviation.  method: ``disc``, ``aureole``
-    (the light about the sun is at the end of the scale) or ``symmetry``.  symmetry_deg: what the symmetry alone says.
+    (the light about the sun is at the end of the scale) or ``symmetry``.
     elevation_deg, elevation_error_deg: apparent, of the disc or the middle of the aureole, else None.
     """
 
     azimuth_deg: float
     uncertainty_deg: float
     method: str
-    symmetry_deg: float
     elevation_deg: float | None = None
     elevation_error_deg: float = 0.0
 
@@ -102,7 +101,7 @@ def find_sun_azimuth(sky: PhotoSky, valid: np.ndarray, by_disc: bool = True) -> 
             f"sun azimuth: the sky has no clear meridian of symmetry (best guess {symmetry:.0f} +- {uncertainty:.0f} "
             "deg); give --sun-azimuth"
         )
-    return SunAzimuth(symmetry, uncertainty, "symmetry", symmetry)
+    return SunAzimuth(symmetry, uncertainty, "symmetry")
 
 
 def burnt_disc(sky: PhotoSky) -> SunAzimuth | None:
@@ -112,10 +111,10 @@ def burnt_disc(sky: PhotoSky) -> SunAzimuth | None:
     if not labels.any():
         return None
     area = np.bincount(labels.ravel(), (np.cos(np.radians(sky.rows_deg))[:, None] * there).ravel())
-    return _of_patch(sky, labels == int(area.argmax()), None)
+    return _of_patch(sky, labels == int(area.argmax()))
 
 
-def _of_patch(sky: PhotoSky, there: np.ndarray, symmetry_deg: float | None) -> SunAzimuth | None:
+def _of_patch(sky: PhotoSky, there: np.ndarray) -> SunAzimuth | None:
     """The sun in the middle of a round patch (E, A); None for one that is not round, too small or too large."""
     rows, columns = np.nonzero(there)
     n, step = sky.columns_deg.size, sky.step_deg
@@ -130,8 +129,7 @@ def _of_patch(sky: PhotoSky, there: np.ndarray, symmetry_deg: float | None) -> S
         return None
     error, disc = max(0.3 * step, 0.15 * radius), radius <= LARGEST_DISC_DEG
     upright = error if disc else AUREOLE_ERROR * radius
-    symmetry = azimuth if symmetry_deg is None else symmetry_deg
-    return SunAzimuth(azimuth, error, "disc" if disc else "aureole", symmetry, elevation, upright)
+    return SunAzimuth(azimuth, error, "disc" if disc else "aureole", elevation, upright)
 
 
 def labelled(there: np.ndarray) -> np.ndarray:
@@ -250,7 +248,7 @@ def _find_disc(sky: PhotoSky, symmetry_deg: float) -> SunAzimuth | None:
     labels = labelled(light >= (1.0 - 1e-6) * peak)
     level = labels == labels[row, column]
     if float((np.cos(np.radians(sky.rows_deg)) @ level).sum()) * sky.step_deg**2 > LARGEST_DISC_SQUARE:
-        return _of_patch(sky, level, symmetry_deg)
+        return _of_patch(sky, level)
     away = separation_deg(sky.rows_deg[:, None], azimuth[None, :], sky.rows_deg[row], azimuth[column])
     ring = (away > 5.0) & (away < 8.0) & (light > 0) & (sky.rows_deg[:, None] > 0)
     if not ring.any() or not np.log(peak / np.median(light[ring])) > DISC_CONTRAST:
@@ -262,4 +260,4 @@ def _find_disc(sky: PhotoSky, symmetry_deg: float) -> SunAzimuth | None:
     elevation = float((weight * sky.rows_deg[:, None]).sum() / weight.sum())
     spread = float(np.sqrt((weight * offset[None, :] ** 2).sum() / weight.sum() - (found - azimuth[column]) ** 2))
     error = max(0.3 * sky.step_deg, 0.3 * spread)
-    return SunAzimuth(float(np.mod(found, 360.0)), error, "disc", symmetry_deg, elevation, error)
+    return SunAzimuth(float(np.mod(found, 360.0)), error, "disc", elevation, error)
