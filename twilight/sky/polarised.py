@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from twilight.base.arguments import in_units
 from twilight.base.errors import TwilightError
 from twilight.sky.table import SkyTable
-
-if TYPE_CHECKING:
-    from twilight.sky.sky import Sky
 
 
 @in_units
@@ -60,7 +57,7 @@ class PolarisedSky:
         q, u = np.moveaxis(self._known_polarisation, 2, 0)
         return 0.5 * np.degrees(np.arctan2(u, q))
 
-    def through_polariser(self, angle_deg: float) -> Sky:
+    def through_polariser(self, angle_deg: float) -> Self:
         """The sky behind an ideal linear polariser, (I + Q cos 2t + U sin 2t) / 2, its axis at t from the vertical.
 
         angle_deg: as `angle_of_linear_polarisation_deg`; it is counted in every line of sight from its own vertical, as
