@@ -22,6 +22,7 @@ from twilight.config.measured import place_and_time_of
 from twilight.config.scene import Config, Observer
 from twilight.config.solver import complete_solver
 from twilight.config.sun import SunAt, SunElevation, SunElevations
+from twilight.config.vary import Drawing
 from twilight.scene.lights import SceneLights, lights_of
 from twilight.scene.medium import (
     check_sha256,
@@ -89,7 +90,8 @@ def resolved_configuration(config: Config, section: SunElevation | SunAt) -> dic
     Tables of the climate are named by their files' names and the SHA-256 of their content, not by where they were.
     """
     config = completed(config)
-    data = config.model_copy(update={"sun": section, "vary": {}}).model_dump(mode="json", exclude_none=True)
+    one = config.model_copy(update={"sun": section})
+    data = one.model_dump(mode="json", exclude_none=True, exclude={"vary", *Drawing.model_fields})
     data["solver"] = complete_solver(config.solver)
     assert config.horizon is not None
     data["horizon"] = config.horizon.name or data["horizon"]
