@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from twilight.numerics.directions import texture_grid
+from twilight.numerics.directions import texture_centres
 from twilight.sky.sky import Sky
 
 SUN_AZIMUTH = 235.0
@@ -14,6 +14,12 @@ def unit_vector(elevation_deg, azimuth_deg):
     """East, north, up."""
     e, a = np.radians(elevation_deg), np.radians(azimuth_deg)
     return np.stack(np.broadcast_arrays(np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)), axis=-1)
+
+
+def texture_grid(step_deg):
+    """Row and column centres (elevation_deg, azimuth_deg) of the hemisphere, of squares of a step that divides 90."""
+    rows = round(90.0 / step_deg)
+    return texture_centres((rows, 4 * rows))
 
 
 def glow_sky(

@@ -80,7 +80,7 @@ HIGHEST_KM = 15.0
 SETTINGS = QUALITIES["draft"]
 BETTER_SETTINGS = replace(QUALITIES["standard"], polar_directions=24, late_polar_directions=10)
 """`SETTINGS` are off by 5 to 20 % below volcanoes of the largest depth in deep twilight, and by up to 5 % beside coarse
-particles, differently in each air (`clear_air.py labels`).  Of the kept airs 39 have 44 directions a side and half as
+particles, differently in each air.  Of the kept airs 39 have 44 directions a side and half as
 many points again along rays: beside those, 24 differ by 0.2 to 0.4 % below a volcano."""
 SIDE_BY_SIDE = 1000
 """Number from which on each wavelength has an air of its own, over one ground and profile; before, all have one air."""

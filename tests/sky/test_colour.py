@@ -4,12 +4,12 @@ from dataclasses import replace
 import colour as science
 import numpy as np
 import pytest
+from toy_sky import texture_grid
 
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config.scene import Wavelengths
 from twilight.io.picture import render_view
 from twilight.numerics import spectrum
-from twilight.numerics.directions import texture_grid
 from twilight.sky import colour
 from twilight.sky.sky import Sky
 

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from montecarlo_media import hazy_earth, slab
 from stability_media import EXTREMES, medium_of
-from toy_sky import glow_sky
+from toy_sky import glow_sky, texture_grid
 
 from twilight.base.errors import TwilightError, TwilightWarning
 from twilight.config import load
 from twilight.io.netcdf import read_sky, write_sky
-from twilight.numerics.directions import texture_grid
 from twilight.scene import resolve
 from twilight.sky.moments import ECLIPTIC_TILT_DEG, Moments, unit_vector
 from twilight.sky.night import NightLevels, Place, light, night_radiance

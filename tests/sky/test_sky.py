@@ -2,10 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from toy_sky import texture_grid
 
 from twilight.base.errors import TwilightError
 from twilight.numerics import spectrum
-from twilight.numerics.directions import texture_grid
 from twilight.sky.sky import Sky
 
 WAVELENGTHS = np.array([400.0, 500.0, 600.0, 700.0])

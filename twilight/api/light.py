@@ -80,11 +80,12 @@ def light(
 ) -> xarray.DataArray | xarray.Dataset | pandas.Series | pandas.DataFrame | Astropy:
     """The light of directions or surfaces at places and times: sun, sky, moon, night and ground.
 
-    The field of the climate is solved once for all suns and cached, with what is read from it under many suns; what
-    follows takes half a millisecond a moment.  A climate without a `solver` is that of `compact`, where it has the air,
-    the observer and the wavelengths, else of `zones`; the dataset's attribute `solver` says which, and why.  Tables are
-    within 0.3 % of the field; few lines of sight, fewer than those of the tables, are computed one by one.  A source of
-    the night is left out where sun and moon are 10,000 times brighter in everything that is asked for.
+    The field of the climate is solved once for all suns (twice where usual columns of ozone differ by more than
+    4 DU) and cached, with what is read from it under many suns; what follows takes half a millisecond a moment.
+    A climate without a `solver` is that of `compact`, where it has the air, the observer and the wavelengths, else of
+    `zones`; the dataset's attribute `solver` says which, and why.  Tables are within 0.3 % of the field; few lines of
+    sight, fewer than those of the tables, are computed one by one.  A source of the night is left out where sun and
+    moon are 10,000 times brighter in everything that is asked for.
 
     Parameters
     ----------
@@ -159,13 +160,13 @@ def light(
         [moment for row in times for moment in row],
         [one.latitude_deg for one in places for _ in range(count)],
     )
-    configs, more_ozone = between_ozone_of(config, when, latitude)
+    configs, shares = between_ozone_of(config, when, latitude)
     parts = [part_of(tell, 0.5 * k / len(configs), 0.5 / len(configs)) for k in range(len(configs))]
     fields = [field_for(one, quantities, part) for one, part in zip(configs, parts, strict=True)]
     solved = fields[0]
     longitude = [one.longitude_deg for one in places for _ in range(count)]
     moments = moments_at(latitude, longitude, when, solved.solved.scene.altitude_km)
-    values = _values(fields, more_ozone, moments, aim, quantities, sources, count, part_of(tell, 0.5, 0.5))
+    values = _values(fields, shares, moments, aim, quantities, sources, count, part_of(tell, 0.5, 0.5))
     sizes = {"place": (n_places, several_places), "time": (count, several_times), aim.of: (aim.size, aim.several)}
     dims = {name: size for name, (size, several) in sizes.items() if several}
     arrays = {item.variable: v.reshape(list(dims.values())) for item, v in zip(quantities, values, strict=True)}
@@ -286,7 +287,8 @@ def _values(
             angles = aim.angles(some, first, times)
             each = [field.directions(some, *angles, sources) for field in fields]
         share = shares[first : first + step, None, None]
-        spectra = fields[0].spectra(each[0] ** (1.0 - share) * each[-1] ** share)
+        light = each[0] if len(each) == 1 else each[0] ** (1.0 - share) * each[1] ** share
+        spectra = fields[0].spectra(light)
         for i, one in enumerate(found):
             parts[i].append(one.value(spectra))
     return [np.concatenate(part) for part in parts]

@@ -373,7 +373,7 @@ def _row(size: SizeDistribution, index: complex, wavelength_nm: float) -> np.nda
     row = shipped_optics.load().get(key)
     if row is None:
         row = (cache.read_arrays(cache.OPTICS, key) or {}).get("row")
-    if row is None:
+    if row is None or row.shape != (ROW,):
         row = compute_optics(size, index, wavelength_nm)
         cache.store_arrays(cache.OPTICS, key, {"row": row})
     return row

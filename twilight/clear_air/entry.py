@@ -35,7 +35,7 @@ WAVELENGTH_NM = (320.0, 1000.0)
 RELATIVE_SLACK = 0.05
 """How far beyond the fitted airs an air may be, relative to the largest of them."""
 
-ROUNDING = 1e-7
+LEAST_SLACK = 1e-7
 """How far beyond the fitted airs an air may be in any case."""
 
 TOP_KM = (95.0, 100.5)
@@ -197,7 +197,7 @@ def diffuse_of(air: Air, shells: Shells) -> np.ndarray:
 def check_air(air: Air, wavelength_nm: np.ndarray, model: Model) -> None:
     """TwilightError for an air that differs from those that were fitted, which says in what."""
     for what, values, (low, high) in zip(LIMITED, limited(air), model.limits.astype(float), strict=True):
-        slack = RELATIVE_SLACK * high + ROUNDING
+        slack = RELATIVE_SLACK * high + LEAST_SLACK
         wrong = (values < low - slack) | (values > high + slack)
         if wrong.any():
             w = int(np.argmax(wrong))

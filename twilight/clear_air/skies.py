@@ -43,7 +43,8 @@ PARTS = 2
 LEAST_REFRACTIVITY = 1e-30
 """Least n - 1, so that it has a logarithm."""
 SCREEN_ERROR = 0.1
-"""Error at 95 % of a sky, as a part of what a screen takes of ln(light), by `benchmarks/clear_air.py screen`."""
+"""Error at 95 % of a sky, as a part of what a screen takes of ln(light): beside `zones` 0.03 in the median and 0.11 in
+95 of 100 skies in which `typical` takes more than 0.02 (three airs, eleven suns, three wavelengths)."""
 SPARED_DEG = 2.5
 """How far above the highest sun whose beams a screen dims anywhere it takes less than 0.1 % of any sky [deg]."""
 PEAK_DEGREE = 400

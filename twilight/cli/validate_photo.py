@@ -13,6 +13,7 @@ from dataclasses import Field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+from twilight.base.errors import TwilightError
 from twilight.base.extras import require
 from twilight.cli import options
 from twilight.cli.options import argument, flag, option
@@ -120,6 +121,7 @@ def photo(
     from twilight.base.progress import part_of
     from twilight.engine import run
     from twilight.scene import resolve
+    from twilight.scene.suns import count_suns
     from twilight.studies.validate.photographs import comparison as comparing
     from twilight.studies.validate.photographs.figure import REPORT, summary, write_report
     from twilight.studies.validate.photographs.picture import place_sun
@@ -132,6 +134,10 @@ def photo(
     names["texture"] = "--resolution"
     loaded = options.load_one_scene(config, chosen, names, "validate photo")
     options.check_polarised(loaded)
+    if count_suns(loaded) > 1:
+        raise TwilightError(
+            f"{config}: sun: has {count_suns(loaded)} suns; validate photo takes one, e.g. --set sun.elevation_deg=3"
+        )
     loaded, said = with_file(photograph, loaded)
     for line in said:
         print(line)

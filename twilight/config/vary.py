@@ -63,7 +63,7 @@ class Distribution(Section):
 
     @model_validator(mode="after")
     def _one(self) -> "Distribution":
-        if len(self.model_fields_set) != 1:
+        if len(self.model_fields_set) != 1 or all(getattr(self, name) is None for name in self.model_fields_set):
             raise ValueError(f"must have one distribution and nothing beside it: {', '.join(type(self).model_fields)}")
         for name in ("uniform", "log_uniform"):
             ends = getattr(self, name)
@@ -78,7 +78,9 @@ class Distribution(Section):
         """The value below which a fraction of all lies, 0 to 1."""
         if self.choice is not None:
             return self.choice[min(int(fraction * len(self.choice)), len(self.choice) - 1)]
-        low, high = self.uniform or self.log_uniform or (0.0, 1.0)
+        ends = self.uniform or self.log_uniform
+        assert ends is not None  # one of the three is there
+        low, high = ends
         return _between(low, high, self.log_uniform is not None, fraction)
 
 
@@ -188,8 +190,10 @@ def _values(value: Any, where: str) -> list[Any]:
         return list(value)
     if not isinstance(value, Mapping):
         raise TwilightError(f"{where} must be one of the lists and ranges that vary takes: {_FORMS}")
-    for name in value.keys() - Range.model_fields:
-        raise TwilightError(f"{where}: {name} {unknown(name, [*Range.model_fields, *Distribution.model_fields])}")
+    for name in value:
+        if name not in Range.model_fields:
+            allowed = [*Range.model_fields, *Distribution.model_fields]
+            raise TwilightError(f"{where}: {name} {unknown(str(name), allowed)}")
     return _of(Range, value, where).values()
 
 

@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 
 from twilight.atmosphere.medium import Medium
-from twilight.base import cache
 from twilight.base.conventions import UNSEEN
-from twilight.base.digest import code_digest, content_digest
 from twilight.base.errors import TwilightWarning
 from twilight.engine.block import Block, Stokes, StokesWithError, join
 from twilight.engine.sunbeam import Direct
@@ -48,12 +46,7 @@ class SunLight:
         if self.tables:
             last = self.tables[-1]
             nodes = {**nodes, "rows_deg": last.elevation_deg, "columns_deg": last.azimuth_deg}
-
-        def filled() -> dict[str, np.ndarray]:
-            return _table(block, sun_elevation_deg, altitude_km, **nodes).arrays()
-
-        key = _key(block, sun_elevation_deg, altitude_km, nodes)
-        self.tables.append(cache.of_skies(key, filled, SkyTable.of_arrays))
+        self.tables.append(_table(block, sun_elevation_deg, altitude_km, **nodes))
 
     @property
     def table(self) -> SkyTable:
@@ -98,14 +91,6 @@ class SunLight:
             apparent_sun_elevation_deg=sun_elevation_deg + direct.bending_deg,
             **facts,
         )
-
-
-def _key(block: Block, sun_elevation_deg: float, altitude_km: float, nodes: dict[str, Any]) -> str:
-    """The key of the table of one sun in the cache; empty where there are more suns: they would push fields out."""
-    if not block.problem.cached or len(block.problem.sun_elevations_deg or ()) != 1:
-        return ""
-    about = (block.key(altitude_km), block.bands is not None, sun_elevation_deg, altitude_km, *sorted(nodes.items()))
-    return content_digest(code_digest("twilight.engine.one_sun"), about)
 
 
 def _table(

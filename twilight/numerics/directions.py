@@ -84,12 +84,6 @@ def texture_centres(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     return (np.arange(rows) + 0.5) * (90.0 / rows), np.arange(columns) * (360.0 / columns)
 
 
-def texture_grid(step_deg: float = 3.0) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column centres (elevation_deg, azimuth_deg) of the hemisphere texture: 30 x 120 at the default 3 deg."""
-    rows = round(90.0 / step_deg)
-    return texture_centres((rows, 4 * rows))
-
-
 def half_of(azimuth_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The columns on one side of the sun's vertical that stand for all: a sky is its own mirror image about it.
 

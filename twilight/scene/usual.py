@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from twilight.solvers.base import Solver
 
 
-Ozones: TypeAlias = tuple[list[Config], np.ndarray]
-"""One configuration, or two of less and more ozone, and shares of the second."""
 ONE_COLUMN_DU = 4.0
 """Places and times whose usual columns lie within this have one air [DU]: illuminance at -6 deg is within 0.7 %."""
 NOWHERE = PlaceAndTime()
@@ -41,15 +39,17 @@ def with_ozone_of(config: Config, time: datetime, latitude_deg: float) -> Config
     return config.model_copy(update={"climate": climate})
 
 
-def between_ozone_of(config: Config, times: Sequence[datetime], latitude_deg: Sequence[float]) -> Ozones:
-    """The configuration with the least and the most usual ozone of places and times, and where each of them, (N,), lies
-    between the two; as it is, and zeros, where ozone is set; one of the mean where all are within ONE_COLUMN_DU."""
+def between_ozone_of(
+    config: Config, times: Sequence[datetime], latitude_deg: Sequence[float]
+) -> tuple[list[Config], np.ndarray]:
+    """The configuration with the least and the most usual ozone of N places and times, and the share (N,) of the second
+    in each; as it is, and zeros, where ozone is set; of the mean alone where all are within ONE_COLUMN_DU."""
+    if not _leaves_ozone(config.climate):
+        return [config], np.zeros(len(times))
     days = [time.astimezone(UTC).timetuple().tm_yday for time in times]
     pairs = list(zip(latitude_deg, days, strict=True))
     columns = {pair: climatological_column_du(*pair) for pair in set(pairs)}
     least, most = min(columns.values()), max(columns.values())
-    if not _leaves_ozone(config.climate):
-        return [config], np.zeros(len(pairs))
     if most - least <= ONE_COLUMN_DU:
         return [_of_column(config, 0.5 * (least + most))], np.zeros(len(pairs))
     shares = (np.array([columns[pair] for pair in pairs]) - least) / (most - least)

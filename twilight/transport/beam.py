@@ -64,8 +64,8 @@ class _Air(NamedTuple):
     """What rays are traced through.
 
     traced: the W wavelengths of the medium; its profile holds, behind them, those that nodes are laid out for; layout:
-    profile of the latter; scales: refractivity
-    at the ground of all in it over that of the reference; edges: what jumps or bends at edges of layers.
+    profile of the latter; scales: refractivity at the ground of all in it over that of the reference; edges: what
+    jumps or bends at edges of layers.
     """
 
     traced: BeamAir

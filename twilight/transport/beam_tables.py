@@ -283,7 +283,7 @@ def down_table(air, limb, distances, shift, far, log_down):
     profile, reference, scale, rays_of = air.profile, air.reference, air.scale, air.rays_of
     lowest_km, invariant = limb.lowest_km, limb.invariant[reference]
     n_w = scale.size
-    mirror, half, half_tau = np.empty(n_w), np.empty(n_w), np.empty(n_w)
+    half, half_tau = np.empty(n_w), np.empty(n_w)
     free = np.empty(n_w, np.bool_)
     whole = max(1e-300, 1.0 - air.least_scale)
     for m in range(lowest_km.size):
@@ -301,7 +301,8 @@ def down_table(air, limb, distances, shift, far, log_down):
             far_angle, far_bending, far_beta, far_free = _reference_ray(air, far_km, u)
             lowering, ok = _lowering(air, far_km, far_angle, far_bending, far_beta)
             _, bending, beta, mirrored = _reference_ray(air, altitude_along(profile, reference, lowest, u), u)
-            mirrored = mirrored and far_free and ok
+            if not (mirrored and far_free and ok):  # the row holds the light of the one below
+                continue
             for w in range(n_w):
                 if rays_of[w] < w or not free[w]:
                     continue
@@ -334,14 +335,13 @@ def down_table(air, limb, distances, shift, far, log_down):
                         continue
                     if v > w:
                         up_tau = outward(profile, v, z, u_own, FAR_KM).optical_depth
-                    if mirrored:
-                        mirror[v] = _log_irradiance(air, v, z, mirror_chi, mirror_apparent, mirror_widening)
+                    mirror = _log_irradiance(air, v, z, mirror_chi, mirror_apparent, mirror_widening)
                     value = up_tau - 2.0 * half_tau[v] + spread
                     if air.n_edges > 0:
                         value += _edges_from_above(air, v, z, xx, x_there * math.cos(mirror_apparent))
                         value += _edge_depth(air, v, z, xx, own_u)
-                    if not math.isnan(mirror[v]):
-                        log_down[v, m, d] = value + mirror[v] + math.log1p(u / far)
+                    if not math.isnan(mirror):
+                        log_down[v, m, d] = value + mirror + math.log1p(u / far)
 
 
 @njit(cache=True, makes_arrays=False)

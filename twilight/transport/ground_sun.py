@@ -47,9 +47,12 @@ class GroundSun:
         # the two Gauss points between nodes, none of which lies on a jump
         between = 0.5 * np.diff(z)[:, None] * (1.0 + np.array([-1.0, 1.0]) / math.sqrt(3.0)) + z[:-1, None]
         self._per_km = medium.at(between).extinction.mean(axis=1)
-        self._parts = [Parts.of(z, 1.0 + column, medium.earth_radius_km) for column in medium.at(z).refractivity.T]
+        columns, self._of_column = np.unique(medium.at(z).refractivity.T, axis=0, return_inverse=True)
+        self._parts = [Parts.of(z, 1.0 + column, medium.earth_radius_km) for column in columns]
+        self._edges = [_chi(parts, np.array([HORIZONTAL]))[0] for parts in self._parts]
         self._overhead = medium.overhead_absorption_optical_depth
-        self._screen, self._wavelength_nm = medium.screen, medium.wavelength_nm
+        self._screen = medium.screen
+        self._powers = None if self._screen is None else self._screen.powers(medium.wavelength_nm)
 
     def at(self, sun_elevation_deg: float) -> tuple[np.ndarray, float]:
         """(irradiance at normal incidence over F0 (W,), bending [deg] at the most refracted wavelength; 0 in the dark).
@@ -57,10 +60,10 @@ class GroundSun:
         sun_elevation_deg: true elevation.
         """
         chi = math.radians(90.0 - sun_elevation_deg)
-        irradiance = np.zeros(len(self._parts))
+        irradiance = np.zeros(self._of_column.size)
         most, bending = 0.0, 0.0
-        for w, parts in enumerate(self._parts):
-            if _chi(parts, np.array([HORIZONTAL]))[0] < chi:
+        for k, (parts, edge) in enumerate(zip(self._parts, self._edges, strict=True)):
+            if edge < chi:
                 continue
             i = min(chi, HORIZONTAL)
             for _ in range(NEWTON_STEPS):
@@ -68,23 +71,23 @@ class GroundSun:
                 last, i = i, min(max(i + (chi - there) / slope, 0.0), HORIZONTAL)
                 if abs(i - last) < CLOSE_RAD:
                     break
-            slope = _chi_and_slope(parts, i)[1]
             # sin(i)/sin(chi) of two small angles
             spread = parts.n[0] ** 2 / slope * (math.sin(i) / math.sin(chi) if chi > 1e-4 else 1.0 / slope)
             path_km = parts.through(parts.x[:1] * math.sin(i))[0][0]
-            depth = self._per_km[:, w] @ path_km + self._overhead[w]
-            irradiance[w] = spread * math.exp(-depth) * self._passed(w, parts, i)
+            of = self._of_column == k
+            depth = path_km @ self._per_km[:, of] + self._overhead[of]
+            irradiance[of] = spread * np.exp(-depth) * self._passed(of, parts, i)
             if parts.n[0] > most:
                 most, bending = parts.n[0], max(0.0, chi - i)
         return irradiance, math.degrees(bending)
 
-    def _passed(self, w: int, parts: Parts, apparent: float) -> float:
-        """What a screen beyond the horizon lets pass of a ray from above (`beam_screen`)."""
-        if self._screen is None:
+    def _passed(self, of: np.ndarray, parts: Parts, apparent: float) -> np.ndarray | float:
+        """What a screen beyond the horizon lets pass of a ray from above (`beam_screen`) at some wavelengths."""
+        if self._screen is None or self._powers is None:
             return 1.0
         along = parts.x[0] * math.cos(apparent) + self._screen.from_km
         lowest = np.interp(math.hypot(parts.x[0] * math.sin(apparent), along), parts.x, parts.altitude_km)
-        return float(self._screen.at(np.array([lowest]))[0] ** self._screen.powers(self._wavelength_nm)[w])
+        return np.asarray(self._screen.at(np.array([lowest]))[0] ** self._powers[of])
 
 
 def _chi(parts: Parts, apparent: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from twilight.config.climate import climate_files
 from twilight.config.load import Series
 from twilight.config.scene import Config
 from twilight.config.solver import complete_solver
+from twilight.config.vary import Drawing
 from twilight.engine.problem import START_S, check_size, field_cpu_s, plan
 from twilight.io.provenance import configuration_hash, to_json
 from twilight.numerics.directions import half_of, texture_centres
@@ -247,7 +248,9 @@ class Sweep:
                 for d in self.dimensions
             },
             "held_out": sorted(self.drawn.held_out) if self.drawn is not None else [],
-            "configuration": self.first.model_dump(mode="json", exclude_none=True, exclude={"vary", "output"}),
+            "configuration": self.first.model_dump(
+                mode="json", exclude_none=True, exclude={"vary", "output", *Drawing.model_fields}
+            ),
             "version": __version__,
             "program": dict(sorted(self.code.items())),
         }

@@ -167,4 +167,4 @@ def _variables(stokes: np.ndarray, error: np.ndarray | None) -> Iterator[tuple[s
     """What samples (E, A, S, W) hold, arrays (E, A, W), by the names of the dataset's variables; S is 1 or 3."""
     for values, names in ((stokes, (RADIANCE, *STOKES)), (error, (STANDARD_ERROR, *STOKES_ERROR))):
         if values is not None:
-            yield from zip(names, np.moveaxis(values, 2, 0), strict=False)
+            yield from zip(names[: values.shape[2]], np.moveaxis(values, 2, 0), strict=True)

@@ -161,17 +161,19 @@ def _again(fit: Fit, airs: Airs) -> float:
 
 
 def _behind_nothing(fit: Fit, airs: Airs) -> np.ndarray | None:
-    """ln (3 n,) of the best sky behind a clean horizon over that behind the scene's; None: the sun is too high for it
-    to matter."""
+    """ln (3 n,) of the best sky behind a clean horizon over that behind the scene's; None: all suns are too high for
+    it to matter."""
     values, made = fit.values(), []
     for frame in fit.frames:
         sun = values[SUN] if frame.sun_deg is None else frame.sun_deg
         if sun > BEYOND_DEG:
-            return None
+            made.append(np.zeros((3, frame.elevation_deg.size)))
+            continue
         at = (fit.skies.aerosol_type, values, sun, *fit.where(frame, values))
         clean, there = (components(np.exp(of(*at)), frame.colour_known) for of in (airs.behind_nothing, airs.log_xyz))
         made.append(clean - there)
-    return np.concatenate(made, axis=1).ravel()
+    moved = np.concatenate(made, axis=1).ravel()
+    return moved if moved.any() else None
 
 
 def _with_sun(airs: Airs, frames: Sequence[Frame], options: Options) -> Fit:

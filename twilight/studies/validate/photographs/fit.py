@@ -231,7 +231,7 @@ class Fit:
         bounds = [p.scaled(np.array([p.nodes[0], p.nodes[-1]])) for p in self.parameters]
         self.low, self.high = np.array(bounds).T
         usual = np.array([p.usual or (0.0, np.inf) for p in self.parameters])
-        self.usual = np.clip((usual[:, 0] - self.low) / (self.high - self.low), 0.0, 1.0)
+        self.usual = (usual[:, 0] - self.low) / (self.high - self.low)
         self.strength = (self.high - self.low) / usual[:, 1]
         self.angles = np.array([p.name in OF_CAMERA for p in self.parameters])
         self.corrections = [np.zeros((f.elevation_deg.size, 3)) for f in frames]

@@ -186,14 +186,15 @@ def estimate_air(photographs: Sequence[Photograph], given: Config, says: Estimat
 def _before(given: Config, stated: Stated, names: Sequence[str]) -> tuple[Config, tuple[Parameter, ...]]:
     """The scene with the ozone of its place and day, else of the file's; what is estimated, with what is usual."""
     at = place_and_time_of(given)
-    if at.time is None and stated.sun is not None:
+    if (at.time is None or at.latitude_deg is None) and stated.sun is not None:
         at = PlaceAndTime(stated.moment, stated.latitude_deg)
     climate, of_ozone = with_usual_ozone(given.climate, at)
-    error = OZONE_ANYWHERE_DU if at.time is None and of_ozone else OZONE_DU
+    nowhere = at.time is None or at.latitude_deg is None
+    error = OZONE_ANYWHERE_DU if nowhere and of_ozone else OZONE_DU
     column, albedo = climate.gases.ozone.column_du, climate.ground.albedo
     usual: dict[str, Any] = {
-        "ozone": (column, error, of_ozone or "of the scene"),
-        "albedo": (albedo if isinstance(albedo, int | float) else None, ALBEDO_ERROR, "of the scene"),
+        "ozone": (column, error, of_ozone or "as the scene has it"),
+        "albedo": (albedo if isinstance(albedo, int | float) else None, ALBEDO_ERROR, "as the scene has it"),
     }
     others = []
     for p in (p for p in OTHERS if p.name in names):
