@@ -4,10 +4,10 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+from toy_sky import texture_grid
 
 from twilight.atmosphere.medium import Medium
 from twilight.config.scene import Observer
-from twilight.numerics.directions import texture_grid
 from twilight.numerics.phase import PhaseFunction
 from twilight.scene import Scene
 from twilight.sky.sky import Sky

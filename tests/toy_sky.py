@@ -16,7 +16,7 @@ def unit_vector(elevation_deg, azimuth_deg):
     return np.stack(np.broadcast_arrays(np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)), axis=-1)
 
 
-def texture_grid(step_deg):
+def texture_grid(step_deg=3.0):
     """Row and column centres (elevation_deg, azimuth_deg) of the hemisphere, of squares of a step that divides 90."""
     rows = round(90.0 / step_deg)
     return texture_centres((rows, 4 * rows))

@@ -8,9 +8,9 @@ from hazy_zones import QUICK
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from stability_media import Air, medium_of
+from toy_sky import texture_grid
 
 from twilight.numerics import spectrum
-from twilight.numerics.directions import texture_grid
 from twilight.sky.sky import Sky
 from twilight.solvers import zones
 from twilight.solvers.cells.exchange import make_rings, pair_capture, sphere_capture
