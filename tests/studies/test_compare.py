@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -47,6 +48,16 @@ def reference(toy, sun, stderr=0.0, nm=NM, seed=1):
 
 def scene(**solver):
     return load(SCENE | {"solver": {"name": "toy", **solver}})
+
+
+def test_what_leaving_out_costs_leaves_out_one_thing(monkeypatch):
+    """A row of the benchmark would be refused, or be of the whole scene."""
+    monkeypatch.syspath_prepend(Path(__file__).resolve().parents[2] / "benchmarks")
+    from ablations import LEFT_OUT
+
+    whole = load("continental-average")
+    each = [load("continental-average", settings) for settings in LEFT_OUT.values()]
+    assert len({one.model_dump_json() for one in (whole, *each)}) == len(each) + 1
 
 
 def test_a_table_of_references_survives_the_file(toy, tmp_path):

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from twilight.base.errors import TwilightError
 from twilight.cli.app import app
-from twilight.config.load import load_axes
+from twilight.config.load import load, load_axes
 from twilight.scene.medium import climate_medium
 from twilight.solvers.analytic.daylight import turbidity_of
 from twilight.studies.sweep.loader import load_skies
@@ -57,6 +57,14 @@ def test_so_many_draws_are_held_out(toy, draws, validation, held):
     axis = axis_of(DRAWN, **drawing)
     assert len(axis.held_out) == held and axis.held_out <= set(range(draws))
     assert axis_of(DRAWN, **drawing).held_out == axis.held_out
+
+
+def test_the_record_of_a_sweep_is_a_configuration_of_its_first_scene():
+    """A reader who renders it would be refused, or told of another seed."""
+    document = planned(DRAWN | SUNS, draws=6, seed=1, validation=0.5)._document()
+    record = document["configuration"]
+    assert load(record).climate.ground.albedo == record["climate"]["ground"]["albedo"]
+    assert not {"draws", "seed", "validation"} & record.keys()
 
 
 def test_a_plan_says_how_many_draws_are_held_out(tmp_path):

@@ -37,6 +37,16 @@ def test_straight_rays_through_even_air(even_air, elevation_deg):
     assert bending == pytest.approx(0.0, abs=1e-9)
 
 
+def test_from_the_zenith_light_takes_the_column():
+    """Light that does not bend was 3e-4 off, by the slope of one side."""
+    medium = climate_medium(load("continental-average").climate, np.array([440.0, 700.0]))
+    z = np.linspace(medium.bottom_km, medium.top_km, 400_001)
+    depth = np.trapezoid(medium.at(z).extinction, z, axis=0) + medium.overhead_absorption_optical_depth
+    irradiance, bending = GroundSun(medium).at(90.0)
+    assert bending == 0.0
+    np.testing.assert_allclose(irradiance, np.exp(-depth), rtol=3e-5)
+
+
 def test_below_the_horizon_it_is_dark(even_air):
     """The sun would shine through the Earth."""
     assert GroundSun(even_air).at(-0.01)[0] == 0.0
