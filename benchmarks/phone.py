@@ -242,7 +242,7 @@ def rows_of(head: list[str], found: Any, truth: dict[str, float], seconds: float
 def summary(rows: list[list[str]]) -> list[str]:
     """How often intervals hold, all parameters and each; a picture whose fit does not fit, and says so, has none."""
     fitted = [row for row in rows if float(row[10]) <= LARGEST_MISFIT]
-    lines = [f"{len({row[0] for row in rows})} drawn, {len({row[0] for row in fitted})} of them are fitted"]
+    lines = [f"{len({row[0] for row in rows})} pictures, {len({row[0] for row in fitted})} of them are fitted"]
     for name in ("all", "told", "aerosol", "ozone", "albedo"):
         chosen = [row for row in fitted if name in ("all", row[2]) or (name == "told" and row[9] == "True")]
         if chosen:
