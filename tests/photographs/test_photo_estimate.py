@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from photographs import eight_bit, fisheye, latlong, perspective, picture, preetham, take
+from toy_sky import texture_grid
 from typer.testing import CliRunner
 
 import twilight
@@ -17,7 +18,7 @@ from twilight.config import load
 from twilight.engine import run
 from twilight.io.stored_image import write_exr
 from twilight.numerics import spectrum
-from twilight.numerics.directions import azimuth_elevation, camera_axes, texture_grid
+from twilight.numerics.directions import azimuth_elevation, camera_axes
 from twilight.scene import resolve
 from twilight.scene.usual import completed
 from twilight.sky import colour

@@ -100,7 +100,7 @@ def test_a_level_at_an_edge_is_the_edge():
 MEASURED = {
     "conservative air over a white ground": 0.0009, "a conservative layer over a white ground": 0.0036,
     "a conservative layer over a black ground": 0.0055, "a grey layer over a bright ground": 0.0015,
-    "strong absorption above": 0.0015, "soot below": 0.0003,
+    "strong absorption above": 0.0028, "soot below": 0.0003,
 }  # fmt: skip
 """Worst imbalance with these settings of all spheres; with and without refraction it differs by 3e-4 at most."""
 

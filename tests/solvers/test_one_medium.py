@@ -188,7 +188,7 @@ def test_each_key_of_a_climate_moves_the_fitted_model_or_is_refused(key, referen
     if reference:
         exact = np.log(np.divide(*(sky(air, "zones", nm, **{"solver.quality": "draft"}) for air in (other, base))))
         off, most = (np.percentile(np.abs(part), 95) for part in (moved - exact, exact))
-        assert off < 0.03 + 0.1 * most, (off, most)
+        assert off < 0.035 + 0.1 * most, (off, most)
 
 
 @pytest.mark.slow
@@ -225,7 +225,7 @@ CHEAPER: dict[str, dict[str, Any]] = {
 }
 NEAR = {"montecarlo": 0.05, "tables": 0.2, "cells": 0.4, "sasktran2": 0.25}
 """How far ln of a change may be from that of zones, relative to it; 0.1 of others: some are coarse in twilight."""
-NOISE = {"montecarlo": 0.05, "tables": 0.04, "cells": 0.06, "sasktran2": 0.08}
+NOISE = {"montecarlo": 0.06, "tables": 0.04, "cells": 0.06, "sasktran2": 0.08}
 """And in any case, 0.02 of others: of `montecarlo` by noise of 0.01 in each of two skies."""
 
 

@@ -89,7 +89,7 @@ def test_purple_light_under_a_volcanic_stratosphere():
     """Lee and Hernandez-Andres 2003: background aerosol reddens little, volcanic aerosol makes the sky purple."""
     below, ratio = {}, {}
     for kind in ("background", "moderate_volcanic", "high_volcanic"):
-        a = air("continental-clean", list(see.WAVELENGTHS_NM), stratosphere__kind=kind)
+        a = air("continental-clean", list(see.WAVELENGTHS_NM), stratosphere__kind=kind, horizon="clean")
         (x,), (y,) = see.chromaticity(a.xyz(-4.0, [20.0], [0.0]))
         below[kind], ratio[kind] = see.above_daylight(x, y), see.red_over_blue(a, -4.0, 20.0, 0.0)
     for kind in ("moderate_volcanic", "high_volcanic"):
