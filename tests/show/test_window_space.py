@@ -192,11 +192,11 @@ def test_altitudes_of_a_page(planet):
 
 @pytest.mark.slow
 def test_a_climate_from_the_air_to_orbit(tmp_path):
-    """95 % of pixels within 2 % of the field, 4 % about the horizon, 5 % between tables."""
+    """95 % of pixels within 2 % of the field at 10 km, 5 % from above the air and between tables."""
     solved = twilight.solve("continental-average", quality="draft", wavelength_nm=[430.0, 500.0, 560.0, 620.0, 680.0])
     page_file = view_fields([solved], altitudes_km=[2.0, 5.0, 10.0, 400.0]).save(tmp_path / "sky.html")
     channels, missed = Channels(solved.medium.wavelength_nm), []
-    views = [(z, fov, 0.02 if fov > 8.0 else 0.04) for z in (10.0, 400.0, 100.5) for fov in (100.0, 8.0)]
+    views = [(z, fov, 0.02 if z < 100.0 else 0.05) for z in (10.0, 400.0, 100.5) for fov in (100.0, 8.0)]
     with open_page(page_file, 32, 18) as (page, errors):
         for altitude, fov, limit in (*views, (3.2, 100.0, 0.05)):
             dip = math.degrees(math.acos(RADIUS / (RADIUS + altitude)))
@@ -214,7 +214,7 @@ def test_a_climate_from_the_air_to_orbit(tmp_path):
                     off = np.percentile(np.abs(found[bright] / exact[bright] - 1.0), 95, axis=0).max()
                     where = f"{altitude:g} km, {fov:g} deg across, azimuth {turned:g}, sun {sun:g}"
                     print(f"{where}: {100 * off:.2f} %", flush=True)
-                    if off > (0.08 if (altitude, fov, sun) == (400.0, 8.0, 1.0) else limit):
+                    if off > limit:
                         missed.append((where, off))
         assert errors == []
     assert missed == []
