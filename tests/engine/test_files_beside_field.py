@@ -109,7 +109,7 @@ def test_a_sky_from_high_up_holds_the_field(any_observer, air, sun, altitude_km)
     floor = FAINT * truth.max(axis=0)
     error = np.abs(sky.sample(elevation, azimuth) - truth) / np.maximum(truth, floor)
     usual, largest = np.percentile(error, 95), error.max()
-    allowed = (0.003, 0.02) if altitude_km <= 12.0 else (0.005, 0.03)
+    allowed = (0.003, 0.02) if altitude_km <= 12.0 else (0.005, 0.035)
     # where nodes end the table says so
     assert usual < max(allowed[0], 2.0 * table.error) and largest < max(allowed[1], 4.0 * table.worst), (
         f"{100 * usual:.2f} % at 95 %, {100 * largest:.2f} % at most; {100 * table.error:.2f}, {100 * table.worst:.2f}"
