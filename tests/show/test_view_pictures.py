@@ -10,11 +10,12 @@ from airs import pure_air, scene_of_field
 from twilight.config.pictures import View
 from twilight.config.scene import Observer
 from twilight.engine import solve
-from twilight.engine.sunbeam import Direct
-from twilight.engine.view import ViewOfLights, ViewRadiance, view_radiance, with_sun
+from twilight.engine.sunbeam import make_disc
+from twilight.engine.view import ViewOfLights, ViewRadiance, view_radiance, with_disc
 from twilight.io.rendered import ViewPixels
 from twilight.numerics.directions import azimuth_elevation
 from twilight.numerics.projections import view_rays
+from twilight.sky.disc import SOLAR_RADIUS_DEG
 from twilight.sky.lights import Sun
 from twilight.sky.table import SkyTable
 from twilight.solvers.base import BareField
@@ -89,16 +90,28 @@ def test_rows_are_half_a_pixel_apart_where_light_needs_them_and_no_nearer():
     assert rows.size < 140
 
 
-def test_the_disc_holds_the_suns_irradiance():
-    """The sun in a view would have other light, or shine through land."""
-    rays = view_rays("perspective", 200, 200, field_of_view_deg=2.0, elevation_deg=10.3)
-    seen = ViewPixels("perspective", rays, np.zeros((200, 200, 1), np.float32), 0.01)
-    direct = Direct(np.array([0.7]), 0.3)
-    pixel = np.radians(2.0 / 200) ** 2
-    assert with_sun(seen, direct, 10.0).radiance.sum() * pixel == pytest.approx(0.7, rel=0.01)
-    hidden = ViewPixels("perspective", rays, seen.radiance, 0.01, hidden=np.ones((200, 200), bool))
-    assert not with_sun(hidden, direct, 10.0).radiance.any()
-    assert with_sun(seen, Direct(np.zeros(1), 0.0), 10.0) is seen
+BENDING = pure_air(np.linspace(0.0, 60.0, 31), wavelengths=(450.0, 650.0))
+
+
+@pytest.mark.parametrize("sun", [10.0, -0.75])
+def test_the_disc_of_a_view_is_the_suns_own(sun):
+    """The sun in a view would have other light, shine through land, or stand round before the ground as it sets."""
+    disc = make_disc(BENDING, Sun(sun), 0.0)
+    lower, upper = disc.edges_deg()
+    rays = view_rays("perspective", 200, 200, field_of_view_deg=1.0, elevation_deg=0.5 * (lower + upper))
+    black = ViewPixels("perspective", rays, np.zeros((200, 200, BENDING.n_wavelengths), np.float32), 0.005)
+    seen = with_disc(black, disc, 0.0, 1.0)
+    light = seen.radiance.sum(axis=(0, 1)) * np.radians(1.0 / 200) ** 2
+    assert light == pytest.approx(disc.irradiance_factor(), rel=0.01)
+    rows, columns = np.nonzero(seen.sun)
+    assert np.ptp(rows) / np.ptp(columns) == pytest.approx(
+        (upper - lower) / (2.0 * disc.half_width_deg().max()), rel=0.05
+    )
+    assert (upper - lower) < 0.9 * 2.0 * SOLAR_RADIUS_DEG or sun > 5.0
+    hidden = replace(black, hidden=np.ones((200, 200), bool))
+    assert not with_disc(hidden, disc, 0.0, 1.0).radiance.any() and not with_disc(hidden, disc, 0.0, 1.0).sun.any()
+    night = with_disc(black, make_disc(BENDING, Sun(-20.0), 0.0), 0.0, 1.0)
+    assert not night.radiance.any() and not night.sun.any()
 
 
 def test_the_night_of_a_view_is_behind_the_sky_and_on_the_ground():

@@ -96,6 +96,8 @@ def test_below_the_horizon_nothing_is_seen_and_from_a_mountain_it_still_is(air):
     assert not make_disc(air, Sun(-1.5), 0.0).irradiance_factor().any()
     high = make_disc(air, Sun(-1.5), 3.0)
     assert high.is_seen and high.edges_deg()[0] < 0.0
+    hill = make_disc(air, Sun(-0.85), 0.3)  # which the sun does not touch yet: no line of light on the horizon
+    assert not hill.radiance(np.linspace(-0.6, hill.edges_deg()[0] - 2e-3, 400), 0.0).any()
     cut = make_disc(air, Sun(-0.55), 0.0)
     assert cut.edges_deg()[0] == pytest.approx(0.0, abs=2e-3) and cut.edges_deg()[1] < 0.3
 

@@ -35,8 +35,7 @@ from twilight.engine.view import (
     join_views,
     landscape,
     view_radiance,
-    with_moon,
-    with_sun,
+    with_disc,
 )
 from twilight.io.provenance import configuration_hash
 from twilight.io.rendered import ViewPixels, ViewSource
@@ -302,9 +301,11 @@ class _Result:
                 stars = StarPoints(azimuth, up.elevation_deg, up.irradiance / solar)
         discs: list[Callable[[ViewPixels], ViewPixels]] = []
         if sky.moon is not None and sky.moon.disc is not None:
-            discs.append(partial(with_moon, disc=sky.moon.disc, over_sun=over_sun[1]))
+            azimuth_deg = sky.moon.moon.azimuth_deg
+            discs.append(partial(with_disc, disc=sky.moon.disc, azimuth_deg=azimuth_deg, scale=sky.distance_au**2))
         sun = self.lit[0]
-        discs.append(partial(with_sun, direct=sun.beam, sun_elevation_deg=sun.body.elevation_deg))
+        disc = sky.disc or make_disc(scene.medium, sun.body, scene.altitude_km, scene.bands)
+        discs.append(partial(with_disc, disc=disc, azimuth_deg=0.0, scale=1.0))
         picture = ViewOfLights(tuple(lit), glow, stars, tuple(discs))
         return picture.whole() if sun.landscape else picture
 

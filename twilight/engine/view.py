@@ -17,13 +17,11 @@ from twilight.base.errors import TwilightError
 from twilight.config.pictures import Terrain, View
 from twilight.engine.field import Field
 from twilight.engine.mapped_ground import Land, MappedGround, join_grounds
-from twilight.engine.sunbeam import Direct
 from twilight.engine.table import CLOSEST_ROWS_DEG, first_columns, first_rows, row_breaks
 from twilight.io.rendered import ViewPixels, ViewSource
 from twilight.numerics.directions import azimuth_elevation, direction
-from twilight.sky.disc import SOLAR_RADIUS_DEG
+from twilight.sky.disc import Disc
 from twilight.sky.lights import Luminary
-from twilight.sky.moon import MoonDisc
 from twilight.sky.night.points import Raster, StarPoints
 from twilight.sky.table import SkyTable
 from twilight.sky.table import join as join_tables
@@ -43,11 +41,9 @@ MOST_NODES = (280, 140)
 LEAST_APART_DEG = 1e-3
 """First rows and columns closer than this to the edge of a view are left out [deg]."""
 PIECE_DEG = 0.02
-"""Largest distance of the directions of a pixel whose mean is the moon's light in the pixel [deg]."""
+"""Largest distance of the directions of a pixel whose mean is a disc's light in the pixel [deg]."""
 MOST_PIECES = 24
 """Most of these directions across a pixel."""
-DISC_PIXELS_AT_ONCE = 2048
-"""Pixels whose directions to a disc are held at once."""
 PITCH_ROWS = 64
 """Rows of a picture in which the angle between its pixels is measured."""
 
@@ -274,56 +270,19 @@ def _albedo(land: Land, wavelength_nm: np.ndarray, azimuth: np.ndarray, turn: np
     return land.albedo(np.degrees(azimuth), turn, wavelength_nm)
 
 
-def with_sun(pixels: ViewPixels, direct: Direct, sun_elevation_deg: float) -> ViewPixels:
-    """The view with the sun's disc where its light arrives: everywhere as bright as its mean, its edge one pixel wide.
+def with_disc(pixels: ViewPixels, disc: Disc, azimuth_deg: float, scale: float) -> ViewPixels:
+    """The view with the disc of sun or moon before it, where no terrain stands.
 
-    direct: at the observer; the disc stands where refraction lifts its centre to, and is round.
+    azimuth_deg: of its centre from the sun; scale: of its radiance to that over F0 at the view's distance.
     """
-    if not direct.irradiance.any():
-        return pixels
-    sun = direction(0.0, sun_elevation_deg + direct.bending_deg)
-    off_axis = np.degrees(2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(pixels.rays - sun, axis=-1))))
-    fraction = np.clip((SOLAR_RADIUS_DEG - off_axis) / pixels.pitch_deg + 0.5, 0.0, 1.0)
-    if pixels.hidden is not None:
-        fraction = np.where(pixels.hidden, 0.0, fraction)
-    solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(SOLAR_RADIUS_DEG)))
-    covered = np.nan_to_num(fraction)
-    disc = covered[..., None] * (direct.irradiance / solid_angle)
-    covered = covered if pixels.sun is None else np.maximum(pixels.sun, covered)
-    return replace(pixels, radiance=(pixels.radiance + disc).astype(np.float32), sun=covered)
-
-
-def with_moon(pixels: ViewPixels, disc: MoonDisc, over_sun: np.ndarray) -> ViewPixels:
-    """The view with the moon's disc: each pixel has the mean of directions `PIECE_DEG` apart.
-
-    over_sun (W,): irradiance of the moon above the air over that of the sun.
-    """
-    disc, moon = disc.without_dispersion(), disc.moon
-    lower, upper = disc.edges_deg()
-    middle = direction(moon.azimuth_deg, 0.5 * (lower + upper))
-    rays = pixels.rays.astype(float)
-    largest_angle = np.radians(upper - lower + 3.0 * pixels.pitch_deg)
-    chord = np.linalg.norm(np.nan_to_num(rays) - middle, axis=-1)
-    near = (chord < 2.0 * np.sin(min(0.5 * largest_angle, 0.5 * np.pi))) & np.isfinite(rays).all(axis=-1)
-    where = np.nonzero(near if pixels.hidden is None else near & ~pixels.hidden)
-    if not where[0].size:
-        return pixels
-    count = int(np.clip(np.ceil(pixels.pitch_deg / PIECE_DEG), 2, MOST_PIECES))
-    step = np.radians(pixels.pitch_deg) * ((np.arange(count) + 0.5) / count - 0.5)
-    ray = rays[where]
-    right = np.cross(ray, [0.0, 0.0, 1.0])
-    right /= np.maximum(np.linalg.norm(right, axis=-1, keepdims=True), 1e-9)
-    up = np.cross(right, ray)
+    rays, pitch = pixels.rays.astype(float), np.radians(pixels.pitch_deg)
+    right = np.cross(rays, [0.0, 0.0, 1.0])
+    right *= pitch / np.maximum(np.linalg.norm(right, axis=-1, keepdims=True), 1e-9)
+    points = int(np.clip(np.ceil(pixels.pitch_deg / PIECE_DEG), 2, MOST_PIECES))
     radiance = pixels.radiance.copy()
     covered = np.zeros(pixels.shape) if pixels.sun is None else pixels.sun.copy()
-    over_sun = over_sun / moon.irradiance_factor(disc.wavelength_nm)  # for the disc counts from the sun at 1 au
-    for k in range(0, len(ray), DISC_PIXELS_AT_ONCE):
-        part = np.s_[k : k + DISC_PIXELS_AT_ONCE]
-        inside = where[0][part], where[1][part]
-        r, x, y = (v[part][:, None, None] for v in (ray, right, up))
-        pieces = r + x * step[:, None] + y * step[:, None, None]
-        azimuth, elevation = azimuth_elevation(pieces)
-        shown = disc.radiance(elevation, np.mod(azimuth - moon.azimuth_deg + 180.0, 360.0) - 180.0)
-        radiance[inside] += (shown.mean(axis=(1, 2)) * over_sun).astype(radiance.dtype)
-        covered[inside] = np.maximum(covered[inside], (shown.max(axis=-1) > 0.0).mean(axis=(1, 2)))
+    for where, light, part in disc.in_pixels(rays, np.cross(rays, right), right, azimuth_deg, points):
+        open_to = np.ones(part.size) if pixels.hidden is None else ~pixels.hidden[where]
+        radiance[where] += (light * scale * open_to[:, None]).astype(radiance.dtype)
+        covered[where] = np.maximum(covered[where], part * open_to)
     return replace(pixels, radiance=radiance, sun=covered)

@@ -6,7 +6,6 @@ import numpy as np
 
 from twilight.base.conventions import DARK, EARTH_RADIUS_KM
 from twilight.io.environment import pixel_of, pixel_solid_angle
-from twilight.numerics.directions import azimuth_elevation, direction
 from twilight.sky import colour
 from twilight.sky.disc import Disc
 from twilight.sky.sky import Sky
@@ -16,8 +15,6 @@ COLOUR_STEP_NM = 10.0
 """Every wavelength has an edge of the disc of its own: colours need more of them than the sky."""
 _NODES = 24
 """Points of a row, from limb to limb, whose light is given to the pixels of a map."""
-PIXELS_AT_ONCE = 512
-"""Pixels of a picture whose points are worked on at once: it bounds memory."""
 
 
 class _Shown(NamedTuple):
@@ -96,71 +93,23 @@ def _give(
     np.add.at(picture, (row, column), light / pixel_solid_angle(renderer, width)[row, column, None])
 
 
-def add_to_picture(
-    sky: Sky,
-    picture: np.ndarray,
-    elevation_deg: np.ndarray,
-    azimuth_deg: np.ndarray,
-    tone: Tone,
-    points: int = 8,
-) -> None:
-    """Add the discs to a picture (height, width, K) of a tone's channels, whose pixels look in directions from the sun.
+def add_to_picture(sky: Sky, picture: np.ndarray, rays: np.ndarray, tone: Tone, points: int = 8) -> None:
+    """Add the discs to a picture (height, width, K) of a tone's channels, whose pixels (height, width, 3) look along
+    unit vectors from the sun's azimuth; each holds the mean of points x points.
 
-    elevation_deg, azimuth_deg: broadcast to (height, width).  Each pixel holds the mean of points x points.
+    In any projection: a pixel at a seam is taken as wide as most are.
     """
-    elevation, azimuth = np.broadcast_arrays(elevation_deg, azimuth_deg)
-    offset = (np.arange(points) + 0.5) / points - 0.5
+    down, right = (_within_a_pixel(np.gradient(rays, axis=axis)) for axis in (0, 1))
     for shown in _shown(sky):
-        lower, upper = shown.disc.edges_deg()
-        down, right = _steps(elevation, azimuth)
-        around = _turn_deg(azimuth - shown.azimuth_deg)
-        margin = 2.0 * np.nanmax(np.abs(down))
-        side = 2.0 * shown.disc.half_width_deg().max() + 2.0 * np.nanmax(np.abs(right))
-        where = np.nonzero((elevation > lower - margin) & (elevation < upper + margin) & (np.abs(around) < side))
         disc = _fine(shown.disc)
-        for start in range(0, where[0].size, PIXELS_AT_ONCE):
-            pixels = where[0][start : start + PIXELS_AT_ONCE], where[1][start : start + PIXELS_AT_ONCE]
-            e = elevation[pixels][:, None, None] + down[pixels][:, None, None] * offset[:, None]
-            a = around[pixels][:, None, None] + right[pixels][:, None, None] * offset[None, :]
-            light = disc.radiance(e, a).mean(axis=(1, 2)) * shown.scale
-            picture[pixels] += tone.see(light, disc.wavelength_nm, light_of(sky))
-
-
-def add_to_view(sky: Sky, picture: np.ndarray, rays: np.ndarray, tone: Tone, points: int = 8) -> None:
-    """As `add_to_picture` for pixels (height, width, 3) that look along unit vectors from the sun's azimuth, in any
-    projection: a pixel at a seam is taken as wide as most are."""
-    offset = (np.arange(points) + 0.5) / points - 0.5
-    for shown in _shown(sky):
-        down, right = (_within_a_pixel(np.gradient(rays, axis=axis)) for axis in (0, 1))
-        lower, upper = shown.disc.edges_deg()
-        middle = direction(shown.azimuth_deg, 0.5 * (lower + upper))
-        size = np.linalg.norm(down, axis=-1) + np.linalg.norm(right, axis=-1)
-        where = np.nonzero(rays @ middle > np.cos(np.radians(upper - lower) + size))
-        disc = _fine(shown.disc)
-        for start in range(0, where[0].size, PIXELS_AT_ONCE):
-            pixels = where[0][start : start + PIXELS_AT_ONCE], where[1][start : start + PIXELS_AT_ONCE]
-            ray = rays[pixels][:, None, None] + down[pixels][:, None, None] * offset[:, None, None]
-            azimuth, elevation = azimuth_elevation(ray + right[pixels][:, None, None] * offset[None, :, None])
-            light = disc.radiance(elevation, _turn_deg(azimuth - shown.azimuth_deg)).mean(axis=(1, 2)) * shown.scale
-            picture[pixels] += tone.see(light, disc.wavelength_nm, light_of(sky))
+        for pixels, light, _ in disc.in_pixels(rays, down, right, shown.azimuth_deg, points):
+            picture[pixels] += tone.see(light * shown.scale, disc.wavelength_nm, light_of(sky))
 
 
 def _within_a_pixel(steps: np.ndarray) -> np.ndarray:
     """Steps (height, width, 3) from a pixel to the next, no longer than twice their median."""
     length = np.linalg.norm(steps, axis=-1, keepdims=True)
     return steps * np.minimum(1.0, 2.0 * np.median(length) / np.maximum(length, DARK))
-
-
-def _steps(elevation: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Change of elevation from a row to the next and of azimuth from a column to the next [deg]."""
-    right = _turn_deg(np.diff(azimuth, axis=1, append=azimuth[:, :1]))
-    right[:, -1] = right[:, -2]
-    return np.gradient(elevation, axis=0), right
-
-
-def _turn_deg(azimuth: np.ndarray) -> np.ndarray:
-    """An azimuth, or a difference of two, as an angle from -180 to 180 deg."""
-    return np.mod(azimuth + 180.0, 360.0) - 180.0
 
 
 def light_of(sky: Sky) -> Light:

@@ -9,7 +9,7 @@ import numpy as np
 
 from twilight.base.errors import TwilightError, check_known
 from twilight.base.whole_files import whole_file, write_json
-from twilight.io.disc import add_to_picture, add_to_view, dip_deg, light_of
+from twilight.io.disc import add_to_picture, dip_deg, light_of
 from twilight.io.environment import ground_factor
 from twilight.io.provenance import provenance_fields
 from twilight.io.rendered import Options, Rendered
@@ -152,12 +152,8 @@ def develop_view(
         ground = tone.see(ground_factor(sky), sky.wavelength_nm, light_of(sky))
         picture[np.broadcast_to(elevation <= lower, picture.shape[:2])] = ground
     steps_deg = np.abs(np.diff(elevation[:, elevation.shape[1] // 2]))
-    if view in VIEWS:
-        add_to_picture(sky, picture, elevation, azimuth, tone)
-        pixel_deg = float(steps_deg.max(initial=0.0))
-    else:
-        add_to_view(sky, picture, direction(azimuth, elevation), tone)
-        pixel_deg = float(np.median(steps_deg))
+    add_to_picture(sky, picture, direction(azimuth, elevation), tone)
+    pixel_deg = float(steps_deg.max(initial=0.0) if view in VIEWS else np.median(steps_deg))
     if view == "fisheye":
         outside = elevation < 0
     if outside.any():

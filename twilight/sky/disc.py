@@ -8,6 +8,7 @@ line of sight followed backwards; irradiance, flattening, dispersion and mirages
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -15,12 +16,16 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from twilight.base.errors import TwilightError
+from twilight.numerics.directions import azimuth_elevation, direction
 
 SOLAR_RADIUS_DEG = 959.63 / 3600.0
 """Angular radius of the sun at 1 au [deg] (Auwers; IAU 1976)."""
 
 LIMB_RANGE_NM = (300.0, 1100.0)
 """Range of the fits to limb darkening [nm]; its ends stand for wavelengths beyond."""
+
+PIXELS_AT_ONCE = 512
+"""Pixels of a picture whose points are worked on at once: it bounds memory."""
 
 _LIMB_BANDS_NM = (372.98, 422.57)
 """Wavelengths [nm] at which one of the three fits of `_LIMB` follows on another."""
@@ -130,6 +135,30 @@ class Disc:
             out[near] = self._above_the_air(true, around[near][:, None]) * passed
         return out.reshape(*elevation.shape, self.wavelength_nm.size)
 
+    def in_pixels(
+        self, rays: np.ndarray, down: np.ndarray, right: np.ndarray, azimuth_deg: float, points: int
+    ) -> Iterator[tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]]:
+        """What pixels (height, width) see of it, some at a time: their rows and columns, its radiance over F0 (N, W),
+        the mean of points x points directions, and the part of each that it covers (N,).
+
+        rays (height, width, 3): unit vectors, NaN outside the picture; down, right: from each to the next pixel's;
+        azimuth_deg: of its centre, as the rays'.
+        """
+        if not self.is_seen:
+            return
+        lower, upper = self.edges_deg()
+        wide = np.linalg.norm(down, axis=-1) + np.linalg.norm(right, axis=-1)
+        reach = np.radians(0.5 * (upper - lower) + 1.1 * self.radius_deg) + wide
+        chord = np.linalg.norm(rays - direction(azimuth_deg, 0.5 * (lower + upper)), axis=-1)
+        rows, columns = np.nonzero(chord < reach)
+        step = (np.arange(points) + 0.5) / points - 0.5
+        for start in range(0, rows.size, PIXELS_AT_ONCE):
+            pixels = rows[start : start + PIXELS_AT_ONCE], columns[start : start + PIXELS_AT_ONCE]
+            ray, d, r = (each[pixels][:, None, None].astype(float) for each in (rays, down, right))
+            azimuth, elevation = azimuth_elevation(ray + d * step[:, None, None] + r * step[:, None])
+            light = self.radiance(elevation, azimuth - azimuth_deg)
+            yield pixels, light.mean(axis=(1, 2)), (light.max(axis=-1) > 0.0).mean(axis=(1, 2))
+
     def dimmed(self, factor: float) -> Self:
         """The disc behind a filter."""
         return replace(self, transmittance=factor * self.transmittance)
@@ -198,21 +227,16 @@ class Disc:
             passed = np.exp(np.log(np.where(both, a, 1.0)) * (1 - f) + np.log(np.where(both, b, 1.0)) * f)
         return replace(self, wavelength_nm=nm, true_elevation_deg=true, transmittance=np.where(both, passed, 0.0))
 
-    def without_dispersion(self) -> Self:
-        """The disc with one edge for all wavelengths, for pixels that are much wider than a coloured rim."""
-        true = self.true_elevation_deg.mean(axis=1, keepdims=True)
-        return replace(self, true_elevation_deg=true.repeat(self.wavelength_nm.size, axis=1))
-
     def along(self, elevation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """True elevation and transmittance (N, W) at apparent elevations (N,), between the rows."""
         step = self.elevation_deg[1] - self.elevation_deg[0]
         position = np.clip((elevation - self.elevation_deg[0]) / step, 0.0, self.elevation_deg.size - 1.0)
         low = np.minimum(position.astype(int), self.elevation_deg.size - 2)
         f = (position - low)[:, None]
-        true = self.true_elevation_deg[low] * (1 - f) + self.true_elevation_deg[low + 1] * f
-        a, b = self.transmittance[low], self.transmittance[low + 1]
-        # an edge of what is seen lies half-way between two rows
-        passed = np.where((a > 0) & (b > 0), a * (1 - f) + b * f, np.where(f < 0.5, a, b))
+        open_to = (self.transmittance[low] > 0) & (self.transmittance[low + 1] > 0)
+        # an edge of what is seen lies half-way between two rows, of which one says nothing of the sky
+        f = np.where(open_to, f, np.round(f))
+        true, passed = (v[low] * (1 - f) + v[low + 1] * f for v in (self.true_elevation_deg, self.transmittance))
         return true, passed
 
     def _above_the_air(self, true_deg: np.ndarray, azimuth_deg: np.ndarray, at: tuple | None = None) -> np.ndarray:
