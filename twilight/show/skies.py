@@ -131,9 +131,8 @@ def _add_field(
     seen = [one.seen(channels.of) for one in spectra]
     _add_tables(pack, f"sky{k}", f"aureole{k}", seen)
     _add_spectrum(pack, f"spectrum{k}", [np.log(np.maximum(one, 1e-37)) for one in light])
-    if seen[0].log_phase is not None:
-        pack.numbers(f"phase{k}", seen[0].log_phase)
     for i, altitude in enumerate(altitudes):
+        _add_phase(pack, f"phase{k}_{i}", seen[i])
         places = sky_elevations(edges[i][0])
         _add_lines(pack, channels, f"{k}_{i}", sunbeam(solved, channels, altitude, places),
                    night_lines(solved.medium, altitude, places))  # fmt: skip
@@ -151,6 +150,7 @@ def _add_field(
         "space_spectrum_sun_deg": coarse.sun_elevation_deg.tolist(),
     }
     _add_tables(pack, f"space_sky{k}", f"space_aureole{k}", [made])
+    _add_phase(pack, f"phase{k}_space", made)
     _add_spectrum(pack, f"space_spectrum{k}", [coarse.smooth])
     above = solved.medium.earth_radius_km + space.ABOVE_AIRGLOW_KM
     _add_lines(
@@ -169,6 +169,12 @@ def _add_tables(pack: Pack, smooth: str, aureole: str, tables: list[SkyTable]) -
         held = [layer[:, :, column] for layer in layers if layer is not None]
         if held:
             pack.logarithm(name, np.moveaxis(np.stack(held), -1, 0))
+
+
+def _add_phase(pack: Pack, name: str, table: SkyTable) -> None:
+    """ln P of a table, which is another one at every altitude."""
+    if table.log_phase is not None:
+        pack.numbers(name, table.log_phase)
 
 
 def _add_spectrum(pack: Pack, name: str, logs: list[np.ndarray]) -> None:
