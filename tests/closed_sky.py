@@ -18,7 +18,7 @@ EIGHT_NM = np.array([380.0, 440.0, 472.0, 548.0, 580.0, 616.0, 676.0, 756.0])
 """Wavelengths of pages and shaders [nm]."""
 FIVE_NM = np.array([400.0, 470.0, 540.0, 600.0, 680.0])
 """Wavelengths of films [nm]."""
-COARSE = PageNodes(ground=5, haze=5, sky=17, limb=17, columns=13)
+COARSE = PageNodes(ground=5, haze=5, sky=17, columns=13)
 """Nodes of the tables of pages."""
 ELEVEN_SUNS_DEG = (20.0, 10.0, 4.0, 1.0, -1.0, -2.5, -4.0, -6.0, -9.0, -12.0, -17.9)
 """Suns under which every page is compared with Python [deg]."""

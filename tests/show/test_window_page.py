@@ -14,7 +14,7 @@ from twilight.show.skies import view_fields, view_sky
 from twilight.solvers.base import BareField
 
 NM = np.array([420.0, 500.0, 580.0, 660.0])
-COARSE = PageNodes(ground=5, haze=5, sky=9, limb=9, columns=7)
+COARSE = PageNodes(ground=5, haze=5, sky=9, columns=7)
 
 
 @dataclass

@@ -94,24 +94,27 @@ class PageNodes:
     ground: int = 17
     haze: int = 11
     sky: int = 39
-    limb: int = 43
-    """Above the air alone, in place of `sky`."""
     columns: int = 29
+    space: tuple[int, ...] = (21, 11, 13, 35)
+    """Above the air: rows of the ground, of the haze, and of the limb below and above another layer's edge."""
+    space_columns: int = 37
+    """With 29 the limb in deep twilight is 3 to 4 % off between them."""
 
     def rises(self, *, space: bool = False) -> list[np.ndarray]:
         """Places of the rows in the parts, 0 to 1: of the ground, of the haze, and of the sky or the limb."""
-        u = [np.linspace(0.0, 1.0, n) for n in (self.ground, self.haze, self.limb if space else self.sky)]
-        return [1.0 - (1.0 - u[0]) ** 2, np.sin(0.5 * np.pi * u[1]) ** 2, u[2] ** (1.5 if space else 2.0)]
+        low, high = (2.5, 1.5) if space else (2.0, 2.0)
+        u = [np.linspace(0.0, 1.0, n) for n in (self.space if space else (self.ground, self.haze, self.sky))]
+        inner = [np.sin(0.5 * np.pi * part) ** 2 for part in u[1:-1]]
+        return [1.0 - (1.0 - u[0]) ** low, *inner, u[-1] ** high]
 
     def every_second_row(self, *, space: bool = False) -> np.ndarray:
         """Rows of the spectral table: every second one of each part."""
-        starts = np.cumsum([0, self.ground, self.haze, self.limb if space else self.sky])
+        starts = np.cumsum([0, *(part.size for part in self.rises(space=space))])
         return np.concatenate([np.arange(a, b, 2) for a, b in pairwise(starts)])
 
-    @property
-    def columns_deg(self) -> np.ndarray:
+    def columns_deg(self, *, space: bool = False) -> np.ndarray:
         """Azimuths from the sun."""
-        return shared_columns(self.columns)
+        return shared_columns(self.space_columns if space else self.columns)
 
 
 def between_edges(rises: list[np.ndarray], edges: list[float]) -> np.ndarray:
@@ -136,7 +139,7 @@ def horizon_and_haze_deg(solved: Field, altitude_km: float) -> tuple[float, floa
 def spectra_at(solved: Field, altitude_km: float, nodes: PageNodes, progress: Progress) -> SkyTable:
     """The table of all suns of the page for an observer in the air, at the field's wavelengths."""
     rows = between_edges(nodes.rises(), [-90.0, *horizon_and_haze_deg(solved, altitude_km), 90.0])
-    tables = SunTables(solved, altitude_km, rows_deg=rows, columns_deg=nodes.columns_deg)
+    tables = SunTables(solved, altitude_km, rows_deg=rows, columns_deg=nodes.columns_deg())
     return tables.between(LOWEST_SUN_DEG, 90.0, part_of(progress, 0.0, 1.0, f"{altitude_km:g} km"))
 
 

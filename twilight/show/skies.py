@@ -73,16 +73,14 @@ def view_fields(
         "highest_km": asked[-1],
         "rise": [part.tolist() for part in nodes.rises()],
         "least_haze_deg": page.LEAST_HAZE_DEG,
-        "column_deg": padded_columns(nodes.columns_deg)[0].tolist(),
-        "spectrum_column_deg": padded_columns(nodes.columns_deg[::2])[0].tolist(),
-        "spectrum_rows": nodes.every_second_row().tolist(),
+        **_node_facts(nodes),
         "sun_deg": [LOWEST_SUN_DEG, 90.0],
         "moon": page_header(),
     }
     if orbit_km:
         pack.header["space"] = {
             "from_km": altitudes[-1],
-            "spectrum_rows": nodes.every_second_row(space=True).tolist(),
+            **_node_facts(nodes, space=True),
             "line_power": space.LINE_POWER,
             "edge_km": space.TOP_EDGE_KM,
             "lines_to_km": space.LINES_TO_KM,
@@ -96,6 +94,16 @@ def view_fields(
     pack.numbers("zodiacal", np.log(zodiacal_table()))
     pack.numbers("stars", _stars())
     return Page(pack, f"{' and '.join(names)}: sky")
+
+
+def _node_facts(nodes: page.PageNodes, *, space: bool = False) -> dict[str, list[float]]:
+    """Columns of the tables and of the spectral ones, and which rows these have."""
+    columns = nodes.columns_deg(space=space)
+    return {
+        "column_deg": padded_columns(columns)[0].tolist(),
+        "spectrum_column_deg": padded_columns(columns[::2])[0].tolist(),
+        "spectrum_rows": nodes.every_second_row(space=space).tolist(),
+    }
 
 
 def _add_field(
@@ -131,17 +139,14 @@ def _add_field(
     seen = [one.seen(channels.of) for one in spectra]
     _add_tables(pack, f"sky{k}", f"aureole{k}", seen)
     _add_spectrum(pack, f"spectrum{k}", [np.log(np.maximum(one, 1e-37)) for one in light])
-    if seen[0].log_phase is not None:
-        pack.numbers(f"phase{k}", seen[0].log_phase)
     for i, altitude in enumerate(altitudes):
         places = sky_elevations(edges[i][0])
-        _add_lines(pack, channels, f"{k}_{i}", sunbeam(solved, channels, altitude, places),
+        _add_lines(pack, channels, f"{k}_{i}", seen[i], sunbeam(solved, channels, altitude, places),
                    night_lines(solved.medium, altitude, places))  # fmt: skip
     if "space" not in pack.header:
         return
-    made, coarse, geometry = space.fill_space(
-        solved, channels, nodes, part_of(progress, len(altitudes) / steps, 2.0 / steps)
-    )
+    above_air = part_of(progress, len(altitudes) / steps, 2.0 / steps)
+    made, coarse, geometry = space.fill_space(solved, channels, nodes, above_air)
     pack.header["fields"][k] |= {
         "radius_km": solved.medium.earth_radius_km,
         "grazing_km": geometry.grazing_km,
@@ -153,13 +158,9 @@ def _add_field(
     _add_tables(pack, f"space_sky{k}", f"space_aureole{k}", [made])
     _add_spectrum(pack, f"space_spectrum{k}", [coarse.smooth])
     above = solved.medium.earth_radius_km + space.ABOVE_AIRGLOW_KM
-    _add_lines(
-        pack,
-        channels,
-        f"{k}_space",
-        sunbeam(solved, channels, geometry.top_km, geometry.line_elevations(geometry.top_radius_km)),
-        night_lines(solved.medium, space.ABOVE_AIRGLOW_KM, geometry.line_elevations(above)),
-    )
+    beam = sunbeam(solved, channels, geometry.top_km, geometry.line_elevations(geometry.top_radius_km))
+    night = night_lines(solved.medium, space.ABOVE_AIRGLOW_KM, geometry.line_elevations(above))
+    _add_lines(pack, channels, f"{k}_space", made, beam, night)
 
 
 def _add_tables(pack: Pack, smooth: str, aureole: str, tables: list[SkyTable]) -> None:
@@ -184,7 +185,10 @@ def add_tones(pack: Pack) -> None:
         pack.numbers(name, values)
 
 
-def _add_lines(pack: Pack, channels: Channels, which: str, sun: tuple, night: tuple) -> None:
+def _add_lines(pack: Pack, channels: Channels, which: str, table: SkyTable, sun: tuple, night: tuple) -> None:
+    """What an altitude has of its own beside its table: the table's ln P, the sun's beam, the night's light."""
+    if table.log_phase is not None:
+        pack.numbers(f"phase{which}", table.log_phase)
     refraction_deg, beam = sun
     pack.numbers(f"refraction_deg{which}", refraction_deg)
     pack.numbers(f"beam{which}", np.log(beam))

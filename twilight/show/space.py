@@ -7,9 +7,9 @@ for all lines, so that tables over the foot's sun stay smooth where the Earth's 
 
     ground    place: angle of the line to the vertical at its foot [deg]
     limb      place: 90 + (p - p_h) / km, p_h of the ray that grazes the ground (by Bouguer's invariant); from p_h by
-              the ray that grazes the top of the haze to r_top
+              the rays that graze the top of the haze and the next layer's edge to r_top
 
-Rows are at the fractions of each part that `page.PageNodes` has; suns and azimuths are those of the other tables.
+Rows are at the fractions of each part that `page.PageNodes` has; suns are those of the other tables.
 
 The air ends at the radius r_top.  With a scale height H a line that passes s below has erf(sqrt(s / H)) of the light
 that it would have were the air to go on, a root of s whose logarithm no table can hold: the limb is stored over
@@ -37,6 +37,7 @@ from twilight.show.page import PageNodes, between_edges, haze_top_km
 from twilight.show.tones import Channels, padded_columns
 from twilight.sky.table import SkyTable
 from twilight.transport.rays import horizon_dip_deg
+from twilight.transport.scattered_once import faint_edges
 
 LINE_POWER = 1.5
 """Power with which nodes of the lines above the air stand closer together at the horizon."""
@@ -56,31 +57,34 @@ LAST_ROW_DEG = -0.02
 
 @dataclass(frozen=True)
 class Geometry:
-    """Lines of sight past one planet [km]: p of the rays that graze the ground and the top of the haze, the radius of
-    the top of the air, and its altitude above sea level."""
+    """Lines of sight past one planet [km]: p of the rays that graze the ground, the top of the haze and the edge of a
+    layer above it, the radius of the top of the air, and its altitude above sea level."""
 
     grazing_km: float
     haze_km: float
+    layer_km: float
     top_radius_km: float
     top_km: float
 
     @classmethod
     def of(cls, solved: Field) -> Geometry:
         """Geometry of the medium of a field."""
-        medium = solved.medium
+        medium, haze_km = solved.medium, haze_top_km(solved)
         radius = medium.earth_radius_km + medium.top_km
-        lowest = medium.bottom_km, haze_top_km(solved)
-        grazing, haze = (radius * math.cos(math.radians(horizon_dip_deg(medium, medium.top_km, z))) for z in lowest)
-        return cls(grazing, haze, radius, medium.top_km)
+        above = (float(z) for z in faint_edges(medium) if haze_km + 1.0 < z < medium.top_km - 1.0)
+        layer_km = next(above, haze_km + 0.15 * (medium.top_km - haze_km))
+        dips = (horizon_dip_deg(medium, medium.top_km, z) for z in (medium.bottom_km, haze_km, layer_km))
+        ground, haze, layer = (radius * math.cos(math.radians(dip)) for dip in dips)
+        return cls(ground, haze, layer, radius, medium.top_km)
 
     def rows(self, nodes: PageNodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(place, elevation at the top of the air [deg], angle from there to the foot [deg]) (rows,).
 
         Ground from the nadir up, then limb from the horizon up.
         """
-        above = (p - self.grazing_km for p in (self.haze_km, self.top_radius_km))
+        above = (p - self.grazing_km for p in (self.haze_km, self.layer_km, self.top_radius_km))
         place = between_edges(nodes.rises(space=True), [0.0, 90.0, *(90.0 + km for km in above)])
-        ground = np.arange(place.size) < nodes.ground
+        ground = np.arange(place.size) < nodes.space[0]
         foot = np.minimum(place, 90.0)
         p = np.where(ground, self.grazing_km * np.sin(np.radians(foot)), self.grazing_km + place - 90.0)
         elevation = -np.degrees(np.arccos(np.minimum(p / self.top_radius_km, 1.0)))
@@ -120,13 +124,13 @@ def fill_space(
     place, elevation, central_angle_deg = geometry.rows(nodes)
     entry = SunTables(solved, geometry.top_km, rows_deg=elevation, columns_deg=first_columns(ENTRY_COLUMNS))
     entering = entry.between(ENTRY_LOWEST_SUN_DEG, 90.0, part_of(progress, 0.0, 0.9, "above the air"))
-    edge = geometry.edge(elevation)
-    edge[: nodes.ground] = 1.0
-    filled = _at_feet(entering.seen(channels.of), nodes.columns_deg, edge, central_angle_deg)
+    edge, columns = geometry.edge(elevation), nodes.columns_deg(space=True)
+    edge[: nodes.space[0]] = 1.0
+    filled = _at_feet(entering.seen(channels.of), columns, edge, central_angle_deg)
     rows = nodes.every_second_row(space=True)
     light = np.log(np.maximum(entering.light_at_nodes(), TINY_SINGLE))
     whole = replace(entering, smooth=light, aureole=None, log_phase=None)
-    spectra = _at_feet(whole, nodes.columns_deg[::2], edge, central_angle_deg)
+    spectra = _at_feet(whole, columns[::2], edge, central_angle_deg)
     suns = every_second(spectra.sun_elevation_deg.size)
     coarse = replace(
         spectra,

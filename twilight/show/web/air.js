@@ -43,7 +43,7 @@ function takeLight(answer) {
 
 function takeSky({ smooth, aureole, phase, spectrum, apparent, error }) {
   const rows = HEAD.row_deg.length, columns = HEAD.column_deg.length, shape = (n) => ({ shape: [n, 1, 1, rows, columns] });
-  Object.assign(tables, { sky0: smooth, aureole0: aureole, phase0: phase, spectrum0: spectrum });
+  Object.assign(tables, { sky0: smooth, aureole0: aureole, phase0_0: phase, spectrum0: spectrum });
   Object.assign(HEAD.arrays, { sky0: shape(4), aureole0: shape(4), spectrum0: shape(HEAD.fields[0].wavelength_nm.length) });
   HEAD.fields[0].lift_deg = [[apparent - sliders.asked.sun]];
   Object.assign(sliders, { busy: false, error, milliseconds: performance.now() - sliders.since });

@@ -100,7 +100,7 @@ function uploadTables(sun) {
     const first = 2 * (k + HEAD.fields.length * i), under = (name) => underSun(name, body.shown, f.sun_node_deg);
     whole.set(under(`sky${k}`), first * size);
     if (tables[`aureole${k}`]) whole.set(under(`aureole${k}`), (first + 1) * size);
-    putNodes(nodes, first, [[0], rowsOf(k), HEAD.column_deg, [liftOf(k, body.shown)]], tables[`phase${k}`]);
+    putNodes(nodes, first, [[0], rowsOf(k), HEAD.column_deg, [liftOf(k, body.shown)]], atAltitude("phase", k));
   }));
   texture3d("skyTable", columns, rows, parts, whole);
   texture("skyLines", LINE / 4, parts, 4, nodes);

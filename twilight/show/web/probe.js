@@ -38,8 +38,8 @@ function factorUnder(d, field, sun) {
   const e = elevationOf(d), h = horizonOf(field), beside = around(azimuthOf(d) - sun.azimuth, 360);
   if (inSpace() ? !foot : grid && e < h) return f.wavelength_nm.map(() => 0);
   const values = foot ? underSun(`space_spectrum${field}`, foot.sun, f.space_spectrum_sun_deg) : underSun(`spectrum${field}`, sun.shown, f.spectrum_sun_deg);
-  const kept = foot ? HEAD.space.spectrum_rows : HEAD.spectrum_rows, rows = grid ? HEAD.spectrum_row_deg : kept.map((i) => rowsOf(field)[i]);
-  const columns = HEAD.spectrum_column_deg, bands = f.wavelength_nm.length;
+  const kept = (foot ? HEAD.space : HEAD).spectrum_rows, rows = grid ? HEAD.spectrum_row_deg : kept.map((i) => rowsOf(field)[i]);
+  const columns = (foot ? HEAD.space : HEAD).spectrum_column_deg, bands = f.wavelength_nm.length;
   const across = stencil(columns, foot ? foot.azimuth : grid ? beside : Math.min(beside, 360 - beside));
   const logs = new Array(bands).fill(0);
   for (const [j, v] of stencil(rows, foot ? foot.row : e)) {

@@ -37,7 +37,7 @@ function uploadSpace() {
       if (!values) return;
       for (let c = 0; c < 4; c++) for (let q = 0; q < suns * size; q++) out[(first + q) * 4 + c] = values[c * suns * size + q];
     });
-    putNodes(lines, 2 * k, [f.space_sun_deg, f.space_row, HEAD.column_deg, []], tables[`phase${k}`]);
+    putNodes(lines, 2 * k, [f.space_sun_deg, f.space_row, HEAD.space.column_deg, []], tables[`phase${k}_space`]);
   });
   texture3d("spaceTable", columns, rows, parts * suns, out);
   texture("spaceLines", LINE / 4, parts, 4, lines);

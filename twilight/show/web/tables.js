@@ -113,12 +113,13 @@ function underSun(name, elevation, nodes) {
   return out;
 }
 
-// Rows by altitude ("beam0_2" ...) at the altitude of the state.
+// Rows by altitude ("beam0_2" ...) at the altitude of the state; null: there are none.
 function atAltitude(name, field) {
   if (inSpace()) return tables[`${name}${field}_space`];
   let out = null;
   for (const [i, w] of altitudeWeights(state.altitude)) {
     const values = tables[`${name}${field}_${i}`];
+    if (!values) return null;
     out ??= new Float32Array(values.length);
     for (let p = 0; p < values.length; p++) out[p] += w * values[p];
   }
