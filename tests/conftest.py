@@ -9,7 +9,8 @@ import signal
 import zlib
 from pathlib import Path
 
-# as in all that people call: what tests call below it waits for a second thread four times as long as one takes
+# before numpy is imported (which a plugin of zarr's did: `pyproject.toml`); as in all that people call: what tests call
+# below it waits for a second thread four times as long as one takes
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
