@@ -118,10 +118,8 @@ def test_pixels_above_the_air_are_the_field(planet, page_file, altitude):
                 )
                 if inside.any():
                     off = np.abs(found[inside] / exact[inside] - 1.0)
-                    assert np.percentile(off, 95) < 0.015, (
-                        pointing,
-                        sun,
-                    )  # 2e-4 of the limb; the ground is darker than aerosol here
+                    # 2e-4 of the limb; the ground is darker than aerosol here
+                    assert np.percentile(off, 95) < 0.015, (pointing, sun)
                     compared += 1
                 beyond = (p > RADIUS + MEDIUM.top_km + 2.0) | (elevation > 0.0)
                 assert (found[beyond] == 0.0).all()

@@ -359,9 +359,8 @@ def test_effective_scattering_begins_with_the_third_event():
         - cells.prepare(medium, replace(settings, max_orders=1)).radiance(20.0, 30.0, 90.0)
         for event in (3, 2)
     ]
-    low = (
-        light[1] / light[0]
-    )  # what is scattered in the second event, between all of air's and (1 - g) of the aerosol's
+    # what is scattered in the second event, between all of air's and (1 - g) of the aerosol's
+    low = light[1] / light[0]
     assert np.all((low > 0.3) & (low < 0.9))
 
 
