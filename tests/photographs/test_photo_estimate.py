@@ -172,9 +172,7 @@ def vignetted(rgb):
 
 
 @pytest.mark.parametrize(
-    "degraded",
-    [{"noise": 0.03}, {"through": eight_bit, "noise": 0.02, "change": vignetted}],
-    ids=["noise", "all"],
+    "degraded", [{"noise": 0.03}, {"through": eight_bit, "noise": 0.02, "change": vignetted}], ids=["noise", "all"]
 )
 def test_degraded_photographs_are_as_uncertain_as_they_say(degraded):
     """Noise, 8 bits or an unknown vignetting would move the air by more than its stated errors."""

@@ -16,14 +16,7 @@ from twilight.numerics.phase import PhaseFunction
 from twilight.solvers import cells, zones
 from twilight.solvers.cells import QUALITIES
 from twilight.solvers.cells.direct_light import MAX_STEPS, refracted_sun, trace_to_space
-from twilight.solvers.cells.exchange import (
-    BLOCKS,
-    exchange,
-    full_turn,
-    pair_capture,
-    rounds_of_blocks,
-    sphere_capture,
-)
+from twilight.solvers.cells.exchange import BLOCKS, exchange, full_turn, pair_capture, rounds_of_blocks, sphere_capture
 from twilight.solvers.cells.grid import layer_of, make_grid, make_layers, outer_radius_km, path_depth, shell_radii
 from twilight.transport.ray_profile import ray_profile
 from twilight.transport.rays import OUTSIDE, sun_ray
