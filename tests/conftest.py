@@ -9,6 +9,10 @@ import signal
 import zlib
 from pathlib import Path
 
+# before numpy is imported (which a plugin of zarr's did: `pyproject.toml`); as in all that people call: what tests call
+# below it waits for a second thread four times as long as one takes
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 import typer.testing
 from hazy_zones import SCALAR

@@ -310,13 +310,13 @@ def test_what_depends_on_a_place_is_that_of_each_place():
 
 def test_every_place_and_month_has_its_own_ozone():
     """A year or a map would have the ozone of its first line: 20 % of the light of dusk."""
-    times = [f"2026-{month:02d}-15 civil dusk" for month in (2, 5, 8, 11)]
-    places = [MUNICH, (8.0, 30.0), (59.0, 25.0)]
+    times = [f"2026-{month:02d}-15 civil dusk" for month in (2, 8)]
+    places = [MUNICH, (8.0, 30.0)]
     asked = ["horizontal", "plane:90/180"], ["illuminance", "cct"]
     year = twilight.light(places, times, *asked)
     near = twilight.light(MUNICH, ["2026-02-15 civil dusk", "2026-02-17 civil dusk"], *asked)  # of their mean
     np.testing.assert_allclose(near.isel(time=0).illuminance_lux, year.isel(place=0, time=0).illuminance_lux, rtol=3e-3)
-    for one, time in ((0, 0), (1, 2), (2, 3)):
+    for one, time in ((0, 1), (1, 1)):
         alone = twilight.light(places[one], times[time], *asked)
         here = year.isel(place=one, time=time)
         np.testing.assert_allclose(here.illuminance_lux, alone.illuminance_lux, rtol=3e-3)

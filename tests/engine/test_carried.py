@@ -152,10 +152,10 @@ def test_the_ground_has_the_albedo_of_its_wavelength(ground):
 def test_the_judge_takes_it_when_asked_alone():
     """A reference solution would stand on the fitted model unasked, or its standard errors be lost."""
     nm = {"list_nm": VISIBLE_NM[::2].tolist()}
-    solver = {"name": "montecarlo", "target_stderr": None, "samples": 64}
+    solver = {"name": "montecarlo", "target_stderr": None, "samples": 16}
     scene = resolve(load("pure-air", {"solver": solver, "wavelengths": nm}))
     assert not any(plan(scene).carriers)
-    carried = {"solver": solver | {"expert": {"spectrum": "carried"}}, "wavelengths": nm}
+    carried = {"solver": solver | {"expert": {"spectrum": "carried", "importance_sweeps": 2}}, "wavelengths": nm}
     field = solve(resolve(load("pure-air", carried)), cached=False)
     radiance, error = field.radiance_with_error(-2.0, [20.0], [40.0])
     assert n_nodes(field.problem) == 8 and (error > 0.0).all()

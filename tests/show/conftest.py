@@ -1,4 +1,4 @@
-"""One page of two fields, of a quarter of the suns, for all tests of pages that need no light of their own."""
+"""One page of two fields, of an eighth of the suns, for all tests of pages that need no light of their own."""
 
 import pytest
 from browser import close_browser
@@ -12,7 +12,7 @@ from twilight.show.skies import view_fields
 def page_of_two(tmp_path_factory):
     """Closed skies, the second twice as bright, at three altitudes."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sun_tables, "SUN_COUNT", 25)
+        patch.setattr(sun_tables, "SUN_COUNT", 13)
         page = view_fields(
             [closed(level=0.1), closed("other", 0.2)],
             names=["one", "other"],

@@ -115,9 +115,9 @@ def test_a_render_has_one_until_its_sky_is_there(coarse_draft, tmp_path, monkeyp
 
 
 @pytest.mark.parametrize("hidden", [False, True], ids=["preview", "no preview"])
-def test_a_long_sky_says_before_it_begins_how_long_it_takes_and_why(hidden, tmp_path, monkeypatch):
+def test_a_long_sky_says_before_it_begins_how_long_it_takes_and_why(coarse_draft, hidden, tmp_path, monkeypatch):
     """Thick or finely layered air began without a word, and --no-preview never had one."""
-    monkeypatch.setattr(preview, "PATIENCE_S", 1.0)
+    monkeypatch.setattr(preview, "PATIENCE_S", 0.1)
     monkeypatch.setenv("TWILIGHT_CACHE_DIR", str(tmp_path / "cache"))
     words = ["--set", "climate.aerosol.optical_depth_550nm=1.5", "--quality", "draft", "--output", str(tmp_path / "o")]
     words += ["--set", "wavelengths.list_nm=[550]", "--set", "output.files=[h5]", *(["--no-preview"] if hidden else [])]

@@ -45,11 +45,11 @@ def flat(altitude_km: float, size_km: float = 400.0) -> Heights:
                    altitude_km)  # fmt: skip
 
 
-def wall(distance_km: float, altitude_km: float) -> Heights:
-    """A wall across, 4 km thick, its near edge so far towards the sun."""
-    z = np.zeros((801, 81), np.float32)
-    z[401 + round(distance_km) : 405 + round(distance_km)] = altitude_km
-    return Heights(z, -40.0, -400.0, 1.0, 1.0, 1.0, 0.0, altitude_km)
+def wall(distance_km: float, altitude_km: float, reach: int = 400) -> Heights:
+    """A wall across, 4 km thick, its near edge so far towards the sun, on land that reaches so far [km]."""
+    z = np.zeros((2 * reach + 1, 81), np.float32)
+    z[reach + 1 + round(distance_km) : reach + 5 + round(distance_km)] = altitude_km
+    return Heights(z, -40.0, -float(reach), 1.0, 1.0, 1.0, 0.0, altitude_km)
 
 
 @pytest.mark.parametrize("elevation_deg", [-2.0, -10.0, -60.0])
@@ -152,7 +152,7 @@ def test_shadows_only_take_light(air, shadows):
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     place = Viewpoint(0.5, 2.0, 0.4)
     sky = np.ones((1, 3, 3), np.float32)
-    mountain = wall(15.0, 3.0)
+    mountain = wall(15.0, 3.0, reach=60)
     clear = add_terrain(sky, rays, mountain, SunlitAir(Even(), medium, beam, place), 0.2, "none").radiance
     dark = add_terrain(sky, rays, mountain, SunlitAir(Even(), medium, beam, place), 0.2, shadows).radiance
     assert (dark <= clear + 1e-6).all() and (dark < clear - 1e-3).any() and (dark >= 0).all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import shutil
 import subprocess
@@ -57,6 +58,13 @@ def scene(solver="compact", climate="urban", **settings):
     document = {"version": 1, "climate": climate, "wavelengths": {"list_nm": WAVELENGTH_NM}, "solver": {"name": solver}}
     document["horizon"] = "clean"
     return load(document, {key.replace("__", "."): value for key, value in settings.items()})
+
+
+@functools.lru_cache(maxsize=2)
+def solved(solver, climate, quality="draft", **settings):
+    """By the model, or by `zones` at a quality."""
+    more = {"solver__quality": quality} if solver == "zones" else {}
+    return solve(resolve(scene(solver, climate, **settings, **more)))
 
 
 @pytest.fixture(scope="module")
@@ -186,10 +194,12 @@ def test_light_scattered_once_under_a_thick_layer_aloft_beside_zones():
         assert np.percentile(np.abs(off), 95) < 0.04, (sun, np.percentile(np.abs(off), 95))
 
 
-@pytest.mark.parametrize("climate", ["urban", pytest.param("desert", marks=pytest.mark.slow)])
-def test_all_but_the_network_is_already_near_zones(climate):
+@pytest.mark.parametrize(
+    ("climate", "quality"), [("urban", "draft"), pytest.param("desert", "standard", marks=pytest.mark.slow)]
+)
+def test_all_but_the_network_is_already_near_zones(climate, quality):
     """The network would have to mend what closed forms and few rays get wrong, or peaks would count twice."""
-    field, exact = (solve(resolve(scene(solver, climate))).blocks[0].field for solver in ("compact", "zones"))
+    field, exact = (solved(solver, climate, quality).blocks[0].field for solver in ("compact", "zones"))
     seen = field.air._seen_from(0.0)
     rows, columns = np.meshgrid(ELEVATION_DEG, AZIMUTH_DEG, indexing="ij")
     for sun in (30.0, -4.0):
@@ -212,10 +222,7 @@ def test_all_but_the_network_is_already_near_zones(climate):
 )
 def test_its_skies_are_as_near_to_zones_as_it_says(climate, settings):
     """The model would be worse than it says, in radiance or polarisation, in air that the fit has not seen as such."""
-    model, exact = (
-        solve(resolve(scene(solver, climate, **settings, **more)))
-        for solver, more in (("compact", {}), ("zones", {"solver__quality": "draft"}))
-    )
+    model, exact = (solved(solver, climate, "draft", **settings) for solver in ("compact", "zones"))
     e, a = np.meshgrid(np.linspace(1.0, 89.0, 9), np.linspace(0.0, 180.0, 9), indexing="ij")
     for sun in SUNS_DEG:
         mine, theirs = model.stokes(sun, e, a), exact.stokes(sun, e, a)

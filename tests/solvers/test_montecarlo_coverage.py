@@ -5,7 +5,7 @@ above, and a long run of the same solver in odd air (`odd_airs`).
 """
 
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -33,6 +33,7 @@ def judge(cases, least_known):
     assert_all_agree(value[known], np.hypot(error, CURVATURE * truth)[known], truth[known])
 
 
+@cache
 def drawn_slab(number):
     """(medium, sine of the sun's elevation, radiances of zenith and nadir from below and from above)."""
     rng = np.random.default_rng([3, number])

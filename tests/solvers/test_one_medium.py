@@ -112,13 +112,7 @@ IN_BANDS_NM = {"gases.water_vapour.column_mm": 720.0, "gases.oxygen": 762.0}
 ELSEWHERE = {
     "gases.own.",  # a file too
     *("version", "name", "description"),  # no light
-    *(
-        "medium",
-        "air",
-        "aerosol.table",
-        "ground.albedo_map",
-        "atmosphere.levels.file",
-    ),  # files: they become the rest
+    *("medium", "air", "aerosol.table", "ground.albedo_map", "atmosphere.levels.file"),  # files: they become the rest
     *("clouds.", "atmosphere.levels.", "aerosol.modes.refractive_index.wavelength_nm"),  # parts of what moves as one
     "aerosol.mineral_transported.number_density_per_cm3",  # in place of an optical depth
 }
@@ -157,14 +151,21 @@ def put(climate: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
     return changed
 
 
+SKIES: dict[str, np.ndarray] = {}
+"""Of the climates that keys change, computed once."""
+
+
 def configured(climate: dict[str, Any], solver: str, nm: list[float]) -> Any:
     document = {"version": 1, "climate": {"version": 1, "name": "air"} | climate, "omit_negligible": False}
     return load(document | {"wavelengths": {"list_nm": nm}, "solver": {"name": solver, "polarisation": False}})
 
 
 def sky(climate: dict[str, Any], solver: str, nm: list[float], **quality: str) -> np.ndarray:
-    field = solve(resolve(load(configured(climate, solver, nm).model_dump(exclude_unset=True), quality)))
-    return np.array([field.radiance(sun, E, A) for sun in SUNS_DEG])
+    key = repr((climate, solver, nm, quality))
+    if key not in SKIES:
+        field = solve(resolve(load(configured(climate, solver, nm).model_dump(exclude_unset=True), quality)))
+        SKIES[key] = np.array([field.radiance(sun, E, A) for sun in SUNS_DEG])
+    return SKIES[key]
 
 
 def test_every_key_of_a_climate_is_asked_for():
@@ -269,10 +270,9 @@ def test_every_part_of_a_medium_is_asked_for():
 )
 def test_each_part_of_a_medium_moves_a_sky_as_that_of_zones_or_is_refused(solver, part, urban, lights):
     """A solver would solve other air than was asked for, without a word."""
-    module = solvers.load(solver)
-    if not module.CAPABILITIES.installed:
+    can = solvers.load(solver).CAPABILITIES
+    if not can.installed:
         pytest.skip("needs another program")
-    can = module.CAPABILITIES
     if part == "screen" and not can.screen:
         return  # `Scene` refuses it
     said = {one.part for one in not_computed(load({"version": 1, "climate": "urban", "solver": {"name": solver}}))}

@@ -160,7 +160,7 @@ def test_what_the_air_needs_follows_its_humidity():
     standard = QUALITIES["standard"]
     needed = []
     for percent in (52.0, 52.8, 53.6, 60.0, 60.8, 61.6):
-        medium = humid("maritime-clean", percent, [450.0, 650.0])
+        medium = humid("maritime-clean", percent, [450.0])
         settings, degree = grids.settings_for(medium, standard)
         needed.append([degree, *grids.lay_out(medium, delta_scaled(medium, degree), settings).truncation])
     bend = np.diff(np.reshape(needed, (2, 3, 4)), n=2, axis=1)
