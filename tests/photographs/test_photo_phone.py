@@ -215,6 +215,18 @@ def test_an_aureole_at_the_end_of_the_scale_is_no_disc(radius, method):
         assert found.elevation_deg < 5.5
 
 
+def test_an_aureole_that_the_edge_of_the_picture_cuts_may_lie_beyond_it():
+    """A sun beside the picture was taken for the middle of the light at its edge: 12 deg off, said to be within 0.5."""
+    camera = perspective(300, 200, azimuth_deg=20.0, elevation_deg=20.0)
+    rgb = take(preetham(6.0), camera, 65.0, sun=False)
+    azimuth, elevation = camera.azimuth_elevation(camera.pixel_centres())
+    away = np.hypot(azimuth - 65.0, elevation - 6.0)
+    burning = type(picture(rgb))(**{**vars(picture(rgb)), "saturated": away < 13.0})
+    found = Photograph(burning, camera, 3.0, min_elevation_deg=3.0).sun
+    assert found.method == "aureole"
+    assert abs(found.azimuth_deg - 65.0) < 2.0 * found.uncertainty_deg
+
+
 def test_a_night_s_exposure_is_refused(tmp_path):
     """The same picture by 1/100 s and by 30 s: the second is of moonlight, whatever it looks like."""
     rgb = take(preetham(12.0), perspective(160, 120), 75.0, sun=False)

@@ -252,7 +252,7 @@ def place_sun(
         sun = None
         if not north:
             raise
-    if sun is None or (north and sun.method == "symmetry" and sun.uncertainty_deg >= NARROW_ERROR_DEG):
+    if sun is None or (north and sun.uncertainty_deg >= NARROW_ERROR_DEG):
         note = f"sun azimuth {known_deg:.1f} +- {compass:.0f} deg, by time and compass{other}"
         return PlacedSun(known_deg or 0.0, compass, note)
     by = {"disc": "the sun's disc", "aureole": "its aureole, which is at the end of the scale"}.get(

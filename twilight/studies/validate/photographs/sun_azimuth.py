@@ -36,6 +36,8 @@ LEAST_PATCH_DEG = 0.3
 AUREOLE_ERROR = 0.5
 """Error of the sun's elevation by the middle of an aureole, over its radius: it reaches further towards the horizon,
 where the sky is brighter, than up."""
+CUT_ERROR_DEG = 8.0
+"""Standard error of the middle of an aureole that the picture's edge cuts, beyond which the sun may stand [deg]."""
 LARGEST_UNCERTAINTY_DEG = 20.0
 """Uncertainty [deg] beyond which a meridian of symmetry is refused."""
 
@@ -129,6 +131,9 @@ def _of_patch(sky: PhotoSky, there: np.ndarray) -> SunAzimuth | None:
         return None
     error, disc = max(0.3 * step, 0.15 * radius), radius <= LARGEST_DISC_DEG
     upright = error if disc else AUREOLE_ERROR * radius
+    beside = ndimage.binary_dilation(np.pad(there, ((0, 0), (1, 1)), mode="wrap"))[:, 1:-1]
+    if np.count_nonzero(beside & ~there & ~sky.covered) * step > max(radius, 2.0 * step):
+        error, disc, upright = CUT_ERROR_DEG, False, CUT_ERROR_DEG
     return SunAzimuth(azimuth, error, "disc" if disc else "aureole", elevation, upright)
 
 
