@@ -82,6 +82,7 @@ OLD = {GPS.GPSDateStamp: "2024:06:21", GPS.GPSTimeStamp: (12.0, 3.0, 0.0)}
         (ZONE, CLOCK | {GPS.GPSStatus: "V"}, "2024-06-21T20:30:00+02:00", None, "no fix"),
         (ZONE, {GPS.GPSLatitude: (0, 0, 0), GPS.GPSLongitude: (0, 0, 0)}, "2024-06-21T20:30:00+02:00", None, "0 N 0 E"),
         (ZONE, {GPS.GPSLatitudeRef: ""}, "2024-06-21T20:30:00+02:00", None, "without N or S"),
+        (ZONE, {GPS.GPSLongitude: (190, 0, 0)}, "2024-06-21T20:30:00+02:00", None, "0 to 180 deg E or W is not"),
         (TAKEN | {BASE.DateTimeOriginal: "2024-06-21T20:30:00"}, {}, "2024-06-21T20:30:00", -48.2, None),
         (TAKEN | {BASE.DateTimeOriginal: "2024:06:21 20:30:00.25"}, {}, "2024-06-21T20:30:00", -48.2, None),
         (TAKEN | {BASE.DateTimeOriginal: "2024:06:21 20:30:00-03:00"}, {}, "2024-06-21T20:30:00-03:00", -48.2, None),
