@@ -301,6 +301,17 @@ def test_the_air_of_a_drawn_picture(tmp_path):
     assert repr(found).startswith("<Estimate of dusk.jpg: continental_average")
 
 
+def test_air_that_is_clearer_than_any_that_was_tried_is_compared_as_clear():
+    """climate.yaml would hold the scene's haze, many times that of the picture, with the picture's ozone in comments
+    beside the scene's, and the comparison be 26 % off where the fit is 2 %."""
+    shot = drawn(None, **{"sun.elevation_deg": 3.0, "aerosol.optical_depth_550nm": 0.012})
+    found = twilight.estimate(shot, types=["continental_average"], sun_elevation_deg=3.0, sun_azimuth_deg=40.0)
+    assert found.fits and not found.parameters["aerosol"].constrained
+    assert found.settings["aerosol.optical_depth_550nm"] == pytest.approx(0.02)
+    assert found.comparison.figures["luminance_rms_percent"] < 4.0
+    assert yaml.safe_load(found.climate_yaml())["aerosol"]["optical_depth_550nm"] == pytest.approx(0.02)
+
+
 def test_the_camera_stands_at_its_altitude():
     """Haze above a camera at 500 m would be taken for that of the sea's level, a third too little."""
     scene = {**DUSK, "sun.elevation_deg": 15.0, "aerosol.optical_depth_550nm": 0.2, "observer.altitude_km": 0.5}
