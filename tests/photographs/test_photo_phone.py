@@ -298,6 +298,13 @@ def test_pictures_that_say_nothing_are_refused_in_a_sentence(tmp_path, made, tak
     assert len(str(refused.value).splitlines()) == 1
 
 
+@pytest.mark.parametrize("size", [(1, 1), (1, 2)])
+def test_a_picture_of_one_row_is_refused(tmp_path, size):
+    """The camera's section would fail with a traceback."""
+    with pytest.raises(TwilightError, match="from 2 to 100000 pixels a side"):
+        read_photograph(jpeg(tmp_path / "a.jpg", np.full((*size, 3), 0.3)))
+
+
 def phone_curve(light, contrast, shoulder):
     toned = 0.18 * (light / 0.18) ** contrast
     return toned / (1.0 + (toned / 1.05) ** shoulder) ** (1.0 / shoulder)

@@ -33,7 +33,7 @@ from twilight.studies.camera.exif import (
     Stated,
     read_stated,
 )
-from twilight.studies.camera.model import CameraModel, ImageSize, Lens, Orientation, read_camera
+from twilight.studies.camera.model import LARGEST_PIXELS, CameraModel, ImageSize, Lens, Orientation, read_camera
 from twilight.studies.camera.response import load_response
 from twilight.studies.validate.photographs import mask as masks
 from twilight.studies.validate.photographs.mask import SKYLINE_ERROR_DEG, TILT_ERROR_DEG, find_horizon, separation_deg
@@ -333,6 +333,10 @@ def _held(photograph: Photograph, compass_deg: float) -> Photograph:
 
 def _camera(path: Path, picture: StoredImage, stated: Stated, field_of_view_deg: float | None) -> CameraModel:
     height, width = picture.samples.shape[:2]
+    if min(width, height) < 2 or max(width, height) > LARGEST_PIXELS:
+        raise TwilightError(
+            f"{path}: is {width} x {height}; read are pictures from 2 to {LARGEST_PIXELS} pixels a side"
+        )
     if width != 2 * height or field_of_view_deg is not None:
         made = stated.camera(path, width, height, field_of_view_deg)
         return made.changed(response="linear") if picture.linear else made

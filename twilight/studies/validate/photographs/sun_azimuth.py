@@ -81,7 +81,7 @@ def find_sun_azimuth(sky: PhotoSky, valid: np.ndarray, by_disc: bool = True) -> 
     rows = sky.rows_deg
     above = valid & (rows[:, None] > 0)
     if not above.any():
-        raise TwilightError("sun azimuth: no clear sky is left after masking; give --sun-azimuth")
+        raise TwilightError("sun azimuth: no clear sky is left after masking; see the mask options")
     with np.errstate(divide="ignore", invalid="ignore"):
         logarithm = np.log(sky.luminance)
     bands = _bands(above)
