@@ -199,33 +199,21 @@ def test_over_exposed_skies_and_lamps():
     assert any("2 lights" in line for line in told(lamps))
 
 
-@pytest.mark.parametrize(("radius", "method"), [(0.5, "disc"), (3.0, "aureole")])
-def test_an_aureole_at_the_end_of_the_scale_is_no_disc(radius, method):
+@pytest.mark.parametrize(("radius", "method", "axis"), [(0.5, "disc", 80), (3.0, "aureole", 80), (13.0, "aureole", 30)])
+def test_an_aureole_at_the_end_of_the_scale_is_no_disc(radius, method, axis):
     """The middle of what is burnt lies lower than the sun: it would turn the camera, or be the sun's height."""
-    camera = perspective(300, 200, azimuth_deg=80.0, elevation_deg=12.0)
+    camera = perspective(300, 200, azimuth_deg=axis, elevation_deg=12.0)
     rgb = take(preetham(6.0), camera, 75.0, sun=False)
     azimuth, elevation = camera.azimuth_elevation(camera.pixel_centres())
     # further down than up, as the sky is brighter there
     away = np.hypot(azimuth - 75.0, (elevation - 6.0) / np.where(elevation < 6.0, 1.6, 1.0))
     burning = type(picture(rgb))(**{**vars(picture(rgb)), "saturated": away < radius})
     found = Photograph(burning, camera, 3.0, min_elevation_deg=3.0).sun
-    assert found.method == method and found.azimuth_deg == pytest.approx(75.0, abs=0.3)
+    assert found.method == method and abs(found.azimuth_deg - 75.0) < (0.3 if axis == 80 else 2 * found.uncertainty_deg)
     assert (found.disc_elevation_deg is None) == (method == "aureole")
     assert abs(found.elevation_deg - 6.0) < 2.0 * found.elevation_error_deg
-    if method == "aureole":
+    if radius == 3.0:
         assert found.elevation_deg < 5.5
-
-
-def test_an_aureole_that_the_edge_of_the_picture_cuts_may_lie_beyond_it():
-    """A sun beside the picture was taken for the middle of the light at its edge: 12 deg off, said to be within 0.5."""
-    camera = perspective(300, 200, azimuth_deg=20.0, elevation_deg=20.0)
-    rgb = take(preetham(6.0), camera, 65.0, sun=False)
-    azimuth, elevation = camera.azimuth_elevation(camera.pixel_centres())
-    away = np.hypot(azimuth - 65.0, elevation - 6.0)
-    burning = type(picture(rgb))(**{**vars(picture(rgb)), "saturated": away < 13.0})
-    found = Photograph(burning, camera, 3.0, min_elevation_deg=3.0).sun
-    assert found.method == "aureole"
-    assert abs(found.azimuth_deg - 65.0) < 2.0 * found.uncertainty_deg
 
 
 def test_a_night_s_exposure_is_refused(tmp_path):
@@ -286,8 +274,9 @@ def burnt(y, x):
         (moon, {BASE.ISOSpeedRatings: 1600}, "a night, or moonlight|hold clear sky"),
         (burnt, {}, "over-exposed|hold clear sky"),
         (lambda y, x: no_sky(y, x)[::-1] * (y < 90)[..., None] + burnt(90 - y, x), {}, "stands on its head|hold clear"),
+        (lambda y, x: np.full((1, 1, 3), 0.3), {}, "from 2 to 100000 pixels"),
     ],
-    ids=["no sky", "moon", "burnt", "screenshot with a bright half"],
+    ids=["no sky", "moon", "burnt", "screenshot with a bright half", "one pixel"],
 )
 def test_pictures_that_say_nothing_are_refused_in_a_sentence(tmp_path, made, taken, said):
     """A wall, a moon or a screenshot would be given an air."""
@@ -296,13 +285,6 @@ def test_pictures_that_say_nothing_are_refused_in_a_sentence(tmp_path, made, tak
     with pytest.raises(TwilightError, match=said) as refused:
         twilight.estimate(path, sun_elevation_deg=5.0, sun_azimuth_deg=301.5)
     assert len(str(refused.value).splitlines()) == 1
-
-
-@pytest.mark.parametrize("size", [(1, 1), (1, 2)])
-def test_a_picture_of_one_row_is_refused(tmp_path, size):
-    """The camera's section would fail with a traceback."""
-    with pytest.raises(TwilightError, match="from 2 to 100000 pixels a side"):
-        read_photograph(jpeg(tmp_path / "a.jpg", np.full((*size, 3), 0.3)))
 
 
 def phone_curve(light, contrast, shoulder):

@@ -334,9 +334,7 @@ def _held(photograph: Photograph, compass_deg: float) -> Photograph:
 def _camera(path: Path, picture: StoredImage, stated: Stated, field_of_view_deg: float | None) -> CameraModel:
     height, width = picture.samples.shape[:2]
     if min(width, height) < 2 or max(width, height) > LARGEST_PIXELS:
-        raise TwilightError(
-            f"{path}: is {width} x {height}; read are pictures from 2 to {LARGEST_PIXELS} pixels a side"
-        )
+        raise TwilightError(f"{path}: is {width} x {height}; a side has from 2 to {LARGEST_PIXELS} pixels")
     if width != 2 * height or field_of_view_deg is not None:
         made = stated.camera(path, width, height, field_of_view_deg)
         return made.changed(response="linear") if picture.linear else made

@@ -16,7 +16,6 @@ from twilight.scene import resolve
 from twilight.scene.usual import described, usual_horizon
 from twilight.sky.sky import Sky
 from twilight.studies.validate.photographs.air import (
-    AEROSOL,
     OTHERS,
     SUN,
     Design,
@@ -112,14 +111,11 @@ class Estimate:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Dotted keys of what the photograph told of the climate, with a haze at the end of what was tried, far from
-        which the scene's own may be; empty where the fit does not fit."""
-        design, told = Design(OTHERS), {}
-        for p in self.best.parameters:
-            at_end = p.name == AEROSOL.name and self.fits and p.relative_width <= UNCONSTRAINED
-            if (p.constrained or at_end) and p.name not in (SUN, *OF_CAMERA):
-                told[p.name] = p.value
-        return climate_settings(design, told, self.best.aerosol_type) if "aerosol" in told else {}
+        """Dotted keys of what was told of the climate, or is haze at an end; empty where the fit does not fit."""
+        ends = ("aerosol",) if self.fits and self.parameters["aerosol"].relative_width <= UNCONSTRAINED else ()
+        told = [p for p in self.best.parameters if p.constrained or p.name in ends]
+        values = {p.name: p.value for p in told if p.name not in (SUN, *OF_CAMERA)}
+        return climate_settings(Design(OTHERS), values, self.best.aerosol_type) if "aerosol" in values else {}
 
     @property
     def scene(self) -> Config:
@@ -258,14 +254,13 @@ class Estimate:
     def climate_yaml(self) -> str:
         """`climate` as YAML, each value with where it is from."""
         told = {p.key.split(".")[-1]: self.parameters.get(p.name) for p in Design(OTHERS).parameters}
-        taken = {key.split(".")[-1] for key in self.settings}
         lines = []
         for line in yaml.safe_dump(self.climate, sort_keys=False, allow_unicode=True, width=1000).splitlines():
             name, _, value = line.strip().partition(":")
             found = told.get(name)
             if not value.strip() or name in ("version", "name", "description"):
                 lines.append(line)
-            elif found is not None and name in taken:
+            elif found is not None and any(key.endswith(name) for key in self.settings):
                 lines.append(
                     f"{line}  # from the photograph: {found.low:.3g} to {found.high:.3g} (68 %), {found.low_95:.3g} to "
                     f"{found.high_95:.3g} (95 %){self._above() if found.name == 'aerosol' else ''}"

@@ -68,9 +68,7 @@ def at_the_camera(photographs: Sequence[Photograph], given: Config) -> tuple[Con
     if "altitude_km" in given.observer.model_fields_set:
         altitude_km, by = given.observer.altitude_km, "as given"
     elif said:
-        at_km = 1e-3 * float(np.median(said))
-        by = "by Exif" if at_km >= ground_km else f"on the ground (Exif says {1e3 * at_km:.0f} m)"
-        altitude_km = max(at_km, ground_km)
+        altitude_km, by = max(1e-3 * float(np.median(said)), ground_km), f"by Exif ({np.median(said):.0f} m)"
     elif "altitude_km" in given.climate.ground.model_fields_set:
         altitude_km, by = ground_km, "on the ground"
     else:

@@ -30,14 +30,12 @@ at the end of the scale [deg]."""
 LARGEST_DISC_SQUARE = np.pi * LARGEST_DISC_DEG**2
 """Its area [deg^2]."""
 LARGEST_PATCH_DEG = 8.0
-"""Radius of such an aureole, at most [deg]."""
+"""Radius of such an aureole, at most; the error of one that the picture's edge cuts [deg]."""
 LEAST_PATCH_DEG = 0.3
 """Radius of what is at the end of the scale, at least [deg]."""
 AUREOLE_ERROR = 0.5
 """Error of the sun's elevation by the middle of an aureole, over its radius: it reaches further towards the horizon,
 where the sky is brighter, than up."""
-CUT_ERROR_DEG = 8.0
-"""Standard error of the middle of an aureole that the picture's edge cuts, beyond which the sun may stand [deg]."""
 LARGEST_UNCERTAINTY_DEG = 20.0
 """Uncertainty [deg] beyond which a meridian of symmetry is refused."""
 
@@ -133,7 +131,7 @@ def _of_patch(sky: PhotoSky, there: np.ndarray) -> SunAzimuth | None:
     upright = error if disc else AUREOLE_ERROR * radius
     beside = ndimage.binary_dilation(np.pad(there, ((0, 0), (1, 1)), mode="wrap"))[:, 1:-1]
     if np.count_nonzero(beside & ~there & ~sky.covered) * step > max(radius, 2.0 * step):
-        error, disc, upright = CUT_ERROR_DEG, False, CUT_ERROR_DEG
+        error, disc, upright = LARGEST_PATCH_DEG, False, LARGEST_PATCH_DEG
     return SunAzimuth(azimuth, error, "disc" if disc else "aureole", elevation, upright)
 
 
