@@ -289,12 +289,13 @@ def _agreed(
 
 
 def _place(gps: Mapping[int, Any], tag: int, side: int, sides: str, most: float, doubts: list[str]) -> float | None:
-    try:
-        degrees, minutes, seconds = (float(part) for part in gps[tag])
-    except (KeyError, TypeError, ValueError, ZeroDivisionError):
-        return None
-    value = degrees + minutes / 60.0 + seconds / 3600.0
+    value = math.nan
+    with contextlib.suppress(TypeError, ValueError, ZeroDivisionError):
+        degrees, minutes, seconds = (float(part) for part in gps.get(tag) or ())
+        value = degrees + minutes / 60.0 + seconds / 3600.0
     if not 0.0 <= value <= most:
+        if tag in gps:
+            doubts.append(f"its place is not taken: 0 to {most:g} deg {sides[0]} or {sides[1]} is not {gps[tag]!s:.40}")
         return None
     said = str(gps.get(side, "")).strip("\0 ").upper()[:1]
     if said not in tuple(sides):

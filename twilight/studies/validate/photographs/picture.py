@@ -33,7 +33,7 @@ from twilight.studies.camera.exif import (
     Stated,
     read_stated,
 )
-from twilight.studies.camera.model import CameraModel, ImageSize, Lens, Orientation, read_camera
+from twilight.studies.camera.model import LARGEST_PIXELS, CameraModel, ImageSize, Lens, Orientation, read_camera
 from twilight.studies.camera.response import load_response
 from twilight.studies.validate.photographs import mask as masks
 from twilight.studies.validate.photographs.mask import SKYLINE_ERROR_DEG, TILT_ERROR_DEG, find_horizon, separation_deg
@@ -252,7 +252,7 @@ def place_sun(
         sun = None
         if not north:
             raise
-    if sun is None or (north and sun.method == "symmetry" and sun.uncertainty_deg >= NARROW_ERROR_DEG):
+    if sun is None or (north and sun.uncertainty_deg >= NARROW_ERROR_DEG):
         note = f"sun azimuth {known_deg:.1f} +- {compass:.0f} deg, by time and compass{other}"
         return PlacedSun(known_deg or 0.0, compass, note)
     by = {"disc": "the sun's disc", "aureole": "its aureole, which is at the end of the scale"}.get(
@@ -333,6 +333,8 @@ def _held(photograph: Photograph, compass_deg: float) -> Photograph:
 
 def _camera(path: Path, picture: StoredImage, stated: Stated, field_of_view_deg: float | None) -> CameraModel:
     height, width = picture.samples.shape[:2]
+    if min(width, height) < 2 or max(width, height) > LARGEST_PIXELS:
+        raise TwilightError(f"{path}: is {width} x {height}; a side has from 2 to {LARGEST_PIXELS} pixels")
     if width != 2 * height or field_of_view_deg is not None:
         made = stated.camera(path, width, height, field_of_view_deg)
         return made.changed(response="linear") if picture.linear else made

@@ -27,7 +27,7 @@ from twilight.studies.validate.photographs.comparison import CHROMATICITY_SCALE,
 from twilight.studies.validate.photographs.comparison import compare as compare_photo
 from twilight.studies.validate.photographs.estimate import EQUIVALENT
 from twilight.studies.validate.photographs.fit import ANGLES, CONTRAST, OF_CAMERA, SATURATION, Freedom
-from twilight.studies.validate.photographs.intervals import DARKEST_DEG, AirEstimate, Estimated
+from twilight.studies.validate.photographs.intervals import DARKEST_DEG, UNCONSTRAINED, AirEstimate, Estimated
 from twilight.studies.validate.photographs.picture import Photograph
 
 LEAST_ABOVE_KM = 0.02
@@ -111,10 +111,11 @@ class Estimate:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Dotted keys of what the photograph told of the climate; empty where the fit does not fit."""
-        design = Design(OTHERS)
-        told = {p.name: p.value for p in self.best.parameters if p.constrained and p.name not in (SUN, *OF_CAMERA)}
-        return climate_settings(design, told, self.best.aerosol_type) if "aerosol" in told else {}
+        """Dotted keys of what was told of the climate, or is haze at an end; empty where the fit does not fit."""
+        ends = ("aerosol",) if self.fits and self.parameters["aerosol"].relative_width <= UNCONSTRAINED else ()
+        told = [p for p in self.best.parameters if p.constrained or p.name in ends]
+        values = {p.name: p.value for p in told if p.name not in (SUN, *OF_CAMERA)}
+        return climate_settings(Design(OTHERS), values, self.best.aerosol_type) if "aerosol" in values else {}
 
     @property
     def scene(self) -> Config:
@@ -259,7 +260,7 @@ class Estimate:
             found = told.get(name)
             if not value.strip() or name in ("version", "name", "description"):
                 lines.append(line)
-            elif found is not None and found.constrained:
+            elif found is not None and any(key.endswith(name) for key in self.settings):
                 lines.append(
                     f"{line}  # from the photograph: {found.low:.3g} to {found.high:.3g} (68 %), {found.low_95:.3g} to "
                     f"{found.high_95:.3g} (95 %){self._above() if found.name == 'aerosol' else ''}"

@@ -68,7 +68,7 @@ def at_the_camera(photographs: Sequence[Photograph], given: Config) -> tuple[Con
     if "altitude_km" in given.observer.model_fields_set:
         altitude_km, by = given.observer.altitude_km, "as given"
     elif said:
-        altitude_km, by = max(1e-3 * float(np.median(said)), ground_km), "by Exif"
+        altitude_km, by = max(1e-3 * float(np.median(said)), ground_km), f"by Exif ({np.median(said):.0f} m)"
     elif "altitude_km" in given.climate.ground.model_fields_set:
         altitude_km, by = ground_km, "on the ground"
     else:

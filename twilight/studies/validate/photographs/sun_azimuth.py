@@ -30,7 +30,7 @@ at the end of the scale [deg]."""
 LARGEST_DISC_SQUARE = np.pi * LARGEST_DISC_DEG**2
 """Its area [deg^2]."""
 LARGEST_PATCH_DEG = 8.0
-"""Radius of such an aureole, at most [deg]."""
+"""Radius of such an aureole, at most; the error of one that the picture's edge cuts [deg]."""
 LEAST_PATCH_DEG = 0.3
 """Radius of what is at the end of the scale, at least [deg]."""
 AUREOLE_ERROR = 0.5
@@ -79,7 +79,7 @@ def find_sun_azimuth(sky: PhotoSky, valid: np.ndarray, by_disc: bool = True) -> 
     rows = sky.rows_deg
     above = valid & (rows[:, None] > 0)
     if not above.any():
-        raise TwilightError("sun azimuth: no clear sky is left after masking; give --sun-azimuth")
+        raise TwilightError("sun azimuth: no clear sky is left after masking; see the mask options")
     with np.errstate(divide="ignore", invalid="ignore"):
         logarithm = np.log(sky.luminance)
     bands = _bands(above)
@@ -129,6 +129,9 @@ def _of_patch(sky: PhotoSky, there: np.ndarray) -> SunAzimuth | None:
         return None
     error, disc = max(0.3 * step, 0.15 * radius), radius <= LARGEST_DISC_DEG
     upright = error if disc else AUREOLE_ERROR * radius
+    beside = ndimage.binary_dilation(np.pad(there, ((0, 0), (1, 1)), mode="wrap"))[:, 1:-1]
+    if np.count_nonzero(beside & ~there & ~sky.covered) * step > max(radius, 2.0 * step):
+        error, disc, upright = LARGEST_PATCH_DEG, False, LARGEST_PATCH_DEG
     return SunAzimuth(azimuth, error, "disc" if disc else "aureole", elevation, upright)
 
 
