@@ -167,6 +167,13 @@ def test_a_sky_without_a_meridian_has_no_azimuth():
         find_sun_azimuth(fine, np.broadcast_to(fine.rows_deg[:, None] > 1, fine.covered.shape))
 
 
+@pytest.mark.parametrize("away", [60.0, 90.0, 120.0])
+def test_a_sun_far_beside_a_narrow_picture_has_no_azimuth(away):
+    """The edge of the picture would be the sun's azimuth, 95 deg off and said to be within 8."""
+    with pytest.raises(TwilightError, match="--sun-azimuth"):
+        print(photograph(perspective(azimuth_deg=70.0), 70.0 + away, sun=False, noise=0.01).sun)
+
+
 def test_the_sun_of_the_panoramas():
     """The disc stands at 36.0 deg in the one; the symmetry finds it within 2 deg, and 47.8 in the other, at dawn."""
     files = (PANORAMAS / f"{name}_256.hdr" for name in ("rooitou_park", "kiara_1_dawn"))

@@ -96,7 +96,8 @@ def find_sun_azimuth(sky: PhotoSky, valid: np.ndarray, by_disc: bool = True) -> 
     disc = _find_disc(sky, symmetry) if by_disc else None
     if disc is not None:
         return disc
-    if contrast < 1.5 or uncertainty > LARGEST_UNCERTAINTY_DEG or n < 8:
+    at_the_end = not np.isfinite(total[[(best - 1) % n, (best + 1) % n]]).all()  # a better one may lie beyond
+    if contrast < 1.5 or uncertainty > LARGEST_UNCERTAINTY_DEG or n < 8 or at_the_end:
         raise TwilightError(
             f"sun azimuth: the sky has no clear meridian of symmetry (best guess {symmetry:.0f} +- {uncertainty:.0f} "
             "deg); give --sun-azimuth"
