@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from time import process_time
 from typing import Any, get_args
@@ -33,9 +34,10 @@ from zones_error import errors as zones_errors
 
 import twilight
 from twilight.base.errors import TwilightError
+from twilight.base.threads import one_blas_thread
 from twilight.base.whole_files import save_figure, whole_file
 from twilight.clear_air import Model, Skies
-from twilight.clear_air.entry import SHIPPED, ClearAir, load_model
+from twilight.clear_air.entry import SHIPPED, ClearAir, diffuse_of, load_model
 from twilight.clear_air.model import NODES, SUN_DEG
 from twilight.clear_air.of_medium import air_of
 from twilight.clear_air.skies import LEAST_SHARE
@@ -236,14 +238,16 @@ def _stratosphere(limits: np.ndarray) -> np.ndarray:
     return np.where(limits[:, 3] > LOADED_DEPTH, "loaded", "usual")
 
 
+@one_blas_thread()
 def times(model: Model) -> None:
     """Processor time of an air with its first sun, and of one more, in the median of some, and write the table."""
+    import_module("numba")  # as a process has it that has computed some skies
     rows = []
     for count in TIMED_WAVELENGTHS:
         medium, of_airs, of_suns = climate_medium(load_climate(TIMED), np.linspace(380.0, 780.0, count)), [], []
         for sun in TIMED_SUNS_DEG:
             began = process_time()
-            skies = Skies(model, air_of(medium))
+            skies = Skies(model, air_of(medium), diffuse=diffuse_of)
             skies.sky(sun)
             first = process_time()
             skies.sky(sun - 1.0)

@@ -1,7 +1,6 @@
 """Do the intervals of `twilight.estimate` hold?  Pictures of known air through a simulated phone.
 
     python benchmarks/phone.py [--count 50] [--summary]      # phone_pictures.csv, row by row; resumes
-    python benchmarks/phone.py --evenings [--count 8]        # phone_evenings.csv: series of one camera and one air
 
 Each picture: a place, a time and an air drawn at random, its sky behind the horizon `typical` by
 the solver zones (which is not what the fit takes), seen by a phone held 3 to 25 deg above the horizontal, tilted by up
@@ -10,7 +9,7 @@ to 4 deg, over dark hills of up to 2 deg; its lens darkens the corners by up to 
 quality 92.  Its Exif says time, place, altitude, heading (5 deg off), focal length in 35 mm (a whole number) and
 exposure (40 % off).  ln of the optical depth is drawn alike within the bounds of the fit; ozone and albedo about what
 is usual at the place (`usual`), with the spread that nature has.
-An evening are six pictures, 16 minutes apart, from a sun of 3 to 6 deg to one below -3 deg, on a tripod.
+`evening` draws six pictures, 16 minutes apart, from a sun of 3 to 6 deg to one below -3 deg, on a tripod.
 """
 
 from __future__ import annotations
@@ -212,20 +211,14 @@ def exif(
     return made
 
 
-def one(index: int, evenings: bool) -> list[list[str]]:
-    """Rows of a picture, or of an evening."""
+def one(index: int) -> list[list[str]]:
+    """Rows of a picture."""
     with tempfile.TemporaryDirectory() as folder:
-        pictures: Path | list[Path]
-        if evenings:
-            pictures, truth, kind = evening(index, Path(folder))
-            sun = ""
-        else:
-            pictures, truth, kind, elevation = draw(index, Path(folder))
-            sun = f"{elevation:.2f}"
+        picture, truth, kind, elevation = draw(index, Path(folder))
         begin = time.process_time()
-        found = twilight.estimate(pictures, types=[kind], settings={"aerosol.type": kind})
+        found = twilight.estimate(picture, types=[kind], settings={"aerosol.type": kind})
         seconds = time.process_time() - begin
-    return rows_of([str(index), sun], found, truth, seconds)
+    return rows_of([str(index), f"{elevation:.2f}"], found, truth, seconds)
 
 
 def rows_of(head: list[str], found: Any, truth: dict[str, float], seconds: float) -> list[list[str]]:
@@ -255,21 +248,16 @@ def summary(rows: list[list[str]]) -> list[str]:
 def main() -> None:
     """Draw and fit what the table lacks."""
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("--count", type=int)
-    arguments.add_argument("--evenings", action="store_true")
-    arguments.add_argument("--first", type=int)
-    arguments.add_argument("--table", type=Path)
+    arguments.add_argument("--count", type=int, default=50)
+    arguments.add_argument("--first", type=int, default=0)
+    arguments.add_argument("--table", type=Path, default=results.FOLDER / "phone_pictures.csv")
     arguments.add_argument("--summary", action="store_true")
     given = arguments.parse_args()
-    given.table = given.table or results.FOLDER / f"phone_{'evenings' if given.evenings else 'pictures'}.csv"
-    first = (FIRST_EVENING if given.evenings else 0) if given.first is None else given.first
-    last, command = first + (given.count or (8 if given.evenings else 50)), "python benchmarks/phone.py"
-    command += " --evenings" if given.evenings else ""
     rows = results.kept(given.table)
-    for index in () if given.summary else range(first, last):
+    for index in () if given.summary else range(given.first, given.first + given.count):
         if not any(row[0] == str(index) for row in rows):
-            rows += one(index, given.evenings)
-            results.write(given.table, COLUMNS, rows, notes=summary(rows), command=command)
+            rows += one(index)
+            results.write(given.table, COLUMNS, rows, notes=summary(rows), command="python benchmarks/phone.py")
             for row in rows[-3:]:
                 print(*row, flush=True)
     print(*summary(rows), sep="\n")

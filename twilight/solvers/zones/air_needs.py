@@ -167,16 +167,25 @@ def _haze_fraction(altitude_km: np.ndarray, scattering_per_km: np.ndarray) -> fl
     return float(np.clip((tuned.THICK_HAZE_DEPTH - depth) / (tuned.THICK_HAZE_DEPTH - tuned.HAZE_DEPTH), 0.0, 1.0))
 
 
+def reduced_depth(scaled: ScaledMedium, profile: Profile) -> np.ndarray:
+    """Vertical optical depth of scattering (W,), that of each species times 1 - g; profile: of the scaled air."""
+    reduced = profile.species_scattering * (1.0 - scaled.moments[:, 1])[:, None]
+    return np.trapezoid(reduced.sum(axis=0), profile.altitude_km, axis=0)
+
+
 def directions_needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Profile) -> ZonesSettings:
     """The settings with the directions and harmonics that the `truncation_needed` in the same air asks for.
 
-    The later orders have at least as many polar angles a side as their degree; beside a thin layer THIN_POLAR.
+    The later orders have at least as many polar angles a side as their degree; beside a thin layer THIN_POLAR, in thick
+    air DECK_POLAR.
     """
     series = truncation_needed(settings, scaled, profile)
     late = math.ceil(series.late_degree)
     polar = max(settings.late_polar_directions, late)
     if thin_layers(profile)[0].size:
         polar = max(polar, tuned.THIN_POLAR)
+    if reduced_depth(scaled, profile).max() > tuned.DECK_DEPTH:
+        polar = max(polar, tuned.DECK_POLAR)
     more = tuned.RIM_POLAR if rims_km(profile, settings.altitude_density).size else 0
     return replace(
         settings,

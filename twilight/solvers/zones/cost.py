@@ -8,9 +8,9 @@ import numpy as np
 from twilight.atmosphere.medium import Medium
 from twilight.solvers.base import Cost
 from twilight.solvers.zones import constants as tuned
+from twilight.solvers.zones.air_needs import reduced_depth
 from twilight.solvers.zones.angles import Truncation, zenith_nodes
 from twilight.solvers.zones.grids import Layout, lay_out, settings_for, zenith_range
-from twilight.solvers.zones.orders import reduced_depth
 from twilight.solvers.zones.ray_points import LANES
 from twilight.solvers.zones.settings import ZonesSettings
 from twilight.solvers.zones.small_jumps import without_small_jumps

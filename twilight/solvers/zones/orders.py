@@ -32,13 +32,12 @@ from twilight.jit.kernels import njit
 from twilight.solvers.base import Convergence
 from twilight.solvers.zones import constants as tuned
 from twilight.solvers.zones import scattering
+from twilight.solvers.zones.air_needs import reduced_depth
 from twilight.solvers.zones.first_order import Sunlight, make_sunlight
 from twilight.solvers.zones.grids import FieldGrids
 from twilight.solvers.zones.next_order import RadianceField
 from twilight.solvers.zones.ray_points import LANES, block_values
 from twilight.transport.beam import Beam
-from twilight.transport.profile import Profile
-from twilight.transport.scaling import ScaledMedium
 
 
 @njit(cache=True, nogil=True)
@@ -391,12 +390,6 @@ def _decay(mean: np.ndarray, before: np.ndarray) -> np.ndarray:
     """Light of an order (Z, T, LANES) over that of the order before, over all nodes, (LANES,)."""
     light, light_before = mean.sum(axis=(0, 1), dtype=float), before.sum(axis=(0, 1), dtype=float)
     return light / np.where(light_before > 0.0, light_before, 1.0)
-
-
-def reduced_depth(scaled: ScaledMedium, profile: Profile) -> np.ndarray:
-    """Vertical optical depth of scattering (W,), that of each species times 1 - g; profile: of the scaled air."""
-    reduced = profile.species_scattering * (1.0 - scaled.moments[:, 1])[:, None]
-    return np.trapezoid(reduced.sum(axis=0), profile.altitude_km, axis=0)
 
 
 def solve(grids: FieldGrids, beam: Beam, progress: Progress) -> tuple[list[scattering.Solution], Convergence]:
