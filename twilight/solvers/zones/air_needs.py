@@ -184,7 +184,7 @@ def directions_needed(settings: ZonesSettings, scaled: ScaledMedium, profile: Pr
     polar = max(settings.late_polar_directions, late)
     if thin_layers(profile)[0].size:
         polar = max(polar, tuned.THIN_POLAR)
-    if reduced_depth(scaled, profile).max() > tuned.DECK_DEPTH:
+    if tuned.DECK_DEPTH < reduced_depth(scaled, profile).max() <= tuned.SLOW_DEPTH:
         polar = max(polar, tuned.DECK_POLAR)
     more = tuned.RIM_POLAR if rims_km(profile, settings.altitude_density).size else 0
     return replace(

@@ -94,7 +94,8 @@ THIN_POLAR: Tuned[int, "angles", THIN, "test_a_thin_layer_from_above_and_from_be
     "least polar angles a side in the later orders beside one: four below the horizon saw it 6 % too bright from "
     "above"] = 10
 DECK_DEPTH: Tuned[float, "optical depth", CLOUD, "test_decks_are_near_doubling_and_adding",
-    "vertical depth of scattering, reduced by 1 - g, from which on air is thick: beyond that of molecules alone"] = 1.25
+    "vertical depth of scattering, reduced by 1 - g, from which on air is thick, up to SLOW_DEPTH: beyond that of "
+    "molecules alone"] = 1.25
 DECK_POLAR: Tuned[int, "angles", CLOUD, "test_decks_are_near_doubling_and_adding",
     "least polar angles a side in the later orders there: seven saw a deck of depth 10 4 % too bright from above its "
     "middle, 2 % too dark aslant (benchmarks/clouds.py)"] = 12
