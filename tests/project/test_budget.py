@@ -33,7 +33,7 @@ BUDGET = {
     "studies": 11_720,
     "terrain": 1_220,
     "transport": 4_510,
-    "twilight, all of it": 67_220,
+    "twilight, all of it": 67_230,
     "JavaScript and shaders": 2_880,
     "tests": 31_220,
     "benchmarks": 6_660,

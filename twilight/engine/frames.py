@@ -305,7 +305,8 @@ class _Result:
             discs.append(partial(with_disc, disc=sky.moon.disc, azimuth_deg=azimuth_deg, scale=sky.distance_au**2))
         sun = self.lit[0]
         disc = sky.disc or make_disc(scene.medium, sun.body, scene.altitude_km, scene.bands)
-        discs.append(partial(with_disc, disc=disc, azimuth_deg=0.0, scale=1.0))
+        if disc.is_seen:
+            discs.append(partial(with_disc, disc=disc, azimuth_deg=0.0, scale=1.0))
         picture = ViewOfLights(tuple(lit), glow, stars, tuple(discs))
         return picture.whole() if sun.landscape else picture
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from twilight.base.conventions import DARK, EARTH_RADIUS_KM
 from twilight.io.environment import pixel_of, pixel_solid_angle
+from twilight.numerics.directions import direction
 from twilight.sky import colour
 from twilight.sky.disc import Disc
 from twilight.sky.sky import Sky
@@ -93,14 +94,20 @@ def _give(
     np.add.at(picture, (row, column), light / pixel_solid_angle(renderer, width)[row, column, None])
 
 
-def add_to_picture(sky: Sky, picture: np.ndarray, rays: np.ndarray, tone: Tone, points: int = 8) -> None:
-    """Add the discs to a picture (height, width, K) of a tone's channels, whose pixels (height, width, 3) look along
-    unit vectors from the sun's azimuth; each holds the mean of points x points.
+def add_to_picture(
+    sky: Sky, picture: np.ndarray, elevation_deg: np.ndarray, azimuth_deg: np.ndarray, tone: Tone, points: int = 8
+) -> None:
+    """Add the discs to a picture (height, width, K) of a tone's channels, whose pixels look in directions from the sun,
+    broadcast to (height, width); each holds the mean of points x points.
 
     In any projection: a pixel at a seam is taken as wide as most are.
     """
+    seen = _shown(sky)
+    if not seen:
+        return
+    rays = direction(azimuth_deg, elevation_deg)
     down, right = (_within_a_pixel(np.gradient(rays, axis=axis)) for axis in (0, 1))
-    for shown in _shown(sky):
+    for shown in seen:
         disc = _fine(shown.disc)
         for pixels, light, _ in disc.in_pixels(rays, down, right, shown.azimuth_deg, points):
             picture[pixels] += tone.see(light * shown.scale, disc.wavelength_nm, light_of(sky))

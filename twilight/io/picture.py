@@ -14,7 +14,6 @@ from twilight.io.environment import ground_factor
 from twilight.io.provenance import provenance_fields
 from twilight.io.rendered import Options, Rendered
 from twilight.numerics import projections
-from twilight.numerics.directions import direction
 from twilight.numerics.projections import PERSPECTIVE_UP_DEG, PROJECTIONS, usual_width
 from twilight.sky import colour
 from twilight.sky.quantities.measure import adaptation_coefficient
@@ -152,7 +151,7 @@ def develop_view(
         ground = tone.see(ground_factor(sky), sky.wavelength_nm, light_of(sky))
         picture[np.broadcast_to(elevation <= lower, picture.shape[:2])] = ground
     steps_deg = np.abs(np.diff(elevation[:, elevation.shape[1] // 2]))
-    add_to_picture(sky, picture, direction(azimuth, elevation), tone)
+    add_to_picture(sky, picture, elevation, azimuth, tone)
     pixel_deg = float(steps_deg.max(initial=0.0) if view in VIEWS else np.median(steps_deg))
     if view == "fisheye":
         outside = elevation < 0

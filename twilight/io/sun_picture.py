@@ -9,7 +9,6 @@ from twilight.io.disc import add_to_picture, dip_deg, light_of
 from twilight.io.environment import ground_factor
 from twilight.io.picture import save_png
 from twilight.io.rendered import Options, Rendered
-from twilight.numerics.directions import direction
 from twilight.sky import colour
 from twilight.sky.sky import Sky
 from twilight.sky.tone import Shot, Tone, tone_of
@@ -36,7 +35,7 @@ def close_up(sky: Sky, tone: Tone) -> tuple[np.ndarray, float]:
     lowest = max(float(sky.elevation_edges_deg[0]), -dip_deg(sky))
     picture = sky.smooth(responses, np.clip(elevation, lowest, 90.0), azimuth).astype(float)
     picture[elevation[:, 0] < -dip_deg(sky)] = tone.see(ground_factor(sky), sky.wavelength_nm, light_of(sky))
-    add_to_picture(sky, picture, direction(azimuth, elevation), tone, points=2)
+    add_to_picture(sky, picture, elevation, azimuth, tone, points=2)
     return picture, float(middle)
 
 
