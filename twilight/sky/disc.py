@@ -68,12 +68,9 @@ def limb_coefficients(wavelength_nm: np.ndarray) -> np.ndarray:
     """Coefficients (6, W) of I(mu)/I(1) = sum of A_k mu^k; mu is the cosine of the angle to the sun's surface normal.
 
     Neckel 2005 (Solar Physics 229, 13), closed forms fitted to Neckel and Labs 1994 (Solar Physics 153, 91), for 300 to
-    1100 nm and mu above 0.1; nearer to the limb they are continued.  Continuum: lines are darkened less.
-    Errors: TwilightError for a wavelength outside.
+    1100 nm, whose ends stand beyond, and mu above 0.1; nearer to the limb they are continued.  Continuum: lines are darkened less.
     """
-    nm = np.atleast_1d(np.asarray(wavelength_nm, float))
-    if nm.min() < LIMB_RANGE_NM[0] or nm.max() > LIMB_RANGE_NM[1]:
-        raise TwilightError("the sun's limb darkening is known from 300 to 1100 nm")
+    nm = np.clip(np.atleast_1d(np.asarray(wavelength_nm, float)), *LIMB_RANGE_NM)
     um = nm / 1000.0
     powers = np.stack([np.ones_like(um), 1.0 / um, um**-5.0])
     band = np.searchsorted(_LIMB_BANDS_NM, nm)
