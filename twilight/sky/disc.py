@@ -68,7 +68,8 @@ def limb_coefficients(wavelength_nm: np.ndarray) -> np.ndarray:
     """Coefficients (6, W) of I(mu)/I(1) = sum of A_k mu^k; mu is the cosine of the angle to the sun's surface normal.
 
     Neckel 2005 (Solar Physics 229, 13), closed forms fitted to Neckel and Labs 1994 (Solar Physics 153, 91), for 300 to
-    1100 nm, whose ends stand beyond, and mu above 0.1; nearer to the limb they are continued.  Continuum: lines are darkened less.
+    1100 nm, whose ends stand beyond, and mu above 0.1; nearer to the limb they are continued.  Continuum: lines are
+    darkened less.
     """
     nm = np.clip(np.atleast_1d(np.asarray(wavelength_nm, float)), *LIMB_RANGE_NM)
     um = nm / 1000.0
